@@ -1,0 +1,112 @@
+"""Every error that the package raises on purpose, as one tree.
+
+    PmjointError                 where, what and remedy; ``str()`` is one clear line
+      UsageError        exit 2   bad option, unknown ``--set`` name, unwritable ``--out``
+      ModelError        exit 2   model file: missing, not UTF-8, unknown key, bad expression, outside the class
+      StaleError        exit 1   ``generated/`` is not what the model says, or was edited by hand
+      CheckFailed       exit 1   a check found a difference
+      MissingToolError  exit 3   no compiler where one is demanded, or an absent extra; the remedy installs it
+      BuildError        exit 3   the compiler failed; ``output`` holds all that it said
+      SimulationError   exit 3   a run failed; ``run`` holds the trajectory so far and its status
+
+Only the command line turns an error into an exit code; everything below it raises.
+"""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+__all__ = [
+    "BuildError",
+    "CheckFailed",
+    "MissingToolError",
+    "ModelError",
+    "PmjointError",
+    "SimulationError",
+    "StaleError",
+    "UsageError",
+]
+
+
+def _one_line(text: str) -> str:
+    """Fold whitespace, so that a message quoting a file or a tool stays one line."""
+    return " ".join(str(text).split())
+
+
+class PmjointError(Exception):
+    """What went wrong, where, and what the user can do about it.
+
+    ``str()`` gives ``where: what; remedy``, on one line, leaving out what is empty.
+    """
+
+    exit_code: ClassVar[int] = 3
+
+    def __init__(self, what: str, *, where: str = "", remedy: str = "") -> None:
+        """Keep the three parts; ``where`` is a file, key or option, ``remedy`` what is allowed or helps."""
+        super().__init__(what, where, remedy)
+        self.what = _one_line(what)
+        self.where = _one_line(where)
+        self.remedy = _one_line(remedy)
+
+    def __str__(self) -> str:
+        """Give the one line that a user reads."""
+        place = f"{self.where}: " if self.where else ""
+        advice = f"; {self.remedy}" if self.remedy else ""
+        return f"{place}{self.what}{advice}"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle whole: a worker process hands its error to the parent."""
+        return _restore, (type(self), self.__dict__)
+
+
+class UsageError(PmjointError):
+    """The command or call asks for something impossible: an option, a name, a folder."""
+
+    exit_code = 2
+
+
+class ModelError(PmjointError):
+    """The model file is absent, unreadable, malformed, or describes no model of the class."""
+
+    exit_code = 2
+
+
+class StaleError(PmjointError):
+    """Generated files do not follow from the model any more, or were edited by hand."""
+
+    exit_code = 1
+
+
+class CheckFailed(PmjointError):
+    """A check found a difference between generated code and the symbolic reference."""
+
+    exit_code = 1
+
+
+class MissingToolError(PmjointError):
+    """A compiler or an optional package is absent; ``remedy`` is the line that installs it."""
+
+
+class BuildError(PmjointError):
+    """The C compiler failed; ``output`` is the whole text that it printed, unshortened."""
+
+    def __init__(self, what: str, *, where: str = "", remedy: str = "", output: str = "") -> None:
+        """Keep the compiler's text beside the one line."""
+        super().__init__(what, where=where, remedy=remedy)
+        self.output = output
+
+
+class SimulationError(PmjointError):
+    """A run ended early; ``run`` is the run, with its status and the trajectory so far."""
+
+    def __init__(self, what: str, *, where: str = "", remedy: str = "", run: object = None) -> None:
+        """Keep the run beside the one line."""
+        super().__init__(what, where=where, remedy=remedy)
+        self.run = run
+
+
+def _restore(kind: type[PmjointError], attributes: dict[str, Any]) -> PmjointError:
+    """Rebuild a pickled error of any kind from its attributes."""
+    error = kind(attributes["what"], where=attributes["where"], remedy=attributes["remedy"])
+    error.__dict__.update(attributes)
+    return error
