@@ -1,0 +1,68 @@
+"""Derives, generates, compiles and simulates output-feedback controllers for saturated pneumatic muscle joints.
+
+    from pmjoint_codegen import ClosedLoop
+
+    run = ClosedLoop.load("paper").simulate(horizon=20.0, parameters={"c1": 20.0})
+    run.t, run["x1"], run.summary
+
+Importing the package imports nothing else: a public name is looked up where it lives when it is first used.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pmjoint_codegen.closed_loop import ClosedLoop
+    from pmjoint_codegen.errors import (
+        BuildError,
+        CheckFailed,
+        MissingToolError,
+        ModelError,
+        PmjointError,
+        SimulationError,
+        StaleError,
+        UsageError,
+    )
+    from pmjoint_codegen.simulate.run import Run
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "BuildError",
+    "CheckFailed",
+    "ClosedLoop",
+    "MissingToolError",
+    "ModelError",
+    "PmjointError",
+    "Run",
+    "SimulationError",
+    "StaleError",
+    "UsageError",
+    "__version__",
+]
+
+
+def _home(name: str) -> str | None:
+    """Name the module in which a public name lives, or None for a name that is not public."""
+    if name == "ClosedLoop":
+        return "pmjoint_codegen.closed_loop"
+    if name == "Run":
+        return "pmjoint_codegen.simulate.run"
+    return "pmjoint_codegen.errors" if name in __all__ else None
+
+
+def __getattr__(name: str) -> object:
+    """Import a public name on first use (PEP 562)."""
+    home = _home(name)
+    if home is None:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value: object = getattr(import_module(home), name)
+    globals()[name] = value  # the next look-up does not come here
+    return value
+
+
+def __dir__() -> list[str]:
+    """List the public names, loaded or not."""
+    return sorted({*globals(), *__all__})

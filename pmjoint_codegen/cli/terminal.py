@@ -1,0 +1,144 @@
+"""What the command line says and how: results to standard output, messages to standard error.
+
+    result    text for standard output; a reader that has closed the pipe is no error
+    document  exactly one JSON document for standard output, with null for what JSON cannot hold
+    message   one line for standard error
+    table     aligned columns, the same on a terminal and in a file
+    activity  a progress bar on standard error, once something has taken a second
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import sys
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import click
+
+_PATIENCE_S = 1.0  # what takes less needs no bar, and no import of the library that draws it
+
+
+def result(text: str) -> None:
+    """Write text and a newline to standard output."""
+    try:
+        click.echo(text)
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except BrokenPipeError:
+        _discard_output()
+
+
+def _discard_output() -> None:
+    """Send what is still buffered nowhere, so that the interpreter's last flush does not fail as well."""
+    sink = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(sink, sys.stdout.fileno())
+    os.close(sink)
+
+
+def message(text: str) -> None:
+    """Write text and a newline to standard error."""
+    click.echo(text, err=True)
+
+
+def document(value: object) -> None:
+    """Write one JSON document to standard output."""
+    result(as_json(value))
+
+
+def as_json(value: object) -> str:
+    """Give strict JSON: NaN and infinities, which it does not know, become null."""
+    return json.dumps(_plain(value), indent=2, allow_nan=False, ensure_ascii=False)
+
+
+def _plain(value: Any) -> Any:
+    """Turn mappings, sequences, arrays, numpy numbers and paths into what JSON knows."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, bool | int | str) or value is None:
+        return value
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if hasattr(value, "tolist"):  # a numpy number or array, without importing numpy here
+        return _plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return str(value)
+
+
+def table(rows: Sequence[Sequence[str]], *, indent: int = 2, gap: int = 2) -> str:
+    """Align rows of cells into columns; the last column is not padded."""
+    columns = max((len(row) for row in rows), default=0)
+    widths = [max((len(row[k]) for row in rows if k < len(row) - 1), default=0) for k in range(columns)]
+    lines = (
+        (" " * gap).join(cell if k == len(row) - 1 else cell.ljust(widths[k]) for k, cell in enumerate(row))
+        for row in rows
+    )
+    return "\n".join((" " * indent + line).rstrip() for line in lines)
+
+
+@contextmanager
+def activity(label: str) -> Iterator[Callable[[float], None]]:
+    """Show a progress bar on a terminal while the block takes longer than a second.
+
+    Yields:
+        a function to call with the fraction done, 0 to 1; as long as nobody calls it, the bar says only that time passes.
+    """
+    if sys.stderr is None or not sys.stderr.isatty():
+        yield lambda fraction: None
+        return
+    bar = _Bar(label)
+    waiting = threading.Timer(_PATIENCE_S, bar.show)
+    waiting.daemon = True
+    waiting.start()
+    try:
+        yield bar.advance
+    finally:
+        waiting.cancel()
+        bar.close()
+
+
+class _Bar:
+    """A bar that exists from its first showing on, and is told of progress before that too."""
+
+    def __init__(self, label: str) -> None:
+        self._label = label
+        self._lock = threading.Lock()
+        self._closed = False
+        self._fraction: float | None = None
+        self._progress: Any = None
+
+    def show(self) -> None:
+        """Draw the bar; runs in the timer's thread."""
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+        columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+        with self._lock:
+            if self._closed:
+                return
+            self._progress = Progress(*columns, console=Console(stderr=True), transient=True)
+            self._progress.add_task(self._label, total=None)
+            self._progress.start()
+            self._update()
+
+    def advance(self, fraction: float) -> None:
+        """Take note of the fraction done, 0 to 1."""
+        with self._lock:
+            self._fraction = fraction
+            self._update()
+
+    def _update(self) -> None:
+        if self._progress is not None and self._fraction is not None:
+            self._progress.update(self._progress.task_ids[0], total=1.0, completed=self._fraction)
+
+    def close(self) -> None:
+        """Take the bar away; one that has not appeared yet never will."""
+        with self._lock:
+            self._closed = True
+            if self._progress is not None:
+                self._progress.stop()
