@@ -1,0 +1,58 @@
+# Each target does one thing; continuous integration calls the same ones.
+# Paths are relative throughout, so a checkout may stand in a folder whose name has spaces.
+
+PYTHON ?= python3
+MODEL  ?= paper
+ARGS   ?=
+
+run = .venv/bin/python -m
+
+.PHONY: help simulate test regenerate check lint format bench docs lock environment environment-dev clean
+.DEFAULT_GOAL := help
+
+help: ## list the targets
+	@grep -E '^[a-z-]+:.*##' Makefile | sed -E 's/:.*## /\t/' | sort | expand -t 14
+
+simulate: environment ## the model's closed loop: table, figures and data under runs/ (MODEL=paper ARGS="--set c1=20")
+	@$(run) pmjoint_codegen simulate $(MODEL) $(ARGS)
+
+test: environment-dev ## the test suite (ARGS="-k taylor")
+	@$(run) pytest -q $(ARGS)
+
+regenerate: environment ## write generated/ anew from the model files
+	@$(run) pmjoint_codegen regenerate $(ARGS)
+
+check: environment ## say whether generated/ is what the model files say; writes nothing
+	@$(run) pmjoint_codegen regenerate --check $(ARGS)
+
+lint: environment-dev ## style and types
+	@$(run) ruff check --quiet
+	@$(run) ruff format --check --quiet
+	@$(run) mypy --no-error-summary
+
+format: environment-dev ## put the source into the project's layout
+	@$(run) ruff format --quiet
+	@$(run) ruff check --quiet --fix
+
+bench: environment-dev ## ratios to public tools, side by side in one run
+	@$(run) benchmarks $(ARGS)
+
+docs: environment ## draw docs/figures anew
+	@$(run) docs.draw
+
+# UPGRADE=--upgrade takes the newest versions that pyproject.toml allows; without it, pins stay where they can.
+compile = UV_CUSTOM_COMPILE_COMMAND="make lock" $(run) uv pip compile --quiet --universal --python-version 3.11 \
+	--generate-hashes --no-emit-index-url --group editable --extra derive $(UPGRADE) pyproject.toml
+
+lock: environment-dev ## pin every dependency with its hashes in requirements/
+	@$(compile) --output-file requirements/simulate.txt
+	@$(compile) --extra test --extra dev --constraint requirements/simulate.txt --output-file requirements/dev.txt
+
+environment:
+	@$(PYTHON) tools/environment.py simulate
+
+environment-dev:
+	@$(PYTHON) tools/environment.py simulate dev
+
+clean: ## remove .venv, runs and caches
+	@rm -rf .venv runs build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis .coverage .coverage.*

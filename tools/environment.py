@@ -1,0 +1,95 @@
+"""Make `.venv` hold exactly what lock files name, or leave it alone if it already does.
+
+    python3 tools/environment.py simulate [dev]
+
+Each name stands for `requirements/<name>.txt`; a later lock adds to an earlier one. Standard library only, since
+this runs before anything is installed. A lock's stamp is written last and is named after the content of the
+lock, the interpreter and the place of the checkout. So an interrupted installation is begun again, a second
+call costs nothing, and a changed lock, interpreter or place rebuilds `.venv` from nothing. Two calls at the same
+time wait for each other.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import os
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+OLDEST = (3, 11)
+ROOT = Path(__file__).resolve().parent.parent
+VENV = ROOT / ".venv"
+PYTHON = os.path.realpath(sys.executable)  # the system's own, even when `.venv` itself is activated
+BUILD_INPUTS = ("pyproject.toml", "tools/environment.py")  # they shape the editable install
+
+
+def stamp(lock: str) -> Path:
+    """Name the file whose presence says that `.venv` holds this lock, installed by this interpreter, here."""
+    digest = hashlib.sha256(f"{sys.version}\n{PYTHON}\n{ROOT}\n".encode())
+    for name in (f"requirements/{lock}.txt", *BUILD_INPUTS):
+        digest.update((ROOT / name).read_bytes())
+    return VENV / f"holds-{lock}-{digest.hexdigest()[:16]}"
+
+
+def is_stale(locks: Sequence[str]) -> bool:
+    """Say whether `.venv` is missing, half made, or holds an older state of one of these locks."""
+    if not stamp(locks[0]).exists():
+        return True
+    return any(not stamp(lock).exists() for lock in locks for _ in VENV.glob(f"holds-{lock}-*"))
+
+
+def pip_environment(env: Mapping[str, str]) -> dict[str, str]:
+    """Return `env` with pip never asking, and without its cache where the home folder cannot hold one."""
+    changes = {"PIP_DISABLE_PIP_VERSION_CHECK": "1", "PIP_NO_INPUT": "1", "PIP_ROOT_USER_ACTION": "ignore"}
+    if not os.access(Path(env.get("HOME") or "~").expanduser(), os.W_OK):
+        changes["PIP_NO_CACHE_DIR"] = "1"
+    return {**env, **changes}
+
+
+def pip_install(*arguments: str) -> None:
+    """Run the environment's own pip; its errors show, its progress and warnings do not."""
+    command = [str(VENV / "bin" / "python"), "-m", "pip", "-qq", "install", *arguments]
+    try:
+        subprocess.run(command, check=True, cwd=ROOT, env=pip_environment(os.environ))
+    except subprocess.CalledProcessError as failure:
+        sys.exit(f"environment: pip failed with exit code {failure.returncode}; what it said stands above")
+
+
+def create() -> None:
+    """Make an empty `.venv` in place of whatever stands there."""
+    for old in VENV.glob("holds-*"):
+        old.unlink()
+    command = [PYTHON, "-m", "venv", "--clear", str(VENV)]
+    done = subprocess.run(command, check=False, capture_output=True, text=True)
+    if done.returncode:
+        sys.stderr.write(done.stdout + done.stderr)
+        sys.exit("environment: python's venv module is missing or broken; on Debian: apt-get install python3-venv")
+
+
+def fill(locks: Sequence[str]) -> None:
+    """Install what is missing: each lock, every file checked against its hash, then the project itself."""
+    for lock in locks:
+        if not stamp(lock).exists():
+            print(f"environment: installing requirements/{lock}.txt into .venv (once)", file=sys.stderr, flush=True)
+            pip_install("--require-hashes", "-r", f"requirements/{lock}.txt")
+            pip_install("--no-deps", "--no-build-isolation", "--editable", ".")
+            stamp(lock).touch()
+
+
+def main(locks: Sequence[str]) -> None:
+    """Bring `.venv` to what the locks say."""
+    if sys.version_info < OLDEST:
+        version = sys.version.split()[0]
+        sys.exit(f"environment: python {version} is too old, 3.11 is needed; name one: make PYTHON=python3.12 ...")
+    folder = os.open(ROOT, os.O_RDONLY)
+    fcntl.flock(folder, fcntl.LOCK_EX)  # held until the process ends
+    if is_stale(locks):
+        create()
+    fill(locks)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
