@@ -1,0 +1,192 @@
+r"""The paper's notation for the names of a derivation: ``dalpha1_dy`` is ``\frac{\partial \alpha_1}{\partial y}``.
+
+Names with a meaning of their own are known here; every other name is a stem with an index, such as ``b0`` or ``u_max``.
+"""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Callable
+
+import sympy as sp
+from sympy.printing.latex import LatexPrinter, tex_greek_dictionary
+from sympy.printing.str import StrPrinter
+
+_STEMS = {"eps": r"\varepsilon"}
+_GREEK = frozenset(
+    "alpha beta gamma delta epsilon zeta eta theta iota kappa lambda mu nu xi pi rho sigma tau upsilon phi chi psi omega "
+    "Gamma Delta Theta Lambda Xi Pi Sigma Upsilon Phi Psi Omega".split()
+)
+_WORDS = {"du": r"\Delta u", "y_r": "y_r", "dy_r": r"\dot{y}_r", "d2y_r": r"\ddot{y}_r", "compensator": "s_r"}
+_SPECIAL = {
+    "\\": r"\textbackslash{}",
+    "^": r"\textasciicircum{}",
+    "~": r"\textasciitilde{}",
+    **{character: "\\" + character for character in "&%$#_{}"},
+}
+_PARTIAL = re.compile(r"d[A-Za-z]+\d+_d.+")
+_LATIN = 0x180  # LaTeX knows the letters below this code without being told
+
+
+def latex_name(name: str) -> str:
+    r"""Give the LaTeX of a signal, parameter or equation, such as ``\Xi_{21}`` for ``Xi21``."""
+    if name in _WORDS:
+        return _WORDS[name]
+    for pattern, write in _forms():
+        match = re.fullmatch(pattern, name)
+        if match:
+            return write(*match.groups())
+    return _indexed(name)
+
+
+def _forms() -> tuple[tuple[str, Callable[..., str]], ...]:
+    """Give the patterns of composite names, the most particular first, each with its LaTeX."""
+    return (
+        (r"d([A-Za-z]+\d+)_d(.+)", lambda of, by: rf"\frac{{\partial {latex_name(of)}}}{{\partial {latex_name(by)}}}"),
+        (r"(.+)_dot", lambda base: _accented("dot", base)),
+        (r"(\w+?)_hat(\d*)", lambda stem, index: _accented("hat", stem + index)),
+        (r"d(\d+)y_r", lambda order: f"y_r^{{({order})}}"),
+        (r"ck(\d+)", lambda index: f"c_{{k{index}}}"),
+    )
+
+
+def _accented(accent: str, name: str) -> str:
+    r"""Put an accent over the stem alone, as in ``\dot{\lambda}_1``."""
+    stem, subscript = _split(name)
+    return rf"\{accent}{{{stem}}}{_subscript(subscript)}"
+
+
+def _indexed(name: str) -> str:
+    stem, subscript = _split(name)
+    return stem + _subscript(subscript)
+
+
+def _split(name: str) -> tuple[str, str]:
+    """Split a name into the LaTeX of its stem and of its index."""
+    match = re.fullmatch(r"([A-Za-z]+?)_?(\d*)((?:_\w+)?)", name)
+    if not match:
+        return rf"\mathrm{{{escape(name)}}}", ""
+    stem, digits, tail = match.groups()
+    return _stem(stem), ",".join(part for part in (digits, *map(_word, tail.split("_")[1:])) if part)
+
+
+def _stem(stem: str) -> str:
+    if stem in _GREEK:
+        return "\\" + stem
+    if stem in _STEMS:
+        return _STEMS[stem]
+    if stem in tex_greek_dictionary:
+        return str(tex_greek_dictionary[stem])
+    return stem if len(stem) == 1 else rf"\mathrm{{{stem}}}"
+
+
+def _word(word: str) -> str:
+    if word in ("max", "min"):
+        return "\\" + word
+    return word if len(word) == 1 or word.isdigit() else rf"\mathrm{{{escape(word)}}}"
+
+
+def _subscript(text: str) -> str:
+    if not text:
+        return ""
+    return f"_{text}" if len(text) == 1 else f"_{{{text}}}"
+
+
+def ordered_terms(expression: sp.Expr) -> list[sp.Expr]:
+    """Give the terms of a sum in a reader's order.
+
+    Terms that hold partial derivatives come last, as in (29); in any other sum, those with a minus sign do, as in (24).
+    """
+    terms: list[sp.Expr] = list(expression.as_ordered_terms())
+    partial = [any(_PARTIAL.fullmatch(symbol.name) for symbol in term.free_symbols) for term in terms]
+    last = partial if any(partial) else [term.could_extract_minus_sign() for term in terms]
+    return [term for late in (False, True) for term, flag in zip(terms, last, strict=True) if flag is late]
+
+
+def scaled_sum(expression: sp.Expr) -> tuple[sp.Expr, list[sp.Expr]]:
+    """Split ``factor * (sum)`` into the factor and the terms of the sum, so that a long sum can be broken between them.
+
+    Returns:
+        the factor, which is 1 for a plain sum, and the terms in a reader's order.
+    """
+    sums = [factor for factor in sp.Mul.make_args(expression) if factor.is_Add]
+    if len(sums) != 1:
+        return sp.Integer(1), ordered_terms(expression)
+    return expression / sums[0], ordered_terms(sums[0])
+
+
+class TextPrinter(StrPrinter):  # type: ignore[misc]  # SymPy carries no types
+    """SymPy's text printer with sums in a reader's order, and with Python's own functions."""
+
+    def _as_ordered_terms(self, expr: sp.Expr, order: str | None = None) -> list[sp.Expr]:
+        return ordered_terms(expr)
+
+    def _print_Max(self, expr: sp.Expr) -> str:
+        return f"max({self.stringify(expr.args, ', ')})"
+
+    def _print_Min(self, expr: sp.Expr) -> str:
+        return f"min({self.stringify(expr.args, ', ')})"
+
+
+class PaperPrinter(LatexPrinter):  # type: ignore[misc]  # SymPy carries no types
+    """SymPy's LaTeX printer with sums in a reader's order, and with the paper's names."""
+
+    def _as_ordered_terms(self, expr: sp.Expr, order: str | None = None) -> list[sp.Expr]:
+        return ordered_terms(expr)
+
+    def _print_Symbol(self, expr: sp.Symbol, style: str = "plain") -> str:
+        return latex_name(expr.name)
+
+    def parenthesize_super(self, s: str) -> str:
+        """Bracket a base that an exponent must not stick to, such as a partial derivative."""
+        return rf"\left({s}\right)" if "^" in s or s.startswith(r"\frac") else s
+
+
+def latex_expression(expression: sp.Expr) -> str:
+    """Give the LaTeX of an expression in the paper's notation."""
+    return str(PaperPrinter({"fold_short_frac": False}).doprint(expression))
+
+
+def text_expression(expression: sp.Expr) -> str:
+    """Give an expression as plain text in Python's syntax, such as ``-(c1 + e1)/b0``."""
+    return str(TextPrinter().doprint(expression))
+
+
+def latex_prose(text: str) -> str:
+    r"""Write a remark as LaTeX, with the symbols that it mentions set as mathematics.
+
+    A symbol is a word with an index or an accent (``alpha1``, ``y_r``), a Greek letter, or a single letter but the article.
+    """
+    return "".join(_prose(word) for word in re.split(r"([A-Za-z]\w*(?:\^\d+)?)", text))
+
+
+def _prose(word: str) -> str:
+    symbol, _, power = word.partition("^")
+    if not re.fullmatch(r"[A-Za-z]\w*", symbol):
+        return escape(word)
+    letter = len(symbol) == 1 and symbol not in "aAI"
+    if not (letter or symbol in _GREEK or symbol in _WORDS or re.search(r"\w[\d_]", symbol)) or symbol == "compensator":
+        return escape(word)
+    return f"${latex_name(symbol)}{f'^{{{power}}}' if power else ''}$"
+
+
+def escape(text: str) -> str:
+    """Write any text so that LaTeX prints it; a character that no font here has becomes ``?``."""
+    return "".join(_escaped(character) for character in text)
+
+
+def _escaped(character: str) -> str:
+    if character in _SPECIAL:
+        return _SPECIAL[character]
+    if ord(character) < _LATIN:
+        return character
+    plain = {"−": "$-$", "–": "--", "—": "---", "’": "'", "‘": "`", "“": "``", "”": "''", "≤": r"$\le$", "≥": r"$\ge$"}
+    if character in plain:
+        return plain[character]
+    name = unicodedata.name(character, "").split()
+    if name[:1] == ["GREEK"] and len(name) == 4:  # GREEK SMALL LETTER THETA
+        letter = name[3].lower() if name[1] == "SMALL" else name[3].capitalize()
+        return rf"$\{letter}$" if letter in _GREEK else "?"
+    folded = unicodedata.normalize("NFKD", character)
+    return "".join(part for part in folded if part.isascii()) or "?"

@@ -1,0 +1,48 @@
+"""A derivation as one document of plain values, for other programs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from derive.equation import Equation
+from derive.model import Model
+from pmjoint_codegen.report.notation import latex_expression, latex_name, text_expression
+
+
+def derivation_record(model: Model, equations: Iterable[Equation]) -> dict[str, object]:
+    """Give a derivation as mappings, lists, strings and numbers.
+
+    Args:
+        model: what was derived from.
+        equations: the derivation, in its order.
+    """
+    plant, gains = model.plant, model.gains
+    return {
+        "model": model.name,
+        "title": model.title,
+        "source": model.source,
+        "order": plant.order,
+        "zeros": plant.m,
+        "relative_degree": plant.rho,
+        "parameters": [
+            {"name": item.name, "latex": latex_name(item.name), "value": item.value, "unit": item.unit, "about": item.about}
+            for item in model.parameters
+        ],
+        "gains": {"c": list(gains.c), "e": list(gains.e), "ck": list(gains.ck), "k": list(gains.k)},
+        "compensator": gains.compensator,
+        "equations": [equation_record(equation) for equation in equations],
+    }
+
+
+def equation_record(equation: Equation) -> dict[str, str | None]:
+    """Give one equation with its expression as text and as LaTeX; the unit is null where there is none."""
+    return {
+        "name": equation.name,
+        "section": equation.section,
+        "number": equation.number,
+        "meaning": equation.meaning,
+        "unit": None if equation.unit is None else str(equation.unit),
+        "symbol": latex_name(equation.name),
+        "expression": text_expression(equation.expression),
+        "latex": latex_expression(equation.expression),
+    }
