@@ -1,0 +1,21 @@
+"""The mathematics: a model in, named equations out. SymPy only; reads and writes no file."""
+
+from derive.derivation import Derivation, derive
+from derive.equation import Equation, Equations
+from derive.model import Gains, Model, OutsideClassError, Parameter, Plant, Simulation, parameter_symbol
+from derive.signals import Signals
+
+__all__ = [
+    "Derivation",
+    "Equation",
+    "Equations",
+    "Gains",
+    "Model",
+    "OutsideClassError",
+    "Parameter",
+    "Plant",
+    "Signals",
+    "Simulation",
+    "derive",
+    "parameter_symbol",
+]

@@ -1,0 +1,231 @@
+"""Backstepping with saturation compensator (24)-(29), for general relative degree.
+
+Only three things are stated here: the errors z_i (24), the error dynamics that the design asks for, and the output's rate
+as the filters know it (21). Every virtual control alpha_i, every partial derivative and the law v follow by solving
+
+    z_i' = -(c_i + e_i s_i^2) z_i - s_i epsilon_2 - g_i + (coupling to z_{i+1}),      s_1 = -1,  s_i = d alpha_{i-1} / dy,
+
+for the one unknown in it. With ``g_2 = b_m z_1`` and ``g_i = z_{i-1}`` the couplings cancel in the sum of squares, which is what the
+certificate (19)-(35) rests on. The unknown error epsilon_2 and the input u drop out of the solutions; both are checked.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import sympy as sp
+
+from derive.compensator import compensator_rates
+from derive.equation import Equation
+from derive.filters import estimate, filter_rates, input_filter_rates, input_filters
+from derive.model import Plant
+from derive.signals import Signals, Units, free, parameter_symbol, partial_name
+from derive.units import SECOND
+
+SECTION = "Backstepping"
+OMEGA = "Omega"
+
+
+@dataclass(frozen=True)
+class Step:
+    """What one design needs at every step.
+
+    Attributes:
+        plant: plant with named constants.
+        signals: symbols of the design.
+        v_m: symbols of v_{m,1} ... v_{m,n}, the filtered input that each step uses as its virtual control.
+        omega: symbol of what (21) knows of y' besides ``b_m v_{m,2}``.
+        rates: time derivatives of y, the controller's state and the reference, with epsilon = 0.
+        v_m_rates: time derivatives of ``v_m``; u occurs in entry rho and beyond.
+    """
+
+    plant: Plant
+    signals: Signals
+    v_m: tuple[sp.Symbol, ...]
+    omega: sp.Symbol
+    rates: dict[sp.Symbol, sp.Expr]
+    v_m_rates: tuple[sp.Expr, ...]
+
+    @property
+    def b_m(self) -> sp.Expr:
+        """The leading input coefficient."""
+        return self.plant.b[0]
+
+    @property
+    def epsilon_2(self) -> sp.Expr:
+        """The estimation error that enters y' (21); a plant of order one has none."""
+        return self.signals.epsilon[1] if self.plant.order > 1 else sp.Integer(0)
+
+
+def omega_expression(plant: Plant, signals: Signals) -> sp.Expr:
+    """``Omega``: what is known of y' besides its drive (21), (22).
+
+    The drive is ``b_m v_{m,2}`` for rho >= 2 and ``b_m sigma u`` for rho = 1.
+    """
+    regressor = sum((entry * th for entry, th in zip(plant.Phi[0], plant.theta, strict=True)), sp.Integer(0))
+    if plant.order == 1:
+        return plant.phi[0] + regressor
+    known = estimate(plant, signals)[1]
+    if plant.rho > 1:
+        known -= plant.b[0] * input_filters(signals, plant.m)[1]
+    return sp.expand(plant.phi[0] + regressor + known)
+
+
+def prepare(plant: Plant, signals: Signals) -> Step:
+    """Collect the rates that every step uses."""
+    v_m = tuple(parameter_symbol(f"v{plant.m}_{i}") for i in range(1, plant.order + 1))
+    omega = parameter_symbol(OMEGA)
+    drive = plant.b[0] * v_m[1] if plant.rho > 1 else plant.b[0] * plant.sigma * signals.u
+    rates = {signals.y: drive + omega, **filter_rates(plant, signals), **compensator_rates(plant, signals)}
+    rates |= dict(zip(signals.y_r, signals.y_r[1:], strict=False))
+    v_m_rates = tuple(input_filter_rates(plant, signals, plant.m, sp.Matrix(v_m)))
+    return Step(plant, signals, v_m, omega, rates, v_m_rates)
+
+
+def error_definition(step: Step, i: int) -> sp.Expr:
+    """``z_i`` of (24)."""
+    s = step.signals
+    if i == 1:
+        return s.y - s.y_r[0] - s.r[0]
+    return step.v_m[i - 1] - s.alpha[i - 2] - s.y_r[i - 1] / step.b_m - s.r[i - 1] / step.b_m
+
+
+def sensitivity(step: Step, i: int) -> sp.Expr:
+    """``s_i``: how the estimation error epsilon_2 enters z_i', with its sign turned."""
+    return sp.Integer(-1) if i == 1 else parameter_symbol(partial_name(step.signals.alpha[i - 2], step.signals.y))
+
+
+def wanted_rate(step: Step, i: int) -> sp.Expr:
+    """The error dynamics that step i asks for: damping, the estimation error, and couplings that cancel in the sum."""
+    s, s_i = step.signals, sensitivity(step, i)
+    rate = -(s.c[i - 1] + s.e[i - 1] * s_i**2) * s.z[i - 1] - s_i * step.epsilon_2
+    if i < step.plant.rho:
+        rate += step.b_m * s.z[1] if i == 1 else s.z[i]
+    if i == 2:
+        rate -= step.b_m * s.z[0]
+    elif i > 2:
+        rate -= s.z[i - 2]
+    return rate
+
+
+def actual_rate(step: Step, i: int, alpha_rate: sp.Expr) -> sp.Expr:
+    """``z_i'`` along the loop, with the next virtual control (or v) as the unknown in it; (27), (28).
+
+    Args:
+        step: rates of the design.
+        i: step number, 1..rho.
+        alpha_rate: ``alpha_{i-1}'`` for epsilon = 0.
+    """
+    s, rho = step.signals, step.plant.rho
+    if i == 1:
+        rate = step.rates[s.y] + step.epsilon_2 - s.y_r[1] - step.rates[s.r[0]]
+    else:
+        rate = step.v_m_rates[i - 1] - alpha_rate - sensitivity(step, i) * step.epsilon_2
+        rate -= (s.y_r[i] + step.rates[s.r[i - 1]]) / step.b_m
+    if i == rho:
+        return rate.xreplace({s.du: s.u - s.v})
+    following = s.z[i] + s.alpha[i - 1] + (s.y_r[i] + s.r[i]) / step.b_m  # z_{i+1} of (24), solved for v_{m,i+1}
+    return rate.xreplace({step.v_m[i]: following})
+
+
+def solve_step(step: Step, i: int, alpha_rate: sp.Expr, partials: list[sp.Symbol]) -> sp.Expr:
+    """The virtual control alpha_i (25), or v (29) at the last step.
+
+    Raises:
+        ArithmeticError: when the solution would need u or an estimation error, that is, when the derivation is wrong.
+    """
+    s = step.signals
+    unknown = s.v if i == step.plant.rho else s.alpha[i - 1]
+    residual = sp.expand(actual_rate(step, i, alpha_rate) - wanted_rate(step, i))
+    slope = sp.factor(residual.coeff(unknown))
+    rest = sp.expand(residual - residual.coeff(unknown) * unknown)
+    hidden = rest.free_symbols & {unknown, s.u, s.du, *s.epsilon}
+    if hidden:
+        raise ArithmeticError(f"step {i}: {unknown} would depend on {free(hidden)}")
+    return sp.collect(-rest, partials) / slope
+
+
+def total_rate(step: Step, partials: dict[sp.Symbol, sp.Symbol]) -> sp.Expr:
+    """``alpha'`` for epsilon = 0: the sum of partial derivatives times rates in (29), by name."""
+    return sum((name * step.rates[by] for by, name in partials.items()), sp.Integer(0))
+
+
+def nonzero_partials(step: Step, alpha: sp.Expr) -> dict[sp.Symbol, sp.Expr]:
+    """Partial derivatives of an expanded virtual control that do not vanish, keyed by signal."""
+    found = {by: sp.diff(alpha, by) for by in step.signals.measurable if by in alpha.free_symbols}
+    return {by: tidy(value) for by, value in found.items() if value != 0}
+
+
+def tidy(value: sp.Expr) -> sp.Expr:
+    """A short form of a partial derivative; large ones are left alone, since shortening them costs more than it gives."""
+    return sp.factor_terms(sp.expand(value)) if sp.count_ops(value) < 400 else value
+
+
+def backstep(plant: Plant, signals: Signals, units: Units) -> list[Equation]:
+    """All named steps of (24)-(29), in the order in which they can be evaluated."""
+    step = prepare(plant, signals)
+    equations = [*filtered_input_equations(step, units), omega_equation(step, units)]
+    primitive = {item.symbol: item.expression for item in equations}
+    partials: dict[sp.Symbol, sp.Symbol] = {}
+    for i in range(1, plant.rho + 1):
+        z_i = Equation(signals.z[i - 1], error_definition(step, i), SECTION, "(24)", f"error {i}", units.of(signals.z[i - 1]))
+        primitive[z_i.symbol] = z_i.expression.xreplace(primitive)
+        law = solve_step(step, i, total_rate(step, partials), list(partials.values()))
+        equations.append(z_i)
+        if i == plant.rho:
+            equations.append(Equation(signals.v, law, SECTION, "(29)", "control law", units.of(signals.v)))
+            break
+        alpha = signals.alpha[i - 1]
+        number = "(25)" if i == 1 else ""
+        equations.append(Equation(alpha, law, SECTION, number, f"virtual control {i}", units.of(alpha)))
+        primitive[alpha] = law.xreplace(primitive)
+        derivatives = nonzero_partials(step, primitive[alpha])
+        partials = {by: parameter_symbol(partial_name(alpha, by)) for by in derivatives}
+        primitive |= {partials[by]: value for by, value in derivatives.items()}
+        equations += partial_equations(alpha, partials, derivatives, units)
+    return equations
+
+
+def filtered_input_equations(step: Step, units: Units) -> list[Equation]:
+    """``v_{m,i}`` in terms of lambda (14), for the entries that the law uses."""
+    plant, s = step.plant, step.signals
+    if plant.rho == 1:
+        return []
+    expressions = input_filters(s, plant.m)
+    unit = units.of(s.u)
+    return [
+        Equation(
+            step.v_m[i], sp.expand(expressions[i]), SECTION, "(14)", f"entry {i + 1} of A0^{plant.m} lambda",
+            unit * SECOND ** (plant.rho - i),
+        )
+        for i in range(min(plant.rho + 1, plant.order))
+    ]  # fmt: skip
+
+
+def omega_equation(step: Step, units: Units) -> Equation:
+    """``Omega`` as a named equation."""
+    expression = omega_expression(step.plant, step.signals)
+    unit = units.of(step.signals.y) / SECOND
+    return Equation(step.omega, expression, SECTION, "(21)", "what is known of y' besides its drive", unit)
+
+
+def partial_equations(
+    alpha: sp.Symbol, names: dict[sp.Symbol, sp.Symbol], values: dict[sp.Symbol, sp.Expr], units: Units
+) -> list[Equation]:
+    """Partial derivatives of one virtual control as named equations."""
+    return [
+        Equation(name, values[by], SECTION, "(29)", f"partial derivative of {alpha} by {by}", units.of(alpha) / units.of(by))
+        for by, name in names.items()
+    ]
+
+
+def error_rate_equations(plant: Plant, signals: Signals, units: Units) -> list[Equation]:
+    """The error dynamics that the law achieves, exact for any saturation; the basis of (31)."""
+    step = prepare(plant, signals)
+    return [
+        Equation(
+            parameter_symbol(f"{symbol.name}_dot"), wanted_rate(step, i), "Certificate", "(27)" if i == 1 else "(28)",
+            f"rate of error {i} under the law, whatever u is", units.of(symbol) / SECOND,
+        )
+        for i, symbol in enumerate(signals.z, start=1)
+    ]  # fmt: skip

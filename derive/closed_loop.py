@@ -1,0 +1,74 @@
+"""The plant (11), the actuator (10) and the errors that close the loop around the controller."""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from derive.equation import Equation
+from derive.filters import shift_matrix
+from derive.model import Model, Plant
+from derive.signals import Signals, Units, derivative_name, parameter_symbol
+from derive.units import SECOND
+
+
+def disturbance_symbols(plant: Plant) -> tuple[sp.Symbol, ...]:
+    """Symbols D1..Dn of the disturbance."""
+    return tuple(parameter_symbol(f"D{i}") for i in range(1, plant.order + 1))
+
+
+def plant_rates(plant: Plant, signals: Signals) -> dict[sp.Symbol, sp.Expr]:
+    """Right-hand sides of ``x' = A x + phi + Phi theta + b sigma u + D`` (11), (12), keyed by state."""
+    n, p = plant.order, plant.p
+    Phi = sp.Matrix(n, p, lambda i, j: plant.Phi[i][j])
+    rates = (
+        shift_matrix(n) * sp.Matrix(signals.x)
+        + sp.Matrix(plant.phi)
+        + Phi * sp.Matrix(p, 1, plant.theta)
+        + sp.Matrix(plant.b_vector) * plant.sigma * signals.u
+        + sp.Matrix(disturbance_symbols(plant))
+    )
+    return dict(zip(signals.x, rates, strict=True))
+
+
+def plant_equations(plant: Plant, signals: Signals, units: Units) -> list[Equation]:
+    """Output, disturbance and state equations of the simulated plant."""
+    output = Equation(signals.y, signals.x[0], "Plant", "(7)", "measured output", units.of(signals.y))
+    disturbances = [
+        Equation(symbol, value, "Plant", "(37)", "disturbance, unknown to the controller", units.of(state) / SECOND)
+        for symbol, value, state in zip(disturbance_symbols(plant), plant.disturbance, signals.x, strict=True)
+    ]
+    rates = [
+        Equation(
+            parameter_symbol(derivative_name(state)), rate, "Plant", "(11)", f"rate of {state}", units.of(state) / SECOND
+        )
+        for state, rate in plant_rates(plant, signals).items()
+    ]
+    return [output, *disturbances, *rates]
+
+
+def reference_equations(model: Model, signals: Signals, units: Units) -> list[Equation]:
+    """The reference and its derivatives up to order rho."""
+    meanings = ["reference", *(f"derivative {i} of the reference" for i in range(1, len(signals.y_r)))]
+    return [
+        Equation(symbol, sp.diff(model.reference, signals.t, i), "Reference", "", meanings[i], units.of(symbol))
+        for i, symbol in enumerate(signals.y_r)
+    ]
+
+
+def actuator_equations(model: Model, signals: Signals, units: Units) -> list[Equation]:
+    """Saturation (10): the applied input."""
+    applied = sp.Max(-model.limit, sp.Min(signals.v, model.limit))
+    return [Equation(signals.u, applied, "Closed loop", "(10)", "applied input sat(v)", units.of(signals.u))]
+
+
+def error_equations(signals: Signals, units: Units) -> list[Equation]:
+    """Tracking error and estimation errors (17)."""
+    y_unit = units.of(signals.y)
+    tracking = Equation(
+        parameter_symbol("e"), signals.y - signals.y_r[0], "Closed loop", "", "tracking error, e = z1 + r1", y_unit
+    )
+    estimation = [
+        Equation(symbol, state - parameter_symbol(f"x_hat{i}"), "Estimate", "(17)", f"estimation error of x{i}", units.of(symbol))
+        for i, (symbol, state) in enumerate(zip(signals.epsilon, signals.x, strict=True), start=1)
+    ]
+    return [tracking, *estimation]

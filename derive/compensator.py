@@ -1,0 +1,53 @@
+"""The auxiliary system (23) that carries what saturation takes away, ``du = u - v``.
+
+``r_i' = r_{i+1} - ck_i r_i`` for i < rho and ``r_rho' = -ck_rho r_rho + b_m sigma(y) du``. It needs the *applied* input: measured on a rig,
+sat(v) in simulation. Without it (r = 0 for all time) the same law is plainly clipped.
+"""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from derive.equation import Equation
+from derive.model import Plant
+from derive.signals import Signals, Units, derivative_name, parameter_symbol
+from derive.units import SECOND
+
+SECTION = "Compensator"
+
+
+def compensator_matrix(signals: Signals) -> sp.ImmutableMatrix:
+    """The matrix of (23), rho x rho: ``-ck_i`` on the diagonal, 1 above it."""
+    rho = len(signals.r)
+    return sp.ImmutableMatrix(rho, rho, lambda i, j: -signals.ck[i] if i == j else int(j == i + 1))
+
+
+def compensator_rates(plant: Plant, signals: Signals) -> dict[sp.Symbol, sp.Expr]:
+    """Right-hand sides of (23) with the compensator at work, keyed by state."""
+    drive = sp.Matrix([0] * (plant.rho - 1) + [plant.b[0] * plant.sigma * signals.du])
+    rates = compensator_matrix(signals) * sp.Matrix(signals.r) + drive
+    return dict(zip(signals.r, rates, strict=True))
+
+
+def compensator_equations(plant: Plant, signals: Signals, units: Units) -> list[Equation]:
+    """(23) as named equations, with the switch ``compensator`` (1 or 0) on its drive."""
+    lost = Equation(
+        symbol=signals.du,
+        expression=signals.u - signals.v,
+        section=SECTION,
+        number="(23)",
+        meaning="what saturation takes away",
+        unit=units.of(signals.u),
+    )
+    rates = [
+        Equation(
+            symbol=parameter_symbol(derivative_name(state)),
+            expression=rate.xreplace({signals.du: signals.compensator * signals.du}),
+            section=SECTION,
+            number="(23)",
+            meaning="compensator state" if i < plant.rho else "compensator state, driven by du",
+            unit=units.of(state) / SECOND,
+        )
+        for i, (state, rate) in enumerate(compensator_rates(plant, signals).items(), start=1)
+    ]
+    return [lost, *rates]

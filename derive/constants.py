@@ -1,0 +1,46 @@
+"""Names for composite constants, so that long physical coefficients are computed and printed once.
+
+``b = ["2*k_u*r*(C1*eps0**2 + C2*eps0 + C3)/J"]`` becomes the named constant ``b_0`` of the design; a coefficient that already is a
+parameter or a number keeps its own name.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import sympy as sp
+
+from derive.equation import Equation
+from derive.model import Plant
+from derive.signals import parameter_symbol
+
+SECTION = "Plant"
+
+
+@dataclass(frozen=True)
+class NamedPlant:
+    """A plant whose composite coefficients have names.
+
+    Attributes:
+        plant: the plant, with symbols in place of composite ``b`` and ``theta``.
+        equations: what the names stand for.
+    """
+
+    plant: Plant
+    equations: tuple[Equation, ...]
+
+
+def name_constants(plant: Plant) -> NamedPlant:
+    """Give names ``b_m ... b_0`` and ``theta_1 ... theta_p`` to coefficients that are more than a parameter."""
+    equations: list[Equation] = []
+
+    def name(value: sp.Expr, stem: str, meaning: str) -> sp.Expr:
+        if value.is_Symbol or value.is_number:
+            return value
+        symbol = parameter_symbol(stem)
+        equations.append(Equation(symbol, value, SECTION, "(8)", meaning, None))
+        return symbol
+
+    b = tuple(name(value, f"b_{plant.m - i}", "input coefficient") for i, value in enumerate(plant.b))
+    theta = tuple(name(value, f"theta_{i}", "known coefficient") for i, value in enumerate(plant.theta, start=1))
+    return NamedPlant(replace(plant, b=b, theta=theta), tuple(equations))

@@ -1,0 +1,82 @@
+"""The driver: a model in, one frozen record of named equations out.
+
+Stages, each a pure function of what stands before it:
+
+    name_constants          plant                 -> plant with named b, theta
+    plant_equations         plant                 -> y, D_i, x_i'                     (7), (11), (12)
+    filter_equations        plant                 -> xi', Xi', lambda', x_hat         (14), (15)
+    compensator_equations   plant                 -> du, r'                           (23)
+    reference_equations     reference             -> y_r and its derivatives
+    backstep                plant                 -> z_i, alpha_i, partials, v        (24), (25), (29)
+    sampling_equations      filters, compensator  -> xi, Xi, lambda, r one sample later
+    error_rate_equations    plant                 -> z_i' under the law               (27), (28)
+    actuator, errors        model                 -> u, e, epsilon                    (10), (17)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import sympy as sp
+
+from derive.backstepping import backstep, error_rate_equations
+from derive.closed_loop import actuator_equations, error_equations, plant_equations, reference_equations
+from derive.compensator import compensator_equations
+from derive.constants import name_constants
+from derive.equation import Equation, Equations
+from derive.filters import filter_equations
+from derive.model import Model, Plant
+from derive.sampling import sampling_equations
+from derive.signals import Signals, Units
+
+
+@dataclass(frozen=True)
+class Derivation:
+    """Everything that is known of one closed loop.
+
+    Attributes:
+        model: what it was derived from.
+        plant: the plant with named constants.
+        signals: the symbols in the equations.
+        units: their physical units.
+        equations: the named equations in an order in which they can be read.
+    """
+
+    model: Model
+    plant: Plant
+    signals: Signals
+    units: Units
+    equations: Equations
+
+    def expanded(self, name: str) -> sp.Expr:
+        """An equation's right-hand side in signals and parameters only, no other names.
+
+        Raises:
+            KeyError: when no equation has that name.
+        """
+        s = self.signals
+        return self.equations.expand(self.equations[name].expression, keep=frozenset({s.y, s.u, *s.y_r}))
+
+
+def derive(model: Model) -> Derivation:
+    """Derive filters, compensator, virtual controls, partial derivatives and the law for a model.
+
+    Raises:
+        OutsideClassError: when the model is outside the class (raised when its plant is made).
+    """
+    signals, units = Signals.of(model.plant), Units(model)
+    named = name_constants(model.plant)
+    plant = named.plant
+    continuous: list[Equation] = [
+        *named.equations,
+        *plant_equations(plant, signals, units),
+        *filter_equations(plant, signals, units),
+        *reference_equations(model, signals, units),
+        *backstep(plant, signals, units),
+        *compensator_equations(plant, signals, units),
+        *error_rate_equations(plant, signals, units),
+        *actuator_equations(model, signals, units),
+        *error_equations(signals, units),
+    ]
+    held = sampling_equations(Equations(continuous), signals, units)
+    return Derivation(model, plant, signals, units, Equations([*continuous, *held]))

@@ -1,0 +1,89 @@
+"""K-filters (14)-(18): estimates of the unmeasured states from y and the applied input.
+
+``xi' = A0 xi + k y + phi(y)``, ``Xi' = A0 Xi + Phi(y)``, ``lambda' = A0 lambda + e_n sigma(y) u`` and ``v_j = A0^j lambda``. The
+estimate ``x_hat = xi + Xi theta + sum_j b_j v_j`` errs by epsilon with ``epsilon' = A0 epsilon + D``, whatever u is.
+"""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from derive.equation import Equation
+from derive.model import Plant
+from derive.signals import Signals, Units, derivative_name, parameter_symbol
+from derive.units import SECOND
+
+SECTION = "Filters"
+
+
+def shift_matrix(order: int) -> sp.ImmutableMatrix:
+    """The upper shift matrix A of (13), order x order."""
+    return sp.ImmutableMatrix(order, order, lambda i, j: int(j == i + 1))
+
+
+def filter_matrix(signals: Signals) -> sp.ImmutableMatrix:
+    """``A0 = A - k e1'`` of (14), n x n."""
+    n = len(signals.k)
+    gain = sp.Matrix(n, n, lambda i, j: signals.k[i] if j == 0 else 0)
+    return sp.ImmutableMatrix(shift_matrix(n) - gain)
+
+
+def input_filters(signals: Signals, j: int) -> sp.ImmutableMatrix:
+    """``v_j = A0^j lambda`` of (14), a column of length n."""
+    return sp.ImmutableMatrix(filter_matrix(signals) ** j * sp.Matrix(signals.lambda_))
+
+
+def input_filter_rates(plant: Plant, signals: Signals, j: int, v_j: sp.Matrix) -> sp.ImmutableMatrix:
+    """``v_j' = A0 v_j + A0^j e_n sigma u``, from (14); ``v_j`` may be symbols or expressions of lambda."""
+    A0 = filter_matrix(signals)
+    e_n = sp.Matrix([0] * (plant.order - 1) + [1])
+    return sp.ImmutableMatrix(A0 * v_j + A0**j * e_n * plant.sigma * signals.u)
+
+
+def estimate(plant: Plant, signals: Signals) -> sp.ImmutableMatrix:
+    """``x_hat = xi + Xi theta + sum_j b_j v_j`` (15), a column of length n."""
+    regressor = sp.Matrix(plant.order, plant.p, lambda i, j: signals.Xi[i][j]) * sp.Matrix(plant.p, 1, plant.theta)
+    driven = sp.zeros(plant.order, 1)
+    for j in range(plant.m + 1):
+        driven += plant.b[plant.m - j] * input_filters(signals, j)
+    return sp.ImmutableMatrix(sp.Matrix(signals.xi) + regressor + driven)
+
+
+def filter_rates(plant: Plant, signals: Signals) -> dict[sp.Symbol, sp.Expr]:
+    """Right-hand sides of (14), keyed by filter state."""
+    A0, n, p = filter_matrix(signals), plant.order, plant.p
+    xi_dot = A0 * sp.Matrix(signals.xi) + sp.Matrix(signals.k) * signals.y + sp.Matrix(plant.phi)
+    Xi = sp.Matrix(n, p, lambda i, j: signals.Xi[i][j])
+    Xi_dot = A0 * Xi + sp.Matrix(n, p, lambda i, j: plant.Phi[i][j])
+    lambda_dot = input_filter_rates(plant, signals, 0, sp.Matrix(signals.lambda_))
+    rates = dict(zip(signals.xi, xi_dot, strict=True))
+    rates |= {signals.Xi[i][j]: Xi_dot[i, j] for i in range(n) for j in range(p)}
+    return rates | dict(zip(signals.lambda_, lambda_dot, strict=True))
+
+
+def filter_equations(plant: Plant, signals: Signals, units: Units) -> list[Equation]:
+    """The filters (14), the estimate (15) and the matrix A0 as named equations."""
+    meanings = {"xi": "filter driven by y", "Xi": "filter driven by Phi(y)", "lambda": "filter driven by the applied input"}
+    rates = [
+        Equation(
+            symbol=parameter_symbol(derivative_name(state)),
+            expression=rate,
+            section=SECTION,
+            number="(14)",
+            meaning=meanings[state.name.rstrip("0123456789")],
+            unit=units.of(state) / SECOND,
+        )
+        for state, rate in filter_rates(plant, signals).items()
+    ]
+    estimates = [
+        Equation(
+            symbol=parameter_symbol(f"x_hat{i}"),
+            expression=value,
+            section="Estimate",
+            number="(15)",
+            meaning=f"estimate of x{i}",
+            unit=units.of(signals.x[i - 1]),
+        )
+        for i, value in enumerate(estimate(plant, signals), start=1)
+    ]
+    return rates + estimates

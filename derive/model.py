@@ -1,0 +1,214 @@
+"""What a derivation starts from: a plant of the output-feedback class, the gains and the run to simulate.
+
+The class is (11) for general order: ``x' = A x + phi(y) + Phi(y) theta + b sigma(y) u + D(x, t)``, ``y = x1``, with ``A`` the
+upper shift matrix. Members are checked when they are made; what lies outside the class is refused with the reason.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import sympy as sp
+
+
+class OutsideClassError(ValueError):
+    """The model is outside the class that the design covers.
+
+    Attributes:
+        key: the key of the model that is at fault, such as ``plant.b``.
+        what: what is wrong.
+        remedy: what to do about it.
+    """
+
+    def __init__(self, key: str, what: str, remedy: str) -> None:
+        """Store the three parts of the message."""
+        super().__init__(f"{key}: {what}; {remedy}")
+        self.key = key
+        self.what = what
+        self.remedy = remedy
+
+
+def parameter_symbol(name: str) -> sp.Symbol:
+    """The one SymPy symbol that stands for a parameter, a signal or a state of that name (real-valued)."""
+    return sp.Symbol(name, real=True)
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A named number of the plant, settable at run time.
+
+    Attributes:
+        name: identifier in expressions and on the command line.
+        value: default.
+        unit: physical unit, such as ``rad/(s^2 V)``.
+        about: one line for the reader.
+    """
+
+    name: str
+    value: float
+    unit: str
+    about: str
+
+    @property
+    def symbol(self) -> sp.Symbol:
+        """The parameter's symbol in expressions."""
+        return parameter_symbol(self.name)
+
+
+@dataclass(frozen=True)
+class Plant:
+    """The plant that the controller is designed for, (11) in general order.
+
+    Attributes:
+        order: number of states n.
+        phi: n known functions of y.
+        Phi: n rows of p known functions of y, multiplying ``theta``.
+        theta: p expressions of parameters (known; the adaptive design would estimate them).
+        b: input coefficients ``b_m ... b_0``; the relative degree is ``rho = n - m = n + 1 - len(b)``.
+        sigma: input nonlinearity, a function of y.
+        disturbance: n functions of x1..xn, t and parameters; simulated, unknown to the controller.
+    """
+
+    order: int
+    phi: tuple[sp.Expr, ...]
+    Phi: tuple[tuple[sp.Expr, ...], ...]
+    theta: tuple[sp.Expr, ...]
+    b: tuple[sp.Expr, ...]
+    sigma: sp.Expr
+    disturbance: tuple[sp.Expr, ...]
+
+    def __post_init__(self) -> None:
+        """Refuse what the class does not hold.
+
+        Raises:
+            OutsideClassError: lengths that disagree, ``b_m = 0``, ``sigma = 0``, or an expression of a signal that the
+                controller cannot know.
+        """
+        self._check_lengths()
+        if sp.simplify(self.b[0]) == 0:
+            raise OutsideClassError(
+                "plant.b", "the leading coefficient b_m is zero", "drop it: the relative degree is then one higher"
+            )
+        if sp.simplify(self.sigma) == 0:
+            raise OutsideClassError("plant.sigma", "sigma is zero, so no input acts", "give a sigma that never vanishes")
+        self._check_symbols()
+
+    def _check_lengths(self) -> None:
+        expected = {
+            "plant.phi": (len(self.phi), self.order),
+            "plant.Phi": (len(self.Phi), self.order),
+            "plant.disturbance": (len(self.disturbance), self.order),
+        }
+        for key, (found, wanted) in expected.items():
+            if found != wanted:
+                raise OutsideClassError(key, f"has {found} entries", f"give {wanted}, one for each state")
+        if any(len(row) != len(self.theta) for row in self.Phi):
+            raise OutsideClassError("plant.Phi", "a row is not as long as theta", f"give {len(self.theta)} columns")
+        if not 1 <= len(self.b) <= self.order:
+            raise OutsideClassError("plant.b", f"has {len(self.b)} entries", f"give 1 to {self.order}: b_m ... b_0")
+
+    def _check_symbols(self) -> None:
+        hidden = {parameter_symbol(f"x{i}") for i in range(1, self.order + 1)} | {parameter_symbol("t")}
+        known = {
+            "plant.phi": self.phi,
+            "plant.Phi": tuple(entry for row in self.Phi for entry in row),
+            "plant.sigma": (self.sigma,),
+        }
+        for key, entries in known.items():
+            for symbol in sorted(set().union(*(entry.free_symbols for entry in entries)) & hidden, key=str):
+                raise OutsideClassError(
+                    key, f"depends on {symbol}, which the controller does not measure", "use y and parameters only"
+                )
+        measured = hidden | {parameter_symbol("y")}
+        for key, entries in {"plant.theta": self.theta, "plant.b": self.b}.items():
+            for symbol in sorted(set().union(*(entry.free_symbols for entry in entries)) & measured, key=str):
+                raise OutsideClassError(key, f"depends on {symbol}", "use parameters only")
+
+    @property
+    def m(self) -> int:
+        """Degree of the input polynomial: the number of zeros."""
+        return len(self.b) - 1
+
+    @property
+    def rho(self) -> int:
+        """Relative degree ``n - m``."""
+        return self.order - self.m
+
+    @property
+    def p(self) -> int:
+        """Number of entries of ``theta``."""
+        return len(self.theta)
+
+    @property
+    def b_vector(self) -> tuple[sp.Expr, ...]:
+        """The input vector ``(0, ..., 0, b_m, ..., b_0)`` of length n."""
+        return (sp.Integer(0),) * (self.rho - 1) + self.b
+
+
+@dataclass(frozen=True)
+class Gains:
+    """Default design gains; they become the parameters c1.., e1.., ck1.., k1.. .
+
+    Attributes:
+        c: rho damping gains of the backstepping errors.
+        e: rho nonlinear-damping gains against the estimation error.
+        ck: rho decay rates of the compensator (23).
+        k: n filter gains, such that ``A0 = A - k e1'`` is Hurwitz (14).
+        compensator: False keeps r = 0, that is, plain clipping.
+    """
+
+    c: tuple[float, ...]
+    e: tuple[float, ...]
+    ck: tuple[float, ...]
+    k: tuple[float, ...]
+    compensator: bool = True
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """The run that a model file describes.
+
+    Attributes:
+        x0: n initial states.
+        horizon: length of the run, s.
+        output_step: distance of output instants, s.
+        sample_time: hold time of the sampled controller, s.
+    """
+
+    x0: tuple[float, ...]
+    horizon: float
+    output_step: float
+    sample_time: float
+
+
+@dataclass(frozen=True)
+class Model:
+    """All that a derivation needs.
+
+    Attributes:
+        name: folder under ``generated/``.
+        title: one line for people.
+        source: where the model and its numbers come from.
+        parameters: symbols of the plant with their defaults, in the model file's order.
+        plant: the plant of the design.
+        limit: the parameter that bounds the actuator, u_M of (10).
+        reference: y_r as a function of t and parameters.
+        gains: default gains.
+        simulation: default run.
+        disturbance_bound: D_max of (9), or None when it is not known.
+        y_unit: unit of the output.
+        u_unit: unit of the input.
+    """
+
+    name: str
+    title: str
+    source: str
+    parameters: tuple[Parameter, ...]
+    plant: Plant
+    limit: sp.Expr
+    reference: sp.Expr
+    gains: Gains
+    simulation: Simulation
+    disturbance_bound: float | None = None
+    y_unit: str = field(default="rad")
+    u_unit: str = field(default="V")

@@ -1,0 +1,76 @@
+"""Exact zero-order-hold discretisation of the filters (14) and the compensator (23).
+
+Both are linear with inputs that a sampled controller holds over one period T: y, u and du. So for either,
+``s(t + T) = F s(t) + G drive`` with ``F = expm(A T)`` and ``G = int_0^T expm(A tau) dtau``, without any discretisation error. F and G depend on the gains and T
+alone; they are computed once per run and enter the equations as symbols.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import sympy as sp
+
+from derive.equation import Equation, Equations
+from derive.signals import Signals, Units, derivative_name, parameter_symbol
+
+SECTION = "Sampled"
+
+
+@dataclass(frozen=True)
+class Hold:
+    """Symbols of the held dynamics.
+
+    Attributes:
+        F0: ``expm(A0 T)``, n x n.
+        G0: ``int_0^T expm(A0 tau) dtau``, n x n.
+        Fr: ``expm(Ar T)`` of the compensator's matrix, rho x rho.
+        Gr: ``int_0^T expm(Ar tau) dtau``, rho x rho.
+    """
+
+    F0: sp.ImmutableMatrix
+    G0: sp.ImmutableMatrix
+    Fr: sp.ImmutableMatrix
+    Gr: sp.ImmutableMatrix
+
+    @classmethod
+    def of(cls, signals: Signals) -> Hold:
+        """The symbols for one design."""
+        n, rho = len(signals.k), len(signals.r)
+        return cls(_matrix("F0", n), _matrix("G0", n), _matrix("Fr", rho), _matrix("Gr", rho))
+
+    @property
+    def symbols(self) -> tuple[sp.Symbol, ...]:
+        """All symbols, each matrix row by row, in the order F0, G0, Fr, Gr."""
+        return tuple(entry for matrix in (self.F0, self.G0, self.Fr, self.Gr) for entry in matrix)
+
+
+def _matrix(stem: str, size: int) -> sp.ImmutableMatrix:
+    return sp.ImmutableMatrix(size, size, lambda i, j: parameter_symbol(f"{stem}_{i + 1}{j + 1}"))
+
+
+def held_update(
+    equations: Equations, states: Sequence[sp.Symbol], F: sp.ImmutableMatrix, G: sp.ImmutableMatrix
+) -> list[sp.Expr]:
+    """``F s + G drive`` for one linear system, its drive read off the continuous rates at s = 0."""
+    at_rest = dict.fromkeys(states, sp.Integer(0))
+    drive = sp.Matrix([equations[derivative_name(state)].expression.xreplace(at_rest) for state in states])
+    return list(F * sp.Matrix(states) + G * drive)
+
+
+def sampling_equations(equations: Equations, signals: Signals, units: Units) -> list[Equation]:
+    """The controller's state one sample later, as named equations ``xi1_next`` and so on."""
+    hold = Hold.of(signals)
+    columns = [[row[j] for row in signals.Xi] for j in range(len(signals.Xi[0]))] if signals.Xi[0] else []
+    update: dict[sp.Symbol, sp.Expr] = {}
+    for states in ([*signals.xi], *columns, [*signals.lambda_]):
+        update |= dict(zip(states, held_update(equations, states, hold.F0, hold.G0), strict=True))
+    update |= dict(zip(signals.r, held_update(equations, signals.r, hold.Fr, hold.Gr), strict=True))
+    return [
+        Equation(
+            parameter_symbol(f"{state.name}_next"), update[state], SECTION, "(23)" if state in signals.r else "(14)",
+            f"{state} one sample later", units.of(state),
+        )
+        for state in signals.controller_state
+    ]  # fmt: skip

@@ -1,0 +1,163 @@
+"""The signals of the closed loop and the symbols that stand for them, with the paper's names and physical units.
+
+Order of the loop's state: plant x, then the controller's own state s = (xi, Xi row by row, lambda, r).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import sympy as sp
+
+from derive.model import Model, Plant, parameter_symbol
+from derive.units import SECOND, Unit, parse_unit
+
+
+def named(stem: str, count: int, first: int = 1) -> tuple[sp.Symbol, ...]:
+    """Real symbols ``stem1 ... stemN``."""
+    return tuple(parameter_symbol(f"{stem}{i}") for i in range(first, first + count))
+
+
+def reference_name(order: int) -> str:
+    """Name of a derivative of the reference: ``y_r``, ``dy_r``, ``d2y_r``, ..."""
+    return {0: "y_r", 1: "dy_r"}.get(order, f"d{order}y_r")
+
+
+@dataclass(frozen=True)
+class Signals:
+    """Every symbol of one design.
+
+    Attributes:
+        t: time.
+        y: measured output.
+        x: n plant states.
+        xi: n states of the filter (14) driven by y.
+        Xi: n rows of p states of the filter (14) driven by Phi.
+        lambda_: n states of the filter (14) driven by the applied input.
+        r: rho states of the compensator (23).
+        y_r: the reference and its derivatives up to order rho.
+        z: rho backstepping errors (24).
+        alpha: rho - 1 virtual controls (25).
+        epsilon: n estimation errors (17).
+        v: the control law's output (29).
+        u: the applied, saturated input (10).
+        du: what saturation takes away, u - v (23).
+        c, e, ck: rho gains each; k: n filter gains.
+        compensator: 1 when (23) is driven, 0 for plain clipping.
+    """
+
+    t: sp.Symbol
+    y: sp.Symbol
+    x: tuple[sp.Symbol, ...]
+    xi: tuple[sp.Symbol, ...]
+    Xi: tuple[tuple[sp.Symbol, ...], ...]
+    lambda_: tuple[sp.Symbol, ...]
+    r: tuple[sp.Symbol, ...]
+    y_r: tuple[sp.Symbol, ...]
+    z: tuple[sp.Symbol, ...]
+    alpha: tuple[sp.Symbol, ...]
+    epsilon: tuple[sp.Symbol, ...]
+    v: sp.Symbol
+    u: sp.Symbol
+    du: sp.Symbol
+    c: tuple[sp.Symbol, ...]
+    e: tuple[sp.Symbol, ...]
+    ck: tuple[sp.Symbol, ...]
+    k: tuple[sp.Symbol, ...]
+    compensator: sp.Symbol
+
+    @classmethod
+    def of(cls, plant: Plant) -> Signals:
+        """The signals of a design for ``plant``."""
+        n, rho, p = plant.order, plant.rho, plant.p
+        return cls(
+            t=parameter_symbol("t"),
+            y=parameter_symbol("y"),
+            x=named("x", n),
+            xi=named("xi", n),
+            Xi=tuple(tuple(parameter_symbol(f"Xi{i}{j}") for j in range(1, p + 1)) for i in range(1, n + 1)),
+            lambda_=named("lambda", n),
+            r=named("r", rho),
+            y_r=tuple(parameter_symbol(reference_name(i)) for i in range(rho + 1)),
+            z=named("z", rho),
+            alpha=named("alpha", rho - 1),
+            epsilon=named("epsilon", n),
+            v=parameter_symbol("v"),
+            u=parameter_symbol("u"),
+            du=parameter_symbol("du"),
+            c=named("c", rho),
+            e=named("e", rho),
+            ck=named("ck", rho),
+            k=named("k", n),
+            compensator=parameter_symbol("compensator"),
+        )
+
+    @property
+    def controller_state(self) -> tuple[sp.Symbol, ...]:
+        """What the controller integrates: xi, Xi row by row, lambda, r."""
+        return (*self.xi, *(entry for row in self.Xi for entry in row), *self.lambda_, *self.r)
+
+    @property
+    def measurable(self) -> tuple[sp.Symbol, ...]:
+        """What a virtual control may depend on, besides parameters: y, the controller's state, the reference."""
+        return (self.y, *self.controller_state, *self.y_r)
+
+    @property
+    def gains(self) -> tuple[sp.Symbol, ...]:
+        """All gains in the order of the parameter vector, then the compensator's switch."""
+        return (*self.c, *self.e, *self.ck, *self.k, self.compensator)
+
+
+def derivative_name(symbol: sp.Symbol) -> str:
+    """Name of a time derivative: ``x1`` gives ``x1_dot``."""
+    return f"{symbol.name}_dot"
+
+
+def partial_name(of: sp.Symbol, by: sp.Symbol) -> str:
+    """Name of a partial derivative: ``dalpha1_dy``."""
+    return f"d{of.name}_d{by.name}"
+
+
+class Units:
+    """Physical units of the signals, from the units of y, u and the parameters.
+
+    A unit that a parameter does not state is taken from its place: ``k_i`` is 1/s^i whatever the model.
+    """
+
+    def __init__(self, model: Model) -> None:
+        """Label every signal of ``model``."""
+        plant, s = model.plant, Signals.of(model.plant)
+        y, u = parse_unit(model.y_unit), parse_unit(model.u_unit)
+        stated = {item.name: parse_unit(item.unit) for item in model.parameters}
+        rho, n = plant.rho, plant.order
+        per_second = SECOND**-1
+        input_side = [u * SECOND ** (rho - i + 1) for i in range(1, rho + 1)]  # of v_{m,i}, z_i and alpha_{i-1}, i >= 2
+        table: dict[sp.Symbol, Unit] = {item.symbol: stated[item.name] for item in model.parameters}
+        table |= {s.t: SECOND, s.y: y, s.v: u, s.u: u, s.du: u, s.compensator: Unit({})}
+        for block in (s.x, s.xi, s.epsilon, s.r):
+            table |= {symbol: y / SECOND**i for i, symbol in enumerate(block)}
+        table |= {symbol: y / SECOND**i for i, symbol in enumerate(s.y_r)}
+        table |= {symbol: u * SECOND ** (n - i) for i, symbol in enumerate(s.lambda_)}
+        for i, row in enumerate(s.Xi):
+            table |= {entry: y / SECOND**i / stated.get(str(th), Unit({})) for entry, th in zip(row, plant.theta, strict=True)}
+        table |= {symbol: y if i == 0 else input_side[i] for i, symbol in enumerate(s.z)}
+        table |= {symbol: input_side[i + 1] for i, symbol in enumerate(s.alpha)}
+        table |= {symbol: per_second for symbol in (*s.c, *s.ck)}
+        table |= {symbol: per_second if i == 0 else y**2 / input_side[i] ** 2 / SECOND for i, symbol in enumerate(s.e)}
+        table |= {symbol: SECOND**-i for i, symbol in enumerate(s.k, start=1)}
+        self._table = table
+
+    def of(self, symbol: sp.Symbol) -> Unit:
+        """Unit of a signal, gain or parameter.
+
+        Raises:
+            KeyError: for a symbol that is no signal of the design.
+        """
+        return self._table[symbol]
+
+
+def free(expressions: Iterable[sp.Expr]) -> list[sp.Symbol]:
+    """The free symbols of some expressions, in order of their names."""
+    found: set[sp.Symbol] = set().union(*(sp.sympify(item).free_symbols for item in expressions))
+    return sorted(found, key=lambda symbol: symbol.name)
