@@ -1,0 +1,147 @@
+"""What ``model.json`` says of a derivation and its kernels."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib import metadata
+
+import casadi as ca
+import sympy as sp
+
+from derive import Derivation, Equation
+from pmjoint_codegen.emit.table import Kernel, kernel_table, vocabulary
+from pmjoint_codegen.identity import Document, model_hash, structure_hash
+from pmjoint_codegen.manifest import EquationText, Function, Manifest, Parameter, Simulation, Variable
+from pmjoint_codegen.report.notation import latex_expression
+
+
+def tool_versions() -> dict[str, str]:
+    """Versions of everything that shapes generated text."""
+    return {"pmjoint_codegen": metadata.version("pmjoint-codegen"), "sympy": sp.__version__, "casadi": ca.__version__}
+
+
+def describe_functions(derivation: Derivation, functions: Mapping[str, ca.Function]) -> tuple[Function, ...]:
+    """The kernels as records, with their sizes and operation counts."""
+    rows = {kernel.name: kernel for kernel in kernel_table(derivation)}
+    described = {
+        "taylor": ("(11), (14), (23), (29)", "Taylor coefficients of X and v inside one saturation mode"),
+        "plant_taylor": ("(11)", "Taylor coefficients of the plant for held w"),
+    }
+    return tuple(_function(name, function, rows.get(name), described) for name, function in functions.items())
+
+
+def _function(
+    name: str, function: ca.Function, row: Kernel | None, described: Mapping[str, tuple[str, str]]
+) -> Function:
+    equation, about = (row.equation, row.about) if row else described[name]
+    inputs = tuple((label, int(function.nnz_in(i))) for i, label in enumerate(function.name_in()))
+    outputs = tuple((label, int(function.nnz_out(i))) for i, label in enumerate(function.name_out()))
+    moves = (ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST)
+    operations = sum(function.instruction_id(i) not in moves for i in range(function.n_instructions()))
+    return Function(name, inputs, outputs, equation, about, operations)
+
+
+def describe(
+    document: Document, derivation: Derivation, functions: tuple[Function, ...], order: int, files: Mapping[str, str]
+) -> Manifest:
+    """The whole manifest.
+
+    Args:
+        document: the parsed model file.
+        derivation: what was derived from it.
+        functions: the emitted kernels.
+        order: highest Taylor coefficient.
+        files: SHA-256 of the other generated files.
+    """
+    model, plant, words = derivation.model, derivation.plant, vocabulary(derivation)
+    simulation = model.simulation
+    return Manifest(
+        name=model.name,
+        title=model.title,
+        source=model.source,
+        model_hash=model_hash(document),
+        structure_hash=structure_hash(document),
+        versions=tool_versions(),
+        n=plant.order,
+        m=plant.m,
+        rho=plant.rho,
+        p=plant.p,
+        nx=len(words.x),
+        nw=len(words.w),
+        order=order,
+        limit=str(model.limit),
+        leading=str(model.plant.b[0]),
+        disturbance_bound=model.disturbance_bound,
+        states=_states(derivation),
+        blocks=_blocks(derivation),
+        parameters=_parameters(derivation),
+        signals=tuple(_signal(derivation, symbol) for symbol in words.signals),
+        partials=tuple(symbol.name for symbol in words.partials),
+        functions=functions,
+        equations=tuple(_equation(item) for item in derivation.equations.values()),
+        simulation=Simulation(
+            reference=str(model.reference),
+            disturbance=tuple(str(entry) for entry in model.plant.disturbance),
+            x0=simulation.x0,
+            horizon=simulation.horizon,
+            output_step=simulation.output_step,
+            sample_time=simulation.sample_time,
+            compensator=model.gains.compensator,
+        ),
+        files=dict(files),
+    )
+
+
+def _states(derivation: Derivation) -> tuple[Variable, ...]:
+    meanings = {"x": "plant state", "xi": "filter state (14)", "Xi": "filter state (14)", "lambda": "filter state (14)"}
+    words = vocabulary(derivation)
+    return tuple(
+        Variable(
+            symbol.name,
+            str(derivation.units.of(symbol)),
+            meanings.get(symbol.name.rstrip("0123456789"), "compensator state (23)"),
+        )
+        for symbol in (*words.x, *words.s)
+    )
+
+
+def _blocks(derivation: Derivation) -> dict[str, tuple[int, int]]:
+    plant, nx = derivation.plant, len(vocabulary(derivation).x)
+    blocks: dict[str, tuple[int, int]] = {}
+    first = 0
+    sizes = {"x": nx, "xi": plant.order, "Xi": plant.order * plant.p, "lambda": plant.order, "r": plant.rho}
+    for name, size in sizes.items():
+        blocks[name] = (first, first + size)
+        first += size
+    return blocks
+
+
+def _parameters(derivation: Derivation) -> tuple[Parameter, ...]:
+    model, s, units = derivation.model, derivation.signals, derivation.units
+    gains = model.gains
+    abouts = {
+        "c": "damping of backstepping error",
+        "e": "damping against the estimation error, step",
+        "ck": "decay rate of compensator state",
+        "k": "filter gain",
+    }
+    values = {"c": gains.c, "e": gains.e, "ck": gains.ck, "k": gains.k}
+    plant = [Parameter(item.name, item.value, item.unit, item.about, "plant") for item in model.parameters]
+    design = [
+        Parameter(symbol.name, float(value), str(units.of(symbol)), f"{abouts[stem]} {i}", "gain")
+        for stem, symbols in {"c": s.c, "e": s.e, "ck": s.ck, "k": s.k}.items()
+        for i, (symbol, value) in enumerate(zip(symbols, values[stem], strict=True), start=1)
+    ]
+    about = "1: (23) is driven by u - v; 0: r = 0, plain clipping"
+    return (*plant, *design, Parameter(s.compensator.name, float(gains.compensator), "1", about, "switch"))
+
+
+def _signal(derivation: Derivation, symbol: sp.Symbol) -> Variable:
+    item = derivation.equations[symbol.name]
+    return Variable(item.name, str(item.unit) if item.unit else "", item.meaning)
+
+
+def _equation(item: Equation) -> EquationText:
+    unit = str(item.unit) if item.unit else ""
+    text = str(item.expression)
+    return EquationText(item.name, text, latex_expression(item.expression), item.section, item.number, item.meaning, unit)

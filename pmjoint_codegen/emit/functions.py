@@ -1,0 +1,48 @@
+"""The table's rows as CasADi functions, and the two Taylor kernels that the integrator uses."""
+
+from __future__ import annotations
+
+import casadi as ca
+import sympy as sp
+
+from derive import Derivation
+from pmjoint_codegen.emit.table import Block, Kernel, kernel_table
+from pmjoint_codegen.emit.taylor import taylor_function
+from pmjoint_codegen.emit.translate import Translator
+
+
+def build_function(kernel: Kernel, derivation: Derivation) -> ca.Function:
+    """One row of the table as a CasADi function of dense vectors.
+
+    Raises:
+        ModelError: when an output needs a symbol that is neither input nor defined.
+    """
+    arguments = [ca.SX.sym(label, len(symbols)) for label, symbols in kernel.inputs]
+    known = {
+        symbol: argument[i]
+        for (_, symbols), argument in zip(kernel.inputs, arguments, strict=True)
+        for i, symbol in enumerate(symbols)
+    }
+    translate = Translator(kernel.name, known, kernel.given, derivation.equations)
+    results = [_dense([translate(sp.sympify(entry)) for entry in entries]) for _, entries in kernel.outputs]
+    return ca.Function(kernel.name, arguments, ca.cse(results), _labels(kernel.inputs), _labels(kernel.outputs))
+
+
+def build_functions(derivation: Derivation, order: int) -> dict[str, ca.Function]:
+    """Every kernel by name, in the order of the table, then ``taylor`` and ``plant_taylor``."""
+    rows = {kernel.name: kernel for kernel in kernel_table(derivation)}
+    functions = {name: build_function(kernel, derivation) for name, kernel in rows.items()}
+    loop = rows["closed_loop"]
+    v = ("v", (derivation.signals.v,))
+    with_v = Kernel("closed_loop_v", loop.inputs, (*loop.outputs, v), loop.equation, "rates and v", loop.given)
+    functions["taylor"] = taylor_function("taylor", build_function(with_v, derivation), order, state="X")
+    functions["plant_taylor"] = taylor_function("plant_taylor", functions["plant"], order, state="x")
+    return functions
+
+
+def _dense(entries: list[ca.SX]) -> ca.SX:
+    return ca.densify(ca.vertcat(*entries)) if entries else ca.SX(0, 1)
+
+
+def _labels(blocks: tuple[Block, ...]) -> list[str]:
+    return [label for label, _ in blocks]

@@ -1,0 +1,97 @@
+"""The one command that writes ``generated/``: each model's folder, all or nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from pmjoint_codegen.emit.pipeline import Artifacts, generate
+from pmjoint_codegen.emit.staleness import REMEDIES, Comparison, Verdict, compare, read_folder
+from pmjoint_codegen.spec import load_model
+from pmjoint_codegen.storage import recover_folder, replace_folder
+from pmjoint_codegen.workspace import find_model, generated_root, model_folders
+
+
+@dataclass(frozen=True)
+class Report:
+    """What was found, and done, for one model.
+
+    Attributes:
+        name: the model.
+        folder: its folder under ``generated/``.
+        comparison: how the folder stood before anything was written.
+        written: whether it was written.
+    """
+
+    name: str
+    folder: Path
+    comparison: Comparison
+    written: bool
+
+    @property
+    def stale(self) -> bool:
+        """Whether the folder did not hold what it should."""
+        return self.comparison.verdict is not Verdict.CURRENT
+
+    @property
+    def remedy(self) -> str:
+        """The command or act that mends it."""
+        return REMEDIES[self.comparison.verdict].format(name=self.name)
+
+
+def regenerate(
+    models: Sequence[str] = (), *, check: bool = False, notify: Callable[[str], None] | None = None
+) -> list[Report]:
+    """Write the folders of some models, or of all; with ``check`` only say what is stale.
+
+    Args:
+        models: names or paths; none means every model of the first ``models/`` folder in sight, and orphans count.
+        check: write nothing.
+        notify: is told the name of each model as its turn comes.
+
+    Raises:
+        ModelError: for a model that cannot be read or derived.
+        UsageError: for a folder that cannot be written; no folder is then half written.
+    """
+    files = [find_model(model) for model in models] or _all_models()
+    reports = [_one(file, check=check, notify=notify or (lambda _name: None)) for file in files]
+    return reports if models else [*reports, *_orphans(files)]
+
+
+def _all_models() -> list[Path]:
+    folders = model_folders()
+    return sorted(folders[0].glob("[!.]*.toml")) if folders else []
+
+
+def _one(file: Path, *, check: bool, notify: Callable[[str], None]) -> Report:
+    notify(file.stem)
+    artifacts = artifacts_of(file)
+    folder = generated_root(file) / artifacts.manifest.name
+    if not check:
+        recover_folder(folder)
+    comparison = compare(read_folder(folder), artifacts.files, artifacts.manifest)
+    write = comparison.verdict is not Verdict.CURRENT and not check
+    if write:
+        replace_folder(folder, {name: text.encode() for name, text in artifacts.files.items()})
+    return Report(artifacts.manifest.name, folder, comparison, written=write)
+
+
+def artifacts_of(file: Path) -> Artifacts:
+    """Everything that a model file generates, as text.
+
+    Raises:
+        ModelError: for a model that cannot be read or derived.
+    """
+    loaded = load_model(file)
+    return generate(loaded.document, loaded.model)
+
+
+def _orphans(files: Sequence[Path]) -> list[Report]:
+    if not files:
+        return []
+    root = generated_root(files[0])
+    known = {load_model(file).model.name for file in files}
+    folders = sorted(path for path in root.iterdir() if path.is_dir() and path.name[0] != ".") if root.is_dir() else []
+    lost = Comparison(Verdict.ORPHAN, ("no model file has this name",))
+    return [Report(path.name, path, lost, written=False) for path in folders if path.name not in known]

@@ -1,0 +1,136 @@
+"""What stands in ``generated/<name>/`` against what would be written there now, in one verdict.
+
+    current            every byte is what the model and the tools give
+    missing            nothing stands there
+    edited by hand     a file does not match the hash recorded for it, is absent, or is one too many
+    model changed      the model file says something else than the folder was made from
+    generator changed  same model, but the derivation, the emitters or their tools now write something else
+    orphan             the folder has no model file
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+from pmjoint_codegen.errors import StaleError
+from pmjoint_codegen.manifest import FILE_NAME, EquationText, Manifest
+from pmjoint_codegen.storage import sha256
+
+
+class Verdict(StrEnum):
+    """How a generated folder stands to its model."""
+
+    CURRENT = "current"
+    MISSING = "missing"
+    EDITED = "edited by hand"
+    MODEL_CHANGED = "model changed"
+    GENERATOR_CHANGED = "generator changed"
+    ORPHAN = "orphan"
+
+
+REMEDIES: Mapping[Verdict, str] = {
+    Verdict.CURRENT: "",
+    Verdict.MISSING: "pmjoint regenerate {name}",
+    Verdict.EDITED: "edit the model file, not generated/; then pmjoint regenerate {name}",
+    Verdict.MODEL_CHANGED: "pmjoint regenerate {name}",
+    Verdict.GENERATOR_CHANGED: "pmjoint regenerate {name}, and review what changed",
+    Verdict.ORPHAN: "delete the folder, or restore models/{name}.toml",
+}
+
+
+@dataclass(frozen=True)
+class EquationChange:
+    """One named equation that is new, gone or different.
+
+    Attributes:
+        name: left-hand side.
+        before: right-hand side in ``generated/``, None when new.
+        after: right-hand side as derived now, None when gone.
+    """
+
+    name: str
+    before: str | None
+    after: str | None
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A verdict and its reasons.
+
+    Attributes:
+        verdict: how the folder stands.
+        details: one line a reason.
+        changes: what changed, in mathematics.
+    """
+
+    verdict: Verdict
+    details: tuple[str, ...] = ()
+    changes: tuple[EquationChange, ...] = ()
+
+
+def read_folder(folder: Path) -> dict[str, bytes]:
+    """Contents of every file in a folder, by name; empty when there is no folder."""
+    if not folder.is_dir():
+        return {}
+    return {path.name: path.read_bytes() if path.is_file() else b"" for path in sorted(folder.iterdir())}
+
+
+def tampering(files: Mapping[str, bytes]) -> tuple[Manifest | None, list[str]]:
+    """The folder's manifest if it can be trusted, and what does not match the recorded hashes."""
+    if FILE_NAME not in files:
+        return None, [f"{FILE_NAME} is missing"]
+    try:
+        manifest = Manifest.from_json(files[FILE_NAME].decode("utf-8", "replace"), FILE_NAME)
+    except StaleError as error:
+        return None, [f"{error.where} {error.what}"]
+    found = {name: sha256(data) for name, data in files.items() if name != FILE_NAME}
+    lines = [f"{name} is missing" for name in manifest.files if name not in found]
+    lines += [f"{name} does not belong here" for name in found if name not in manifest.files]
+    lines += [f"{name} was edited by hand" for name in found if name in manifest.files and found[name] != manifest.files[name]]
+    return manifest, lines
+
+
+def compare(files: Mapping[str, bytes], fresh: Mapping[str, str], wanted: Manifest) -> Comparison:
+    """Hold a folder against what would be written.
+
+    Args:
+        files: what stands there, from :func:`read_folder`.
+        fresh: what would be written.
+        wanted: the fresh manifest.
+    """
+    if not files:
+        return Comparison(Verdict.MISSING, ("nothing is generated yet",), equation_changes((), wanted.equations))
+    if files == {name: text.encode() for name, text in fresh.items()}:
+        return Comparison(Verdict.CURRENT)
+    recorded, edits = tampering(files)
+    if recorded is None or edits:
+        return Comparison(Verdict.EDITED, tuple(edits))
+    changes = equation_changes(recorded.equations, wanted.equations)
+    if recorded.model_hash != wanted.model_hash:
+        return Comparison(Verdict.MODEL_CHANGED, _value_changes(recorded, wanted), changes)
+    versions = [
+        f"{tool} {recorded.versions.get(tool, 'unknown')} -> {version}"
+        for tool, version in wanted.versions.items()
+        if recorded.versions.get(tool) != version
+    ]
+    differing = [f"{name} would be different" for name, text in fresh.items() if files.get(name) != text.encode()]
+    return Comparison(Verdict.GENERATOR_CHANGED, (*versions, *differing), changes)
+
+
+def equation_changes(before: tuple[EquationText, ...], after: tuple[EquationText, ...]) -> tuple[EquationChange, ...]:
+    """Named equations that are new, gone or different, in the order of the derivation."""
+    old, new = ({item.name: item.text for item in side} for side in (before, after))
+    names = dict.fromkeys((*new, *old))
+    return tuple(EquationChange(name, old.get(name), new.get(name)) for name in names if old.get(name) != new.get(name))
+
+
+def _value_changes(before: Manifest, after: Manifest) -> tuple[str, ...]:
+    old, new = ({item.name: item.value for item in side.parameters} for side in (before, after))
+    names = dict.fromkeys((*new, *old))
+    values = [f"{name}: {old.get(name)} -> {new.get(name)}" for name in names if old.get(name) != new.get(name)]
+    if before.simulation != after.simulation:
+        values.append("the default simulation differs")
+    return tuple(values) or ("the model file says something else",)

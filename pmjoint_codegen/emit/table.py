@@ -1,0 +1,142 @@
+"""The flat table of what is emitted: name, inputs, outputs, equation. A reader can predict ``generated/`` from it.
+
+Blocks (dense vectors): ``p`` parameters, then gains and the compensator's switch; ``X`` plant states, then ``s`` the controller's
+states (xi, Xi row by row, lambda, r); ``y_r`` the reference and its derivatives; ``w`` what the actuator delivers; ``g`` the
+actuator inside one saturation mode, ``w_j = g[2j] + g[2j+1] v``; ``h`` the matrices of the exact zero-order hold.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import sympy as sp
+
+from derive import Derivation, parameter_symbol
+from derive.closed_loop import disturbance_symbols
+from derive.compensator import compensator_matrix
+from derive.filters import filter_matrix
+from derive.sampling import Hold
+from derive.signals import derivative_name, named
+
+Block = tuple[str, tuple[sp.Expr, ...]]
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """One emitted function.
+
+    Attributes:
+        name: name in C.
+        inputs: label and symbols of each argument, in order.
+        outputs: label and expressions of each result, in order.
+        equation: paper numbers.
+        about: one line for the reader.
+        given: definitions that hold in this kernel alone.
+    """
+
+    name: str
+    inputs: tuple[Block, ...]
+    outputs: tuple[Block, ...]
+    equation: str
+    about: str
+    given: Mapping[sp.Symbol, sp.Expr] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Vocabulary:
+    """The blocks of one derivation, as symbols.
+
+    Attributes:
+        p: parameters, gains, switch.
+        x: plant states.
+        s: controller states.
+        w: what the actuator delivers; entry 0 is u.
+        g: offset and slope of each entry of w.
+        h: matrices of the zero-order hold.
+        signals: what the ``signals`` kernel returns.
+        partials: every partial derivative of every virtual control.
+    """
+
+    p: tuple[sp.Symbol, ...]
+    x: tuple[sp.Symbol, ...]
+    s: tuple[sp.Symbol, ...]
+    w: tuple[sp.Symbol, ...]
+    g: tuple[sp.Symbol, ...]
+    h: tuple[sp.Symbol, ...]
+    signals: tuple[sp.Symbol, ...]
+    partials: tuple[sp.Symbol, ...]
+
+
+def vocabulary(derivation: Derivation) -> Vocabulary:
+    """The blocks of a derivation."""
+    s, n = derivation.signals, derivation.plant.order
+    w = (s.u,)
+    g = tuple(parameter_symbol(f"g_{kind}{j}") for j in range(1, len(w) + 1) for kind in ("offset", "slope"))
+    return Vocabulary(
+        p=(*(item.symbol for item in derivation.model.parameters), *s.gains),
+        x=s.x,
+        s=s.controller_state,
+        w=w,
+        g=g,
+        h=Hold.of(s).symbols,
+        signals=(s.y, s.y_r[0], parameter_symbol("e"), *s.z, *s.alpha, s.v, s.u, *named("x_hat", n)),
+        partials=tuple(
+            item.symbol for item in derivation.equations.values() if item.meaning.startswith("partial derivative")
+        ),
+    )
+
+
+def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
+    """Every function of ``kernels.c`` but the two Taylor kernels, which :mod:`pipeline` makes from this table's rows."""
+    s, words = derivation.signals, vocabulary(derivation)
+    t, p, x, state = ("t", (s.t,)), ("p", words.p), ("x", words.x), ("s", words.s)
+    y, y_r, u, v, du = ("y", (s.y,)), ("y_r", s.y_r), ("u", (s.u,)), ("v", (s.v,)), ("du", (s.du,))
+    X, w, g, h = ("X", (*words.x, *words.s)), ("w", words.w), ("g", words.g), ("h", words.h)
+    limit = derivation.model.limit
+    in_mode = {symbol: words.g[2 * j] + words.g[2 * j + 1] * s.v for j, symbol in enumerate(words.w)}
+    limits = (sp.Integer(0), sp.Integer(1), -limit, limit)
+    return (
+        Kernel("reference", (t, p), (y_r,), "", "the reference and its derivatives"),
+        Kernel(
+            "law",
+            (y, state, y_r, p),
+            (("z", s.z), ("alpha", s.alpha), v),
+            "(24), (25), (29)",
+            "errors, virtual controls and the control law",
+        ),
+        Kernel("partials", (y, state, y_r, p), (("dalpha", words.partials),), "(29)", "partial derivatives of alpha"),
+        Kernel("filters", (y, state, u, p), _rates(s.xi, s.Xi, s.lambda_), "(14)", "rates of the K-filters"),
+        Kernel("compensator", (state, du, p), (_rate_block("r", s.r),), "(23)", "rates of the compensator"),
+        Kernel("estimate", (state, p), (("x_hat", named("x_hat", len(s.xi))),), "(15)", "state estimate"),
+        Kernel("disturbance", (t, x, p), (("D", disturbance_symbols(derivation.plant)),), "(37)", "disturbance"),
+        Kernel("plant", (t, x, w, p), (_rate_block("x", words.x),), "(11)", "rates of the plant"),
+        Kernel("actuation", (p,), (("limits", limits),), "(10)", "offset, slope, lower and upper limit of each w"),
+        Kernel(
+            "closed_loop",
+            (t, X, g, p),
+            (_rate_block("X", (*words.x, *words.s)),),
+            "(11), (14), (23), (29)",
+            "rates of the closed loop inside one saturation mode",
+            in_mode,
+        ),
+        Kernel("signals", (t, X, p), (("signals", words.signals),), "", "everything a run reports beside its states"),
+        Kernel("filter_matrix", (p,), (("A0", tuple(filter_matrix(s))),), "(14)", "A0 = A - k e1', row by row"),
+        Kernel("compensator_matrix", (p,), (("Ar", tuple(compensator_matrix(s))),), "(23)", "row by row"),
+        Kernel(
+            "sampled_update",
+            (y, state, u, v, h, p),
+            (("s_next", tuple(parameter_symbol(f"{item.name}_next") for item in words.s)),),
+            "(14), (23)",
+            "the controller's state one sample later",
+        ),
+    )
+
+
+def _rate_block(label: str, states: tuple[sp.Symbol, ...]) -> Block:
+    return f"{label}_dot", tuple(parameter_symbol(derivative_name(state)) for state in states)
+
+
+def _rates(xi: tuple[sp.Symbol, ...], Xi: tuple[tuple[sp.Symbol, ...], ...], lambda_: tuple[sp.Symbol, ...]) -> tuple[Block, ...]:
+    rows = tuple(entry for row in Xi for entry in row)
+    return _rate_block("xi", xi), _rate_block("Xi", rows), _rate_block("lambda", lambda_)

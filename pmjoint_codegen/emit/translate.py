@@ -1,0 +1,141 @@
+"""SymPy to CasADi, one expression graph: equal subexpressions become one node.
+
+A symbol in an expression is an input of the kernel, a name that another equation defines, or an error at specification time.
+Integer powers become products and quotients stay quotients, so that the kernel does what the page says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import casadi as ca
+import sympy as sp
+
+from derive import Equations
+from pmjoint_codegen.errors import ModelError
+
+_FUNCTIONS: Mapping[type, Callable[..., ca.SX]] = {
+    sp.sin: ca.sin,
+    sp.cos: ca.cos,
+    sp.tan: ca.tan,
+    sp.tanh: ca.tanh,
+    sp.exp: ca.exp,
+    sp.log: ca.log,
+    sp.Min: lambda *a: _fold(ca.fmin, a),
+    sp.Max: lambda *a: _fold(ca.fmax, a),
+}
+
+
+def _fold(function: Callable[[ca.SX, ca.SX], ca.SX], arguments: tuple[ca.SX, ...]) -> ca.SX:
+    result = arguments[0]
+    for argument in arguments[1:]:
+        result = function(result, argument)
+    return result
+
+
+class Translator:
+    """Translates expressions of one kernel, following names to their equations.
+
+    Args:
+        kernel: the kernel's name, for messages.
+        inputs: CasADi symbol of each input.
+        given: definitions that hold in this kernel alone and go before the equations.
+        equations: the derivation's named equations.
+    """
+
+    def __init__(
+        self,
+        kernel: str,
+        inputs: Mapping[sp.Symbol, ca.SX],
+        given: Mapping[sp.Symbol, sp.Expr],
+        equations: Equations,
+    ) -> None:
+        """Start with the inputs as the only known nodes."""
+        self._kernel = kernel
+        self._given = given
+        self._equations = equations
+        self._nodes: dict[sp.Basic, ca.SX] = dict(inputs)
+
+    def __call__(self, expression: sp.Expr) -> ca.SX:
+        """The CasADi node of an expression.
+
+        Raises:
+            ModelError: for a symbol that is neither input nor defined, or a function that no kernel can hold.
+        """
+        if expression not in self._nodes:
+            self._nodes[expression] = self._translate(expression)
+        return self._nodes[expression]
+
+    def _translate(self, value: sp.Expr) -> ca.SX:
+        if value.is_Symbol:
+            return self(self._definition(value))
+        if value.is_Rational:
+            return ca.SX(value.p / value.q)  # the nearest double: Python divides integers with correct rounding
+        if value.is_number and (value.is_Float or value.is_NumberSymbol):
+            return ca.SX(float(value))
+        if value.is_Add:
+            return self._sum(value)
+        if value.is_Mul:
+            return self._product(value)
+        if value.is_Pow:
+            return self._power(value.base, value.exp)
+        function = _FUNCTIONS.get(value.func)
+        if function is None:
+            raise ModelError(
+                what=f"no kernel can evaluate {value.func.__name__}(...)",
+                where=f"kernel {self._kernel}",
+                remedy="use + - * / **, sin, cos, tan, exp, log, sqrt, tanh",
+            )
+        return function(*(self(argument) for argument in value.args))
+
+    def _definition(self, symbol: sp.Symbol) -> sp.Expr:
+        if symbol in self._given:
+            return self._given[symbol]
+        if symbol.name in self._equations:
+            return self._equations[symbol.name].expression
+        raise ModelError(
+            what=f"{symbol.name} is neither an input of the kernel nor defined by an equation",
+            where=f"kernel {self._kernel}",
+            remedy="add it to the kernel's inputs or define it",
+        )
+
+    def _sum(self, value: sp.Expr) -> ca.SX:
+        terms = sorted(value.as_ordered_terms(), key=lambda term: term.could_extract_minus_sign())
+        result = self(terms[0])
+        for term in terms[1:]:
+            negative = term.could_extract_minus_sign()
+            result = result - self(-term) if negative else result + self(term)
+        return result
+
+    def _product(self, value: sp.Expr) -> ca.SX:
+        if value.could_extract_minus_sign():
+            return -self(-value)
+        above, below = value.as_numer_denom() if value.is_commutative else (value, sp.S.One)
+        if below != 1:
+            return self(above) / self(below)
+        factors = value.as_ordered_factors()
+        result = self(factors[0])
+        for factor in factors[1:]:
+            result = result * self(factor)
+        return result
+
+    def _power(self, base: sp.Expr, exponent: sp.Expr) -> ca.SX:
+        if exponent.is_Integer:
+            magnitude = self._integer_power(self(base), abs(int(exponent)))
+            return magnitude if exponent > 0 else 1 / magnitude
+        if exponent.is_Rational and exponent.q == 2:
+            root = ca.sqrt(self(base))
+            magnitude = self._integer_power(root, abs(int(exponent.p)))
+            return magnitude if exponent > 0 else 1 / magnitude
+        if base == sp.E:
+            return ca.exp(self(exponent))
+        if exponent.is_number:
+            return self(base) ** float(exponent)
+        return ca.exp(self(exponent) * ca.log(self(base)))
+
+    def _integer_power(self, base: ca.SX, exponent: int) -> ca.SX:
+        """Power by repeated squaring: products only, exact derivatives, no pow() in the C."""
+        if exponent == 1:
+            return base
+        half = self._integer_power(base, exponent // 2)
+        return half * half if exponent % 2 == 0 else half * half * base

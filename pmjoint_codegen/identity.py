@@ -1,0 +1,57 @@
+"""What makes two models the same: hashes over the parsed model file, not over its text.
+
+Comments, layout and ``15`` against ``15.0`` do not matter. Two hashes are kept: the *model* hash covers everything, the
+*structure* hash only what shapes the kernels, so that another value of a parameter or gain reuses compiled code.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from typing import Any
+
+Document = Mapping[str, Any]
+
+
+def _normal(value: Any) -> Any:
+    if isinstance(value, bool) or not isinstance(value, (int, float, Mapping, list, tuple)):
+        return value
+    if isinstance(value, Mapping):
+        return {str(key): _normal(entry) for key, entry in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_normal(entry) for entry in value]
+    return float(value)
+
+
+def canonical_hash(value: Any) -> str:
+    """SHA-256 of the canonical JSON of ``value``: keys sorted, numbers as doubles, no white space."""
+    text = json.dumps(_normal(value), sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def model_hash(document: Document) -> str:
+    """Hash of everything that a model file says."""
+    return canonical_hash(document)
+
+
+def structure(document: Document) -> dict[str, Any]:
+    """The part of a model file that shapes its kernels: expressions, names in their order, and sizes."""
+    plant = dict(document.get("plant", {}))
+    plant.pop("disturbance_bound", None)
+    joint = {key: value for key, value in document.get("joint", {}).items() if key == "keep"}
+    design = document.get("design", {})
+    return {
+        "schema": document.get("schema"),
+        "parameters": list(document.get("parameters", {})),
+        "plant": plant,
+        "joint": [sorted(document.get("joint", {})), joint],
+        "limit": document.get("actuator", {}).get("limit"),
+        "gains": {key: len(value) for key, value in design.items() if isinstance(value, (list, tuple))},
+        "reference": document.get("simulation", {}).get("reference"),
+    }
+
+
+def structure_hash(document: Document) -> str:
+    """Hash of :func:`structure`."""
+    return canonical_hash(structure(document))

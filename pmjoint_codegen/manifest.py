@@ -1,0 +1,260 @@
+"""``model.json``: everything that the runtime knows of a generated model.
+
+The toolchain writes it, the runtime reads it; neither needs the other. All records are frozen; tuples keep the order in which
+the kernels take and give their vectors.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any, Final
+
+from pmjoint_codegen.errors import StaleError
+from pmjoint_codegen.identity import canonical_hash
+
+FILE_NAME: Final = "model.json"
+SCHEMA: Final = 1
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A state or reported signal.
+
+    Attributes:
+        name: column name.
+        unit: physical unit.
+        about: one line for the reader.
+    """
+
+    name: str
+    unit: str
+    about: str
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One entry of the parameter vector p.
+
+    Attributes:
+        name: as on the command line.
+        value: default.
+        unit: physical unit.
+        about: one line for the reader.
+        kind: ``plant``, ``gain`` or ``switch``.
+    """
+
+    name: str
+    value: float
+    unit: str
+    about: str
+    kind: str
+
+
+@dataclass(frozen=True)
+class Function:
+    """One kernel.
+
+    Attributes:
+        name: name in C.
+        inputs: (label, length) of each argument.
+        outputs: (label, length) of each result.
+        equation: paper numbers.
+        about: one line for the reader.
+        operations: number of elementary operations.
+    """
+
+    name: str
+    inputs: tuple[tuple[str, int], ...]
+    outputs: tuple[tuple[str, int], ...]
+    equation: str
+    about: str
+    operations: int
+
+
+@dataclass(frozen=True)
+class EquationText:
+    """One named equation of the symbolic reference.
+
+    Attributes:
+        name: left-hand side.
+        text: right-hand side, in Python's notation.
+        latex: right-hand side in LaTeX.
+        section: chapter of the derivation.
+        number: number in the paper.
+        meaning: one line for the reader.
+        unit: physical unit.
+    """
+
+    name: str
+    text: str
+    latex: str
+    section: str
+    number: str
+    meaning: str
+    unit: str
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """Default run.
+
+    Attributes:
+        reference: y_r as a function of t.
+        disturbance: one expression a state.
+        x0: initial plant states.
+        horizon: s.
+        output_step: s.
+        sample_time: s.
+        compensator: whether (23) is driven.
+    """
+
+    reference: str
+    disturbance: tuple[str, ...]
+    x0: tuple[float, ...]
+    horizon: float
+    output_step: float
+    sample_time: float
+    compensator: bool
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """A generated model.
+
+    Attributes:
+        name: folder under ``generated/``.
+        title: one line for people.
+        source: where model and numbers come from.
+        model_hash: of all that the model file says.
+        structure_hash: of what shapes the kernels.
+        versions: of the tools that shape the text.
+        n: order of the design's plant.
+        m: number of its zeros.
+        rho: relative degree.
+        p: length of theta.
+        nx: states of the simulated plant.
+        nw: entries of w, what the actuator delivers.
+        order: highest Taylor coefficient N.
+        limit: name of the parameter that bounds the actuator.
+        leading: expression of b_m.
+        disturbance_bound: D_max, or None.
+        states: entries of X.
+        blocks: index range of x, xi, Xi, lambda, r in X.
+        parameters: entries of p.
+        signals: entries of the ``signals`` kernel.
+        partials: names of the ``partials`` kernel's entries.
+        functions: all kernels.
+        equations: the symbolic reference.
+        simulation: default run.
+        files: SHA-256 of every other generated file.
+    """
+
+    name: str
+    title: str
+    source: str
+    model_hash: str
+    structure_hash: str
+    versions: Mapping[str, str]
+    n: int
+    m: int
+    rho: int
+    p: int
+    nx: int
+    nw: int
+    order: int
+    limit: str
+    leading: str
+    disturbance_bound: float | None
+    states: tuple[Variable, ...]
+    blocks: Mapping[str, tuple[int, int]]
+    parameters: tuple[Parameter, ...]
+    signals: tuple[Variable, ...]
+    partials: tuple[str, ...]
+    functions: tuple[Function, ...]
+    equations: tuple[EquationText, ...]
+    simulation: Simulation
+    files: Mapping[str, str]
+
+    @property
+    def nX(self) -> int:  # noqa: N802 - X is the closed loop's state, as in the table of kernels
+        """Number of states of the closed loop."""
+        return len(self.states)
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Names in the order of p."""
+        return tuple(item.name for item in self.parameters)
+
+    def function(self, name: str) -> Function:
+        """The kernel of that name.
+
+        Raises:
+            KeyError: when the model has no such kernel.
+        """
+        for item in self.functions:
+            if item.name == name:
+                return item
+        raise KeyError(name)
+
+    def to_json(self) -> str:
+        """The file's text, with a hash over its own contents."""
+        contents = {"schema": SCHEMA, **asdict(self)}
+        return json.dumps({**contents, "contents_hash": canonical_hash(contents)}, indent=1, ensure_ascii=False) + "\n"
+
+    @classmethod
+    def from_json(cls, text: str, where: str) -> Manifest:
+        """Read the file's text.
+
+        Args:
+            text: as :meth:`to_json` wrote it.
+            where: the file's path, for messages.
+
+        Raises:
+            StaleError: for text that is not JSON, has another schema, or was edited by hand.
+        """
+        try:
+            contents = json.loads(text)
+            recorded = contents.pop("contents_hash")
+        except (ValueError, KeyError, AttributeError, TypeError):
+            raise StaleError("is not a generated model", where=where, remedy="run pmjoint regenerate") from None
+        if canonical_hash(contents) != recorded:
+            raise StaleError("was edited by hand", where=where, remedy="run pmjoint regenerate; edit the model file instead")
+        if contents.pop("schema") != SCHEMA:
+            raise StaleError("was written by another version", where=where, remedy="run pmjoint regenerate")
+        return cls._from_contents(contents)
+
+    @classmethod
+    def _from_contents(cls, contents: dict[str, Any]) -> Manifest:
+        records = {"states": Variable, "signals": Variable, "parameters": Parameter, "equations": EquationText}
+        for key, record in records.items():
+            contents[key] = tuple(record(**item) for item in contents[key])
+        contents["functions"] = tuple(_function(item) for item in contents["functions"])
+        contents["blocks"] = {key: tuple(value) for key, value in contents["blocks"].items()}
+        contents["partials"] = tuple(contents["partials"])
+        simulation = contents["simulation"]
+        contents["simulation"] = Simulation(
+            **{**simulation, "x0": tuple(simulation["x0"]), "disturbance": tuple(simulation["disturbance"])}
+        )
+        return cls(**{field.name: contents[field.name] for field in fields(cls)})
+
+    @classmethod
+    def read(cls, folder: Path) -> Manifest:
+        """Read ``model.json`` of a generated folder.
+
+        Raises:
+            StaleError: when it is missing, unreadable or edited by hand.
+        """
+        path = folder / FILE_NAME
+        try:
+            text = path.read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError):
+            raise StaleError("is missing or unreadable", where=str(path), remedy="run pmjoint regenerate") from None
+        return cls.from_json(text, str(path))
+
+
+def _function(item: dict[str, Any]) -> Function:
+    blocks = {key: tuple((str(label), int(size)) for label, size in item[key]) for key in ("inputs", "outputs")}
+    return Function(**{**item, **blocks})

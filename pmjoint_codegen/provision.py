@@ -1,0 +1,127 @@
+"""Which kernels serve a model: the committed ones when they are current, else ones derived into the cache.
+
+The common case touches neither SymPy nor CasADi: two hashes are compared, and ``generated/<name>/`` is used as it stands. A
+model file that says something else than ``generated/`` was made from, or another reference or disturbance on the command
+line, is derived anew; ``generated/`` is never written here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from pmjoint_codegen.errors import MissingToolError, StaleError
+from pmjoint_codegen.identity import canonical_hash, model_hash
+from pmjoint_codegen.manifest import Manifest
+from pmjoint_codegen.spec.reader import read_document
+from pmjoint_codegen.storage import replace_folder, sha256_file
+from pmjoint_codegen.workspace import cache_dir, find_model, generated_root
+
+Notify = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Provided:
+    """Kernels for one model.
+
+    Attributes:
+        manifest: what the kernels are.
+        folder: where ``kernels.c``, ``kernels.h`` and ``kernels.casadi`` stand.
+        committed: whether that is ``generated/<name>/``.
+    """
+
+    manifest: Manifest
+    folder: Path
+    committed: bool
+
+
+def provide(
+    model: str | Path,
+    *,
+    reference: str | None = None,
+    disturbance: Sequence[str] | None = None,
+    environment: Mapping[str, str],
+    notify: Notify,
+) -> Provided:
+    """Find or make the kernels of a model.
+
+    Args:
+        model: name or path.
+        reference: another y_r, a function of t and parameters.
+        disturbance: another disturbance, one expression a state.
+        environment: for the cache folder.
+        notify: is told, in one line, what takes time or what the user should know.
+
+    Raises:
+        ModelError: for a model that cannot be found, read or derived.
+        StaleError: when a committed file was edited by hand.
+        MissingToolError: when something must be derived and the toolchain is not installed.
+    """
+    path = find_model(model)
+    document = read_document(path)
+    if reference is None and disturbance is None:
+        committed = _committed(path, document, notify)
+        if committed is not None:
+            return committed
+    return _derived(path, _changed(document, reference, disturbance), environment, notify)
+
+
+def _committed(path: Path, document: Mapping[str, Any], notify: Notify) -> Provided | None:
+    name = document.get("name")
+    folder = generated_root(path) / str(name)
+    if not isinstance(name, str) or not folder.is_dir():
+        return None
+    manifest = Manifest.read(folder)
+    if manifest.model_hash != model_hash(document):
+        notify(
+            f"{path} says something else than {folder} was made from; deriving it anew into the cache "
+            f"(`pmjoint regenerate {name}` makes it permanent)"
+        )
+        return None
+    for file, recorded in manifest.files.items():
+        if not (folder / file).is_file() or sha256_file(folder / file) != recorded:
+            raise StaleError("was edited by hand or is missing", where=str(folder / file), remedy=f"run pmjoint regenerate {name}")
+    return Provided(manifest, folder, committed=True)
+
+
+def _changed(
+    document: Mapping[str, Any], reference: str | None, disturbance: Sequence[str] | None
+) -> dict[str, Any]:
+    changed = {key: dict(value) if isinstance(value, dict) else value for key, value in document.items()}
+    if reference is not None:
+        changed["simulation"] = {**changed.get("simulation", {}), "reference": reference}
+    if disturbance is not None:
+        changed["plant"] = {**changed.get("plant", {}), "disturbance": list(disturbance)}
+    return changed
+
+
+def _derived(path: Path, document: dict[str, Any], environment: Mapping[str, str], notify: Notify) -> Provided:
+    key = canonical_hash([model_hash(document), _toolchain_key()])
+    folder = cache_dir(environment, notify) / "models" / key[:32]
+    try:
+        return Provided(Manifest.read(folder), folder, committed=False)
+    except StaleError:
+        pass
+    try:
+        from pmjoint_codegen.emit.pipeline import generate
+        from pmjoint_codegen.spec import model_of
+    except ModuleNotFoundError as error:
+        raise MissingToolError(
+            f"{error.name} is needed to derive a changed model",
+            where=str(path),
+            remedy="install it: pip install 'pmjoint-codegen[derive]'",
+        ) from None
+    artifacts = generate(document, model_of(document, str(path)))
+    replace_folder(folder, {name: text.encode() for name, text in artifacts.files.items()})
+    return Provided(artifacts.manifest, folder, committed=False)
+
+
+def _toolchain_key() -> str:
+    """Changes whenever the tools or the sources that shape generated text do."""
+    package = Path(__file__).resolve().parent
+    sources = [*sorted((package.parent / "derive").glob("*.py")), *sorted((package / "emit").glob("*.py"))]
+    versions = [metadata.version(name) for name in ("pmjoint-codegen", "sympy", "casadi")]
+    return canonical_hash([versions, [sha256_file(path) for path in sources]])
