@@ -2,7 +2,7 @@
 
     PmjointError                 where, what and remedy; ``str()`` is one clear line
       UsageError        exit 2   bad option, unknown ``--set`` name, unwritable ``--out``
-      ModelError        exit 2   model file: missing, not UTF-8, unknown key, bad expression, outside the class
+      ModelError        exit 2   model file: missing, not UTF-8, unknown key, bad expression, no such plant
       StaleError        exit 1   ``generated/`` is not what the model says, or was edited by hand
       CheckFailed       exit 1   a check found a difference
       MissingToolError  exit 3   no compiler where one is demanded, or an absent extra; the remedy installs it
@@ -25,12 +25,24 @@ __all__ = [
     "SimulationError",
     "StaleError",
     "UsageError",
+    "quoted",
 ]
+
+_LONGEST_QUOTE = 60  # characters of foreign text that a message repeats
+
+
+def quoted(value: object) -> str:
+    """Show a value of the user's in a message: text in quotes, cut where it is long."""
+    if isinstance(value, int) and not isinstance(value, bool) and value.bit_length() > 200:
+        return "a whole number of more than 60 digits"  # which Python may refuse to print
+    shown = repr(value[: _LONGEST_QUOTE + 1]) if isinstance(value, str) else str(value)
+    return shown if len(shown) <= _LONGEST_QUOTE else shown[: _LONGEST_QUOTE - 4] + " ..."
 
 
 def _one_line(text: str) -> str:
-    """Fold whitespace, so that a message quoting a file or a tool stays one line."""
-    return " ".join(str(text).split())
+    """Fold whitespace and escape what does not print: a message stays one line and steers no terminal."""
+    folded = " ".join(text.split())
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in folded)
 
 
 class PmjointError(Exception):
@@ -77,7 +89,7 @@ class StaleError(PmjointError):
     exit_code = 1
 
 
-class CheckFailed(PmjointError):
+class CheckFailed(PmjointError):  # noqa: N818 - a finding, not a malfunction
     """A check found a difference between generated code and the symbolic reference."""
 
     exit_code = 1

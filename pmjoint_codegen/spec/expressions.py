@@ -1,0 +1,252 @@
+"""Expressions of a model file, from text to SymPy, through a whitelist.
+
+Python's own parser gives the syntax tree; each of its nodes is then built by hand or refused, so nothing is
+ever evaluated as code. Size, depth and powers are bounded *before* SymPy sees them, since ``9**9**9**9`` is a
+short text and an endless number: each constant part must first be finite and real in doubles.
+Decimal literals become exact fractions (0.1 is 1/10), so that identities of the derivation hold exactly.
+"""
+
+from __future__ import annotations
+
+import ast
+import difflib
+import math
+import operator
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import sympy as sp
+
+from pmjoint_codegen.errors import ModelError, quoted
+from pmjoint_codegen.spec.names import FUNCTIONS
+
+_LONGEST = 2000  # characters
+_DEEPEST = 60  # brackets or operators inside each other
+_MOST_NODES = 2000
+_LARGEST_EXPONENT = 64
+_MOST_BITS = 4096  # of an exact number raised to a power
+
+_OPERATORS: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = MappingProxyType(
+    {
+        ast.Add: operator.add,
+        ast.Sub: operator.sub,
+        ast.Mult: operator.mul,
+        ast.Div: operator.truediv,
+        ast.Pow: operator.pow,
+    }
+)
+_RULE = f"allowed: numbers, names, brackets, + - * / ** and {' '.join(FUNCTIONS)}"
+_POWERS = f"allowed: exponents up to {_LARGEST_EXPONENT}"
+
+
+@dataclass(frozen=True)
+class _Term:
+    """A built part of an expression, with its value in double precision where it is constant."""
+
+    expression: sp.Expr
+    value: float | None
+
+
+class _Refused(Exception):  # noqa: N818 - caught in this module, where it reads as a sentence
+    """What is wrong with an expression, and what is allowed instead."""
+
+    def __init__(self, what: str, allowed: str = _RULE) -> None:
+        super().__init__(what)
+        self.what = what
+        self.allowed = allowed
+
+
+def parse(text: str, symbols: Mapping[str, sp.Symbol], where: str) -> sp.Expr:
+    """Turn an expression of a model file into SymPy.
+
+    Args:
+        text: such as ``0.1*sin(x2)*cos(t)``.
+        symbols: name -> symbol, for every name allowed in this place; ``pi`` is always allowed.
+        where: file and key that a message begins with.
+
+    Raises:
+        ModelError: anything that is not on the whitelist, too large, or not finite and real.
+    """
+    try:
+        source = _source(text)
+        return _checked(_build(_tree(source), source, symbols, _DEEPEST).expression)
+    except _Refused as refused:
+        raise ModelError(f"{quoted(text)}: {refused.what}", where=where, remedy=refused.allowed) from None
+
+
+def _source(text: str) -> str:
+    """Refuse by length and by character; give the text on one line."""
+    if len(text) > _LONGEST:
+        raise _Refused(f"has {len(text)} characters", f"allowed: {_LONGEST}")
+    source = " ".join(text.split())
+    if not source:
+        raise _Refused("is empty", 'write "0" for nothing')
+    if "^" in source:
+        raise _Refused("^ is not a power here", "write **")
+    # Python's parser would fold look-alike letters to Latin ones, and silently drop what follows a #.
+    strange = next((c for c in source if c in "#\\" or not (c.isascii() and c.isprintable())), None)
+    if strange is not None:
+        raise _Refused(f"has the character {strange!r} (U+{ord(strange):04X})")
+    return source
+
+
+def _tree(source: str) -> ast.expr:
+    """Parse with Python's grammar, within bounds."""
+    depth = deepest = 0
+    for character in source:  # before the parser, which has its own, ruder, limit
+        depth += (character in "([{") - (character in ")]}")
+        deepest = max(deepest, depth)
+    if deepest > _DEEPEST:
+        raise _too_deep()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # what Python merely finds odd, such as 1if, is an error here
+            tree = ast.parse(source, mode="eval")
+    except SyntaxError as error:
+        near = f" near character {error.offset}" if error.offset else ""
+        raise _Refused(f"is not an expression{near}, or a * is missing") from None
+    except (ValueError, RecursionError, MemoryError):
+        raise _too_deep() from None
+    if sum(1 for _ in ast.walk(tree)) > _MOST_NODES:
+        raise _Refused("has too many terms", "split it into parameters and entries of theta")
+    return tree.body
+
+
+def _too_deep() -> _Refused:
+    return _Refused("is nested too deeply", f"allowed: {_DEEPEST} brackets or operators inside each other")
+
+
+def _build(node: ast.expr, source: str, symbols: Mapping[str, sp.Symbol], depth: int) -> _Term:
+    """Build one node of the syntax tree, or refuse it."""
+    if depth == 0:
+        raise _too_deep()
+
+    def build(part: ast.expr) -> _Term:
+        return _build(part, source, symbols, depth - 1)
+
+    match node:
+        case ast.Constant(value=int() | float() as value) if not isinstance(value, bool):
+            return _literal(source[node.col_offset : node.end_col_offset], value)
+        case ast.Name(id=name):
+            return _name(name, symbols)
+        case ast.UnaryOp(op=ast.USub(), operand=operand):
+            return _apply(operator.neg, operator.neg, build(operand))
+        case ast.UnaryOp(op=ast.UAdd(), operand=operand):
+            return build(operand)
+        case ast.BinOp(left=left, op=ast.Pow(), right=right):
+            return _power(build(left), build(right))
+        case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATORS:
+            combine = _OPERATORS[type(op)]
+            return _apply(combine, combine, build(left), build(right))
+        case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]) if name in FUNCTIONS:
+            return _call(name, build(argument))
+    raise _refused_node(node, source, symbols)
+
+
+def _literal(text: str, value: float) -> _Term:
+    """Read a number exactly as it is written."""
+    if isinstance(value, int):
+        return _Term(sp.Integer(value), _number(float, value))
+    mantissa = text.lower().partition("e")[0]
+    if value == 0:
+        if mantissa.strip("0._"):  # 1e-999 is not zero, but no double is nearer
+            raise _Refused(f"{quoted(text)} is too small for a number")
+        return _Term(sp.Integer(0), 0.0)
+    return _Term(sp.Rational(text.replace("_", "")) if math.isfinite(value) else sp.oo, _number(float, value))
+
+
+def _name(name: str, symbols: Mapping[str, sp.Symbol]) -> _Term:
+    if name in symbols:
+        return _Term(symbols[name], None)
+    if name == "pi":
+        return _Term(sp.pi, math.pi)
+    if name in FUNCTIONS:
+        raise _Refused(f"{name} is a function", f"write {name}(...)")
+    close = difflib.get_close_matches(name, list(symbols), n=1)
+    guess = f"did you mean {close[0]!r}? " if close else ""
+    raise _Refused(f"unknown symbol {quoted(name)}", f"{guess}allowed here: {', '.join((*symbols, 'pi'))}")
+
+
+def _call(name: str, argument: _Term) -> _Term:
+    if name == "exp":
+        _check_exponent(argument.expression)
+    return _apply(getattr(math, name), getattr(sp, name), argument)
+
+
+def _power(base: _Term, exponent: _Term) -> _Term:
+    if exponent.value is not None:
+        _check_growth(base.expression, abs(exponent.value))
+    _check_exponent(exponent.expression)
+    return _apply(operator.pow, operator.pow, base, exponent)
+
+
+def _check_exponent(exponent: sp.Expr) -> None:
+    """Refuse what SymPy would turn into a large power: ``exp(1e8*log(y))`` is y**1e8."""
+    if not exponent.has(sp.log):
+        return
+    for term in sp.Add.make_args(exponent):
+        factor, rest = term.as_coeff_Mul()
+        if rest.has(sp.log):
+            _check_growth(rest, abs(factor))
+
+
+def _check_growth(base: sp.Expr, exponent: float | sp.Number) -> None:
+    """Bound a power before it is taken."""
+    if exponent > _LARGEST_EXPONENT:
+        raise _Refused("has a power that is too large", _POWERS)
+    longest = max((abs(n.p).bit_length() + n.q.bit_length() for n in base.atoms(sp.Rational)), default=0)
+    if longest * exponent > _MOST_BITS:
+        raise _Refused("has a power of too long a number", _POWERS)
+
+
+def _apply(numeric: Callable[..., Any], symbolic: Callable[..., Any], *terms: _Term) -> _Term:
+    """Apply an operation, to the numbers first: they show whether SymPy may be asked at all."""
+    values = [term.value for term in terms]
+    value = None if None in values else _number(numeric, *values)
+    return _Term(symbolic(*(term.expression for term in terms)), value)
+
+
+def _number(numeric: Callable[..., Any], *values: float | None) -> float:
+    try:
+        value = numeric(*values)
+    except (ArithmeticError, ValueError):
+        value = math.nan
+    if not isinstance(value, float) or not math.isfinite(
+        value
+    ):  # complex where a root of a negative number is taken
+        raise _Refused(
+            "has a constant part that is no finite real number", "numbers up to 1.8e308 can be computed with"
+        )
+    return value
+
+
+def _checked(expression: sp.Expr) -> sp.Expr:
+    """Refuse what only the whole shows: a division by y - y, a root of -1 - y**2, powers grown together."""
+    if expression.has(sp.zoo, sp.oo, -sp.oo, sp.nan, sp.I) or expression.is_extended_real is False:
+        raise _Refused("has no finite real value", "check divisions, roots and logarithms")
+    for number in expression.atoms(sp.Rational):
+        _number(operator.truediv, number.p, number.q)
+    if any(abs(power.exp) > _LARGEST_EXPONENT for power in expression.atoms(sp.Pow) if power.exp.is_Rational):
+        raise _Refused("has a power that is too large", _POWERS)
+    return expression
+
+
+def _refused_node(node: ast.expr, source: str, symbols: Mapping[str, sp.Symbol]) -> _Refused:
+    """Name what is not on the whitelist, in the words of whoever wrote it."""
+    match node:
+        case ast.Call(func=ast.Name(id=name)) if name in FUNCTIONS:
+            return _Refused(f"{name} takes one argument", f"write {name}(...)")
+        case ast.Call(func=ast.Name(id=name)) if name in symbols:
+            return _Refused(f"{name} is not a function", f"write {name}*(...) for a product")
+        case ast.Call(func=ast.Name(id=name)):
+            close = difflib.get_close_matches(name, FUNCTIONS, n=1)
+            guess = f"did you mean {close[0]!r}? " if close else ""
+            return _Refused(f"unknown function {quoted(name)}", f"{guess}allowed: {' '.join(FUNCTIONS)}")
+        case ast.Call(func=ast.Constant() | ast.BinOp()):
+            return _Refused(
+                "something stands before a bracket that is not a function", "write * for a product"
+            )
+    return _Refused(f"{quoted(source[node.col_offset : node.end_col_offset])} is not allowed")

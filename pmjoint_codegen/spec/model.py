@@ -1,0 +1,120 @@
+"""From a validated model file to the record that the derivation takes.
+
+Expressions become SymPy over the symbols allowed in their place; numbers are held to the rules of the design
+and of the plant class.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import sympy as sp
+
+from derive import Gains, Model, OutsideClassError, Parameter, Plant, Simulation, parameter_symbol
+from pmjoint_codegen.errors import ModelError
+from pmjoint_codegen.spec.expressions import parse
+from pmjoint_codegen.spec.schema import DesignSpec, ModelSpec, PlantSpec
+from pmjoint_codegen.spec.soundness import check_model
+from pmjoint_codegen.values import COMPENSATOR, check_values, gain_names
+
+Symbols = Mapping[str, sp.Symbol]
+
+
+def to_derive(spec: ModelSpec, where: str = "") -> Model:
+    """Build the record that the derivation takes.
+
+    Args:
+        spec: a validated model file.
+        where: file that a message begins with; by default the model's name.
+
+    Raises:
+        ModelError: a bad expression, a value that breaks a rule of the design, or a plant outside the class.
+    """
+    where = where or f"model {spec.name}"
+    parameters = tuple(
+        Parameter(name, line.value, line.unit, line.about) for name, line in spec.parameters.items()
+    )
+    known = {item.name: item.symbol for item in parameters}
+    _check_values(spec, where)
+    try:
+        model = Model(
+            name=spec.name,
+            title=spec.title,
+            source=spec.source,
+            parameters=parameters,
+            plant=_plant(spec.plant, known, where),
+            limit=known[spec.actuator.limit],
+            reference=parse(spec.simulation.reference, _with(known, "t"), f"{where}: simulation.reference"),
+            gains=_gains(spec.design),
+            simulation=_simulation(spec),
+            disturbance_bound=spec.plant.disturbance_bound,
+            y_unit=spec.units.y,
+            u_unit=spec.units.u,
+        )
+    except OutsideClassError as error:
+        raise ModelError(error.what, where=f"{where}: {error.key}", remedy=error.remedy) from error
+    check_model(model, where)
+    return model
+
+
+def _with(known: Symbols, *names: str) -> Symbols:
+    return {name: parameter_symbol(name) for name in names} | dict(known)
+
+
+def _plant(spec: PlantSpec, known: Symbols, where: str) -> Plant:
+    """Parse the expressions of ``[plant]``, each over what it may depend on (11)."""
+    n = spec.order
+    of_output, of_state = _with(known, "y"), _with(known, "t", *(f"x{i}" for i in range(1, n + 1)))
+
+    def column(key: str, texts: Iterable[str], symbols: Symbols) -> tuple[sp.Expr, ...]:
+        return tuple(
+            parse(text, symbols, f"{where}: plant.{key}, entry {i}") for i, text in enumerate(texts, start=1)
+        )
+
+    return Plant(
+        order=n,
+        phi=column("phi", spec.phi or ("0",) * n, of_output),
+        Phi=tuple(
+            column(f"Phi, entry {i}", row, of_output) for i, row in enumerate(spec.Phi or ((),) * n, start=1)
+        ),
+        theta=column("theta", spec.theta, known),
+        b=column("b", spec.b, known),
+        sigma=parse(spec.sigma, of_output, f"{where}: plant.sigma"),
+        disturbance=column("disturbance", spec.disturbance or ("0",) * n, of_state),
+    )
+
+
+def _gains(spec: DesignSpec) -> Gains:
+    return Gains(c=spec.c, e=spec.e, ck=spec.ck, k=spec.k, compensator=spec.compensator)
+
+
+def _simulation(spec: ModelSpec) -> Simulation:
+    run = spec.simulation
+    return Simulation(
+        x0=run.x0, horizon=run.horizon, output_step=run.output_step, sample_time=run.sample_time
+    )
+
+
+def _check_values(spec: ModelSpec, where: str) -> None:
+    """Hold the file's numbers to the rules that values set for one run obey as well."""
+    design, plant = spec.design, spec.plant
+    values = {name: line.value for name, line in spec.parameters.items()}
+    keys = {name: f"parameters.{name}.value" for name in values} | {
+        "k": "design.k",
+        COMPENSATOR: "design.compensator",
+    }
+    for kind, gains in {"c": design.c, "e": design.e, "ck": design.ck, "k": design.k}.items():
+        names = gain_names((kind,), len(gains))
+        values |= dict(zip(names, gains, strict=True))
+        keys |= {name: f"design.{kind}, entry {i}" for i, name in enumerate(names, start=1)}
+    values[COMPENSATOR] = float(design.compensator)
+    leading = plant.b[0].strip()
+    check_values(
+        values,
+        n=plant.order,
+        rho=len(design.c),
+        limit=spec.actuator.limit,
+        leading=leading if leading in spec.parameters else None,
+        where=where,
+        key=lambda name: keys[name],
+    )

@@ -1,0 +1,98 @@
+"""Which names a parameter may bear, and how a message writes the place of a value in a model file."""
+
+from __future__ import annotations
+
+import keyword
+import re
+from collections.abc import Sequence
+
+from pmjoint_codegen.errors import quoted
+
+FUNCTIONS = ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh")
+CONSTANTS = ("pi",)
+
+_SHAPE = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,39}")
+_WORDS = frozenset(
+    (
+        *FUNCTIONS,
+        *CONSTANTS,
+        "t",
+        "y",
+        "y_r",
+        "u",
+        "v",
+        "w",
+        "e",
+        "h",
+        "g",
+        "p",
+        "s",
+        "du",
+        "compensator",
+        "inf",
+        "nan",
+    )
+)
+_NUMBERED = re.compile(
+    r"(x|x_hat|xi|Xi|lambda|r|z|alpha|epsilon|c|e|ck|k|D)[1-9]\d*"  # states, signals, gains
+    r"|d\d*y_r|dalpha\d+_d\w+|[A-Za-z]+\d+_dot"  # derivatives
+)
+_C_KEYWORDS = frozenset(
+    (
+        "auto",
+        "break",
+        "case",
+        "char",
+        "const",
+        "continue",
+        "default",
+        "do",
+        "double",
+        "else",
+        "enum",
+        "extern",
+        "float",
+        "for",
+        "goto",
+        "if",
+        "inline",
+        "int",
+        "long",
+        "register",
+        "restrict",
+        "return",
+        "short",
+        "signed",
+        "sizeof",
+        "static",
+        "struct",
+        "switch",
+        "typedef",
+        "union",
+        "unsigned",
+        "void",
+        "volatile",
+        "while",
+    )
+)
+
+
+def why_not(name: str) -> str | None:
+    """Say why a parameter cannot be called so, or None if it can."""
+    if not _SHAPE.fullmatch(name):
+        return "is not a name: a letter, then letters, digits or _, 40 at most"
+    if name in _C_KEYWORDS or keyword.iskeyword(name):
+        return "is a word of C or Python"
+    if name in _WORDS or _NUMBERED.fullmatch(name):
+        return "already names a signal, gain, state or function"
+    return None
+
+
+def key_path(path: Sequence[int | str]) -> str:
+    """Write the place of a value as a reader counts: ``plant.phi, entry 2``."""
+    keys = ".".join(part if _is_bare(part) else quoted(part) for part in path if isinstance(part, str))
+    return keys + "".join(f", entry {part + 1}" for part in path if isinstance(part, int))
+
+
+def _is_bare(key: str) -> bool:
+    return re.fullmatch(r"[A-Za-z0-9_-]{1,60}", key) is not None

@@ -1,0 +1,82 @@
+"""What the plant class demands of a model's numbers: finite, b_m and sigma not zero, stable zero dynamics.
+
+Checked at the file's parameter values and initial state; `pmjoint_codegen.values` checks gains and limits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import sympy as sp
+
+from derive import Model, Plant, parameter_symbol
+from pmjoint_codegen.errors import ModelError, quoted
+from pmjoint_codegen.spec.points import NotFiniteError, Point, value_at
+from pmjoint_codegen.values import is_hurwitz, roots_text
+
+
+def check_model(model: Model, where: str) -> None:
+    """Check a model where it starts.
+
+    Args:
+        model: what the derivation would take.
+        where: file that a message begins with.
+
+    Raises:
+        ModelError: an expression without finite value, ``b_m = 0``, ``sigma = 0``, unstable zero dynamics.
+    """
+    values = {item.symbol: item.value for item in model.parameters}
+    start = values | _initial_point(model)
+    for key, expression in _entries(model.plant):
+        _finite(expression, start, f"{where}: {key}")
+    _finite(model.reference, start, f"{where}: simulation.reference")
+    _check_input([value_at(entry, values) for entry in model.plant.b], f"{where}: plant.b")
+    if value_at(model.plant.sigma, start) == 0:
+        raise ModelError(
+            "sigma is 0 at the initial state, so no input acts there",
+            where=f"{where}: plant.sigma",
+            remedy="allowed: a function of y that is never 0",
+        )
+
+
+def _initial_point(model: Model) -> dict[sp.Symbol, float]:
+    """Where a run starts: t = 0, x = x0, y = x1."""
+    x0 = model.simulation.x0
+    states = {parameter_symbol(f"x{i}"): value for i, value in enumerate(x0, start=1)}
+    return states | {parameter_symbol("y"): x0[0], parameter_symbol("t"): 0.0}
+
+
+def _entries(plant: Plant) -> Iterable[tuple[str, sp.Expr]]:
+    """Every expression of a plant with the key it stands at."""
+    columns = {"phi": plant.phi, "theta": plant.theta, "b": plant.b, "disturbance": plant.disturbance}
+    columns |= {f"Phi, entry {i}": row for i, row in enumerate(plant.Phi, start=1)}
+    for key, column in columns.items():
+        yield from ((f"plant.{key}, entry {i}", entry) for i, entry in enumerate(column, start=1))
+    yield "plant.sigma", plant.sigma
+
+
+def _finite(expression: sp.Expr, point: Point, where: str) -> None:
+    try:
+        value_at(expression, point)
+    except NotFiniteError:
+        raise ModelError(
+            f"{quoted(str(expression))} has no finite real value at the given parameters, t = 0 and x = x0",
+            where=where,
+            remedy="check divisions, roots and logarithms",
+        ) from None
+
+
+def _check_input(b: list[float], where: str) -> None:
+    """Check the input polynomial ``b_m s^m + ... + b_0``."""
+    if b[0] == 0:
+        raise ModelError(
+            "b_m is 0 at the given parameters, so no input acts",
+            where=f"{where}, entry 1",
+            remedy="allowed: a value other than 0; without that entry, the relative degree is higher by 1",
+        )
+    if not is_hurwitz(b):
+        raise ModelError(
+            f"the zero dynamics are unstable: b_m s^m + ... + b_0 has the roots {roots_text(b)}",
+            where=where,
+            remedy="allowed: roots with negative real parts only",
+        )

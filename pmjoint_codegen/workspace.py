@@ -1,0 +1,152 @@
+"""Where things are: model files, generated folders, the cache. Nothing here reads or writes a model.
+
+A model is named (``paper``) or given as a path (``my/joint.toml``). Names are looked for in ``models/`` under
+the current directory, then in ``models/`` of the checkout that the package is imported from, then among the
+models that the installed package carries.
+"""
+
+from __future__ import annotations
+
+import difflib
+import os
+import stat
+import tempfile
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+
+from pmjoint_codegen.errors import ModelError, quoted
+
+MODELS = "models"
+GENERATED = "generated"
+
+
+def find_model(model: str | os.PathLike[str], *, cwd: Path | None = None) -> Path:
+    """Find a model's TOML file.
+
+    Args:
+        model: a name such as ``paper``, or a path: what ends in ``.toml`` or holds a separator.
+        cwd: directory that relative paths start from; by default the current one, with relative results.
+
+    Raises:
+        ModelError: there is no such file; the message names the models that exist and the closest one.
+    """
+    here = cwd or Path()
+    text = os.fspath(model)
+    if _is_path(text):
+        return _existing(here / text, here)
+    for folder in model_folders(here):
+        if os.path.isfile(
+            file := folder / f"{text}.toml"
+        ):  # unlike Path.is_file, False for an impossible name
+            return file
+    raise ModelError(f"no model is called {quoted(text)}", remedy=_advice(text, known_models(here), here))
+
+
+def known_models(cwd: Path | None = None) -> tuple[str, ...]:
+    """Names of all models that can be named from here, in alphabetical order."""
+    return tuple(sorted({file.stem for folder in model_folders(cwd) for file in folder.glob("[!.]*.toml")}))
+
+
+def model_folders(cwd: Path | None = None) -> tuple[Path, ...]:
+    """Folders in which a model's name is looked for, first one first; only those that exist."""
+    package = Path(__file__).resolve().parent
+    checkout = package.parent
+    candidates = [(cwd or Path()) / MODELS]
+    if (checkout / "pyproject.toml").is_file():  # without it, the parent is somebody's site-packages
+        candidates.append(checkout / MODELS)
+    candidates.append(package / "_data" / MODELS)
+    found: dict[Path, Path] = {}
+    for folder in candidates:
+        if folder.is_dir():
+            found.setdefault(folder.resolve(), folder)
+    return tuple(found.values())
+
+
+def generated_root(model_file: Path) -> Path:
+    """Folder that holds ``<name>/`` for this model: beside its ``models/`` folder, else beside the file."""
+    folder = model_file.parent
+    if folder.name != MODELS:
+        folder = folder.absolute()  # the current directory may itself be a models/ folder
+    return (folder.parent if folder.name == MODELS else folder) / GENERATED
+
+
+def cache_dir(env: Mapping[str, str], notify: Callable[[str], None] | None = None) -> Path:
+    """Folder for compiled kernels and derived models, made if need be.
+
+    ``$PMJOINT_CACHE``, else ``$XDG_CACHE_HOME/pmjoint``, else ``~/.cache/pmjoint``; where that is unusable, a
+    folder under the system's temporary one that belongs to this user alone, and `notify` is told in one line.
+    """
+    wanted = _wanted_cache(env)
+    if wanted is not None and _usable(wanted):
+        return wanted
+    private = _private_temporary()
+    if notify is not None:
+        reason = f"{wanted} cannot be written" if wanted else "no home folder is known"
+        notify(f"cache: {reason}; using {private} (set PMJOINT_CACHE to a folder of your own)")
+    return private
+
+
+def _is_path(text: str) -> bool:
+    separators = [os.sep, *([os.altsep] if os.altsep else [])]
+    return text.endswith(".toml") or any(mark in text for mark in separators)
+
+
+def _existing(file: Path, here: Path) -> Path:
+    """Give the file back if it is there; otherwise say what stands beside it."""
+    if os.path.isfile(file):
+        return file
+    if os.path.isdir(file):
+        raise ModelError("is a folder, not a model file", where=str(file), remedy=_known(here))
+    beside = sorted(str(other) for other in file.parent.glob("*.toml")) if os.path.isdir(file.parent) else []
+    raise ModelError("no such model file", where=_shown(file), remedy=_advice(str(file), beside, here))
+
+
+def _shown(path: Path) -> str:
+    """Show a path in a message, its middle cut out where it is very long."""
+    text = str(path)
+    return text if len(text) <= 300 else f"{text[:150]}...{text[-100:]}"
+
+
+def _advice(asked: str, names: Iterable[str], here: Path) -> str:
+    close = difflib.get_close_matches(asked[:300], list(names), n=1)
+    return f"did you mean {close[0]!r}? {_known(here)}" if close else _known(here)
+
+
+def _known(here: Path) -> str:
+    names = ", ".join(known_models(here))
+    return (
+        f"known models: {names}, or give the path of a .toml file"
+        if names
+        else "give the path of a .toml file"
+    )
+
+
+def _wanted_cache(env: Mapping[str, str]) -> Path | None:
+    if named := env.get("PMJOINT_CACHE"):
+        return Path(named).absolute()
+    xdg = env.get("XDG_CACHE_HOME", "")
+    if os.path.isabs(xdg):  # the XDG specification: a relative path is to be ignored
+        return Path(xdg) / "pmjoint"
+    home = env.get("HOME", "")
+    return Path(home) / ".cache" / "pmjoint" if os.path.isabs(home) else None
+
+
+def _usable(folder: Path) -> bool:
+    """Make the folder; say whether files can be made in it."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError):
+        return False
+    return os.access(folder, os.W_OK | os.X_OK)
+
+
+def _private_temporary() -> Path:
+    """Give a temporary folder of this user's alone; libraries are loaded from it, so nobody else may write."""
+    folder = Path(tempfile.gettempdir()) / f"pmjoint-{os.getuid()}"
+    try:
+        folder.mkdir(mode=0o700, exist_ok=True)
+        found = folder.lstat()
+    except OSError:
+        return Path(tempfile.mkdtemp(prefix="pmjoint-"))
+    ours = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o077
+    return folder if ours and _usable(folder) else Path(tempfile.mkdtemp(prefix="pmjoint-"))
