@@ -1,12 +1,15 @@
 """Backstepping with saturation compensator (24)-(29), for general relative degree.
 
-Only three things are stated here: the errors z_i (24), the error dynamics that the design asks for, and the output's rate
-as the filters know it (21). Every virtual control alpha_i, every partial derivative and the law v follow by solving
+Only three things are stated here: the errors z_i (24), the error dynamics that the design asks for, and the
+output's rate as the filters know it (21). Every virtual control alpha_i, every partial derivative and the law
+v follow by solving
 
-    z_i' = -(c_i + e_i s_i^2) z_i - s_i epsilon_2 - g_i + (coupling to z_{i+1}),      s_1 = -1,  s_i = d alpha_{i-1} / dy,
+    z_i' = -(c_i + e_i s_i^2) z_i - s_i epsilon_2 - g_i + (coupling to z_{i+1}),      s_1 = -1,  s_i = d
+    alpha_{i-1} / dy,
 
-for the one unknown in it. With ``g_2 = b_m z_1`` and ``g_i = z_{i-1}`` the couplings cancel in the sum of squares, which is what the
-certificate (19)-(35) rests on. The unknown error epsilon_2 and the input u drop out of the solutions; both are checked.
+for the one unknown in it. With ``g_2 = b_m z_1`` and ``g_i = z_{i-1}`` the couplings cancel in the sum of
+squares, which is what the certificate (19)-(35) rests on. The unknown error epsilon_2 and the input u drop
+out of the solutions; both are checked.
 """
 
 from __future__ import annotations
@@ -18,8 +21,8 @@ import sympy as sp
 from derive.compensator import compensator_rates
 from derive.equation import Equation
 from derive.filters import estimate, filter_rates, input_filter_rates, input_filters
-from derive.model import Plant
-from derive.signals import Signals, Units, free, parameter_symbol, partial_name
+from derive.model import Plant, parameter_symbol
+from derive.signals import Signals, Units, free, partial_name
 from derive.units import SECOND
 
 SECTION = "Backstepping"
@@ -92,11 +95,15 @@ def error_definition(step: Step, i: int) -> sp.Expr:
 
 def sensitivity(step: Step, i: int) -> sp.Expr:
     """``s_i``: how the estimation error epsilon_2 enters z_i', with its sign turned."""
-    return sp.Integer(-1) if i == 1 else parameter_symbol(partial_name(step.signals.alpha[i - 2], step.signals.y))
+    return (
+        sp.Integer(-1)
+        if i == 1
+        else parameter_symbol(partial_name(step.signals.alpha[i - 2], step.signals.y))
+    )
 
 
 def wanted_rate(step: Step, i: int) -> sp.Expr:
-    """The error dynamics that step i asks for: damping, the estimation error, and couplings that cancel in the sum."""
+    """The error dynamics that step i asks for: damping, epsilon_2, and couplings that cancel in the sum."""
     s, s_i = step.signals, sensitivity(step, i)
     rate = -(s.c[i - 1] + s.e[i - 1] * s_i**2) * s.z[i - 1] - s_i * step.epsilon_2
     if i < step.plant.rho:
@@ -124,7 +131,9 @@ def actual_rate(step: Step, i: int, alpha_rate: sp.Expr) -> sp.Expr:
         rate -= (s.y_r[i] + step.rates[s.r[i - 1]]) / step.b_m
     if i == rho:
         return rate.xreplace({s.du: s.u - s.v})
-    following = s.z[i] + s.alpha[i - 1] + (s.y_r[i] + s.r[i]) / step.b_m  # z_{i+1} of (24), solved for v_{m,i+1}
+    following = (
+        s.z[i] + s.alpha[i - 1] + (s.y_r[i] + s.r[i]) / step.b_m
+    )  # z_{i+1} of (24), solved for v_{m,i+1}
     return rate.xreplace({step.v_m[i]: following})
 
 
@@ -132,7 +141,8 @@ def solve_step(step: Step, i: int, alpha_rate: sp.Expr, partials: list[sp.Symbol
     """The virtual control alpha_i (25), or v (29) at the last step.
 
     Raises:
-        ArithmeticError: when the solution would need u or an estimation error, that is, when the derivation is wrong.
+        ArithmeticError: when the solution would need u or an estimation error, that is, when the derivation
+            is wrong.
     """
     s = step.signals
     unknown = s.v if i == step.plant.rho else s.alpha[i - 1]
@@ -157,7 +167,7 @@ def nonzero_partials(step: Step, alpha: sp.Expr) -> dict[sp.Symbol, sp.Expr]:
 
 
 def tidy(value: sp.Expr) -> sp.Expr:
-    """A short form of a partial derivative; large ones are left alone, since shortening them costs more than it gives."""
+    """A short form of a partial derivative; shortening a large one costs more than it gives."""
     return sp.factor_terms(sp.expand(value)) if sp.count_ops(value) < 400 else value
 
 
@@ -168,7 +178,14 @@ def backstep(plant: Plant, signals: Signals, units: Units) -> list[Equation]:
     primitive = {item.symbol: item.expression for item in equations}
     partials: dict[sp.Symbol, sp.Symbol] = {}
     for i in range(1, plant.rho + 1):
-        z_i = Equation(signals.z[i - 1], error_definition(step, i), SECTION, "(24)", f"error {i}", units.of(signals.z[i - 1]))
+        z_i = Equation(
+            signals.z[i - 1],
+            error_definition(step, i),
+            SECTION,
+            "(24)",
+            f"error {i}",
+            units.of(signals.z[i - 1]),
+        )
         primitive[z_i.symbol] = z_i.expression.xreplace(primitive)
         law = solve_step(step, i, total_rate(step, partials), list(partials.values()))
         equations.append(z_i)
@@ -195,11 +212,15 @@ def filtered_input_equations(step: Step, units: Units) -> list[Equation]:
     unit = units.of(s.u)
     return [
         Equation(
-            step.v_m[i], sp.expand(expressions[i]), SECTION, "(14)", f"entry {i + 1} of A0^{plant.m} lambda",
+            step.v_m[i],
+            sp.expand(expressions[i]),
+            SECTION,
+            "(14)",
+            f"entry {i + 1} of A0^{plant.m} lambda",
             unit * SECOND ** (plant.rho - i),
         )
         for i in range(min(plant.rho + 1, plant.order))
-    ]  # fmt: skip
+    ]
 
 
 def omega_equation(step: Step, units: Units) -> Equation:
@@ -214,7 +235,14 @@ def partial_equations(
 ) -> list[Equation]:
     """Partial derivatives of one virtual control as named equations."""
     return [
-        Equation(name, values[by], SECTION, "(29)", f"partial derivative of {alpha} by {by}", units.of(alpha) / units.of(by))
+        Equation(
+            name,
+            values[by],
+            SECTION,
+            "(29)",
+            f"partial derivative of {alpha} by {by}",
+            units.of(alpha) / units.of(by),
+        )
         for by, name in names.items()
     ]
 
@@ -224,8 +252,12 @@ def error_rate_equations(plant: Plant, signals: Signals, units: Units) -> list[E
     step = prepare(plant, signals)
     return [
         Equation(
-            parameter_symbol(f"{symbol.name}_dot"), wanted_rate(step, i), "Certificate", "(27)" if i == 1 else "(28)",
-            f"rate of error {i} under the law, whatever u is", units.of(symbol) / SECOND,
+            parameter_symbol(f"{symbol.name}_dot"),
+            wanted_rate(step, i),
+            "Certificate",
+            "(27)" if i == 1 else "(28)",
+            f"rate of error {i} under the law, whatever u is",
+            units.of(symbol) / SECOND,
         )
         for i, symbol in enumerate(signals.z, start=1)
-    ]  # fmt: skip
+    ]

@@ -6,8 +6,8 @@ import sympy as sp
 
 from derive.equation import Equation
 from derive.filters import shift_matrix
-from derive.model import Model, Plant
-from derive.signals import Signals, Units, derivative_name, parameter_symbol
+from derive.model import Model, Plant, parameter_symbol
+from derive.signals import Signals, Units, derivative_name
 from derive.units import SECOND
 
 
@@ -34,12 +34,19 @@ def plant_equations(plant: Plant, signals: Signals, units: Units) -> list[Equati
     """Output, disturbance and state equations of the simulated plant."""
     output = Equation(signals.y, signals.x[0], "Plant", "(7)", "measured output", units.of(signals.y))
     disturbances = [
-        Equation(symbol, value, "Plant", "(37)", "disturbance, unknown to the controller", units.of(state) / SECOND)
+        Equation(
+            symbol, value, "Plant", "(37)", "disturbance, unknown to the controller", units.of(state) / SECOND
+        )
         for symbol, value, state in zip(disturbance_symbols(plant), plant.disturbance, signals.x, strict=True)
     ]
     rates = [
         Equation(
-            parameter_symbol(derivative_name(state)), rate, "Plant", "(11)", f"rate of {state}", units.of(state) / SECOND
+            parameter_symbol(derivative_name(state)),
+            rate,
+            "Plant",
+            "(11)",
+            f"rate of {state}",
+            units.of(state) / SECOND,
         )
         for state, rate in plant_rates(plant, signals).items()
     ]
@@ -50,7 +57,9 @@ def reference_equations(model: Model, signals: Signals, units: Units) -> list[Eq
     """The reference and its derivatives up to order rho."""
     meanings = ["reference", *(f"derivative {i} of the reference" for i in range(1, len(signals.y_r)))]
     return [
-        Equation(symbol, sp.diff(model.reference, signals.t, i), "Reference", "", meanings[i], units.of(symbol))
+        Equation(
+            symbol, sp.diff(model.reference, signals.t, i), "Reference", "", meanings[i], units.of(symbol)
+        )
         for i, symbol in enumerate(signals.y_r)
     ]
 
@@ -65,10 +74,22 @@ def error_equations(signals: Signals, units: Units) -> list[Equation]:
     """Tracking error and estimation errors (17)."""
     y_unit = units.of(signals.y)
     tracking = Equation(
-        parameter_symbol("e"), signals.y - signals.y_r[0], "Closed loop", "", "tracking error, e = z1 + r1", y_unit
+        parameter_symbol("e"),
+        signals.y - signals.y_r[0],
+        "Closed loop",
+        "",
+        "tracking error, e = z1 + r1",
+        y_unit,
     )
     estimation = [
-        Equation(symbol, state - parameter_symbol(f"x_hat{i}"), "Estimate", "(17)", f"estimation error of x{i}", units.of(symbol))
+        Equation(
+            symbol,
+            state - parameter_symbol(f"x_hat{i}"),
+            "Estimate",
+            "(17)",
+            f"estimation error of x{i}",
+            units.of(symbol),
+        )
         for i, (symbol, state) in enumerate(zip(signals.epsilon, signals.x, strict=True), start=1)
     ]
     return [tracking, *estimation]

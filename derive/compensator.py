@@ -1,7 +1,8 @@
 """The auxiliary system (23) that carries what saturation takes away, ``du = u - v``.
 
-``r_i' = r_{i+1} - ck_i r_i`` for i < rho and ``r_rho' = -ck_rho r_rho + b_m sigma(y) du``. It needs the *applied* input: measured on a rig,
-sat(v) in simulation. Without it (r = 0 for all time) the same law is plainly clipped.
+``r_i' = r_{i+1} - ck_i r_i`` for i < rho and ``r_rho' = -ck_rho r_rho + b_m sigma(y) du``. It needs the
+*applied* input: measured on a rig, sat(v) in simulation. Without it (r = 0 for all time) the same law is
+plainly clipped.
 """
 
 from __future__ import annotations
@@ -9,8 +10,8 @@ from __future__ import annotations
 import sympy as sp
 
 from derive.equation import Equation
-from derive.model import Plant
-from derive.signals import Signals, Units, derivative_name, parameter_symbol
+from derive.model import Plant, parameter_symbol
+from derive.signals import Signals, Units, derivative_name
 from derive.units import SECOND
 
 SECTION = "Compensator"

@@ -1,7 +1,7 @@
 """Names for composite constants, so that long physical coefficients are computed and printed once.
 
-``b = ["2*k_u*r*(C1*eps0**2 + C2*eps0 + C3)/J"]`` becomes the named constant ``b_0`` of the design; a coefficient that already is a
-parameter or a number keeps its own name.
+``b = ["2*k_u*r*(C1*eps0**2 + C2*eps0 + C3)/J"]`` becomes the named constant ``b_0`` of the design; a
+coefficient that already is a parameter or a number keeps its own name.
 """
 
 from __future__ import annotations
@@ -11,8 +11,7 @@ from dataclasses import dataclass, replace
 import sympy as sp
 
 from derive.equation import Equation
-from derive.model import Plant
-from derive.signals import parameter_symbol
+from derive.model import Plant, parameter_symbol
 
 SECTION = "Plant"
 
@@ -31,7 +30,7 @@ class NamedPlant:
 
 
 def name_constants(plant: Plant) -> NamedPlant:
-    """Give names ``b_m ... b_0`` and ``theta_1 ... theta_p`` to coefficients that are more than a parameter."""
+    """Give names ``b_m ... b_0``, ``theta_1 ... theta_p`` to coefficients that are more than a parameter."""
     equations: list[Equation] = []
 
     def name(value: sp.Expr, stem: str, meaning: str) -> sp.Expr:
@@ -42,5 +41,7 @@ def name_constants(plant: Plant) -> NamedPlant:
         return symbol
 
     b = tuple(name(value, f"b_{plant.m - i}", "input coefficient") for i, value in enumerate(plant.b))
-    theta = tuple(name(value, f"theta_{i}", "known coefficient") for i, value in enumerate(plant.theta, start=1))
+    theta = tuple(
+        name(value, f"theta_{i}", "known coefficient") for i, value in enumerate(plant.theta, start=1)
+    )
     return NamedPlant(replace(plant, b=b, theta=theta), tuple(equations))

@@ -49,13 +49,15 @@ class Derivation:
     equations: Equations
 
     def expanded(self, name: str) -> sp.Expr:
-        """An equation's right-hand side in signals and parameters only, no other names.
+        """An equation's right-hand side in y, u, states, the reference, epsilon and parameters only.
 
         Raises:
             KeyError: when no equation has that name.
         """
         s = self.signals
-        return self.equations.expand(self.equations[name].expression, keep=frozenset({s.y, s.u, *s.y_r}))
+        return self.equations.expand(
+            self.equations[name].expression, keep=frozenset({s.y, s.u, *s.y_r, *s.epsilon})
+        )
 
 
 def derive(model: Model) -> Derivation:

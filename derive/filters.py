@@ -1,7 +1,8 @@
 """K-filters (14)-(18): estimates of the unmeasured states from y and the applied input.
 
-``xi' = A0 xi + k y + phi(y)``, ``Xi' = A0 Xi + Phi(y)``, ``lambda' = A0 lambda + e_n sigma(y) u`` and ``v_j = A0^j lambda``. The
-estimate ``x_hat = xi + Xi theta + sum_j b_j v_j`` errs by epsilon with ``epsilon' = A0 epsilon + D``, whatever u is.
+``xi' = A0 xi + k y + phi(y)``, ``Xi' = A0 Xi + Phi(y)``, ``lambda' = A0 lambda + e_n sigma(y) u`` and ``v_j =
+A0^j lambda``. The estimate ``x_hat = xi + Xi theta + sum_j b_j v_j`` errs by epsilon with ``epsilon' = A0
+epsilon + D``, whatever u is.
 """
 
 from __future__ import annotations
@@ -9,8 +10,8 @@ from __future__ import annotations
 import sympy as sp
 
 from derive.equation import Equation
-from derive.model import Plant
-from derive.signals import Signals, Units, derivative_name, parameter_symbol
+from derive.model import Plant, parameter_symbol
+from derive.signals import Signals, Units, derivative_name
 from derive.units import SECOND
 
 SECTION = "Filters"
@@ -42,7 +43,9 @@ def input_filter_rates(plant: Plant, signals: Signals, j: int, v_j: sp.Matrix) -
 
 def estimate(plant: Plant, signals: Signals) -> sp.ImmutableMatrix:
     """``x_hat = xi + Xi theta + sum_j b_j v_j`` (15), a column of length n."""
-    regressor = sp.Matrix(plant.order, plant.p, lambda i, j: signals.Xi[i][j]) * sp.Matrix(plant.p, 1, plant.theta)
+    regressor = sp.Matrix(plant.order, plant.p, lambda i, j: signals.Xi[i][j]) * sp.Matrix(
+        plant.p, 1, plant.theta
+    )
     driven = sp.zeros(plant.order, 1)
     for j in range(plant.m + 1):
         driven += plant.b[plant.m - j] * input_filters(signals, j)
@@ -63,7 +66,11 @@ def filter_rates(plant: Plant, signals: Signals) -> dict[sp.Symbol, sp.Expr]:
 
 def filter_equations(plant: Plant, signals: Signals, units: Units) -> list[Equation]:
     """The filters (14), the estimate (15) and the matrix A0 as named equations."""
-    meanings = {"xi": "filter driven by y", "Xi": "filter driven by Phi(y)", "lambda": "filter driven by the applied input"}
+    meanings = {
+        "xi": "filter driven by y",
+        "Xi": "filter driven by Phi(y)",
+        "lambda": "filter driven by the applied input",
+    }
     rates = [
         Equation(
             symbol=parameter_symbol(derivative_name(state)),

@@ -1,7 +1,8 @@
 """What a derivation starts from: a plant of the output-feedback class, the gains and the run to simulate.
 
-The class is (11) for general order: ``x' = A x + phi(y) + Phi(y) theta + b sigma(y) u + D(x, t)``, ``y = x1``, with ``A`` the
-upper shift matrix. Members are checked when they are made; what lies outside the class is refused with the reason.
+The class is (11) for general order: ``x' = A x + phi(y) + Phi(y) theta + b sigma(y) u + D(x, t)``, ``y =
+x1``, with ``A`` the upper shift matrix. Members are checked when they are made; what lies outside the class
+is refused with the reason.
 """
 
 from __future__ import annotations
@@ -81,16 +82,21 @@ class Plant:
         """Refuse what the class does not hold.
 
         Raises:
-            OutsideClassError: lengths that disagree, ``b_m = 0``, ``sigma = 0``, or an expression of a signal that the
+            OutsideClassError: lengths that disagree, ``b_m = 0``, ``sigma = 0``, or an expression of a signal
+                that the
                 controller cannot know.
         """
         self._check_lengths()
         if sp.simplify(self.b[0]) == 0:
             raise OutsideClassError(
-                "plant.b", "the leading coefficient b_m is zero", "drop it: the relative degree is then one higher"
+                "plant.b",
+                "the leading coefficient b_m is zero",
+                "drop it: the relative degree is then one higher",
             )
         if sp.simplify(self.sigma) == 0:
-            raise OutsideClassError("plant.sigma", "sigma is zero, so no input acts", "give a sigma that never vanishes")
+            raise OutsideClassError(
+                "plant.sigma", "sigma is zero, so no input acts", "give a sigma that never vanishes"
+            )
         self._check_symbols()
 
     def _check_lengths(self) -> None:
@@ -103,9 +109,13 @@ class Plant:
             if found != wanted:
                 raise OutsideClassError(key, f"has {found} entries", f"give {wanted}, one for each state")
         if any(len(row) != len(self.theta) for row in self.Phi):
-            raise OutsideClassError("plant.Phi", "a row is not as long as theta", f"give {len(self.theta)} columns")
+            raise OutsideClassError(
+                "plant.Phi", "a row is not as long as theta", f"give {len(self.theta)} columns"
+            )
         if not 1 <= len(self.b) <= self.order:
-            raise OutsideClassError("plant.b", f"has {len(self.b)} entries", f"give 1 to {self.order}: b_m ... b_0")
+            raise OutsideClassError(
+                "plant.b", f"has {len(self.b)} entries", f"give 1 to {self.order}: b_m ... b_0"
+            )
 
     def _check_symbols(self) -> None:
         hidden = {parameter_symbol(f"x{i}") for i in range(1, self.order + 1)} | {parameter_symbol("t")}
@@ -117,7 +127,9 @@ class Plant:
         for key, entries in known.items():
             for symbol in sorted(set().union(*(entry.free_symbols for entry in entries)) & hidden, key=str):
                 raise OutsideClassError(
-                    key, f"depends on {symbol}, which the controller does not measure", "use y and parameters only"
+                    key,
+                    f"depends on {symbol}, which the controller does not measure",
+                    "use y and parameters only",
                 )
         measured = hidden | {parameter_symbol("y")}
         for key, entries in {"plant.theta": self.theta, "plant.b": self.b}.items():

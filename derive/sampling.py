@@ -1,8 +1,9 @@
 """Exact zero-order-hold discretisation of the filters (14) and the compensator (23).
 
 Both are linear with inputs that a sampled controller holds over one period T: y, u and du. So for either,
-``s(t + T) = F s(t) + G drive`` with ``F = expm(A T)`` and ``G = int_0^T expm(A tau) dtau``, without any discretisation error. F and G depend on the gains and T
-alone; they are computed once per run and enter the equations as symbols.
+``s(t + T) = F s(t) + G drive`` with ``F = expm(A T)`` and ``G = int_0^T expm(A tau) dtau``, without any
+discretisation error. F and G depend on the gains and T alone; they are computed once per run and enter the
+equations as symbols.
 """
 
 from __future__ import annotations
@@ -13,7 +14,8 @@ from dataclasses import dataclass
 import sympy as sp
 
 from derive.equation import Equation, Equations
-from derive.signals import Signals, Units, derivative_name, parameter_symbol
+from derive.model import parameter_symbol
+from derive.signals import Signals, Units, derivative_name
 
 SECTION = "Sampled"
 
@@ -69,8 +71,12 @@ def sampling_equations(equations: Equations, signals: Signals, units: Units) -> 
     update |= dict(zip(signals.r, held_update(equations, signals.r, hold.Fr, hold.Gr), strict=True))
     return [
         Equation(
-            parameter_symbol(f"{state.name}_next"), update[state], SECTION, "(23)" if state in signals.r else "(14)",
-            f"{state} one sample later", units.of(state),
+            parameter_symbol(f"{state.name}_next"),
+            update[state],
+            SECTION,
+            "(23)" if state in signals.r else "(14)",
+            f"{state} one sample later",
+            units.of(state),
         )
         for state in signals.controller_state
-    ]  # fmt: skip
+    ]

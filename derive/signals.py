@@ -1,4 +1,4 @@
-"""The signals of the closed loop and the symbols that stand for them, with the paper's names and physical units.
+"""The signals of the closed loop and the symbols that stand for them, with the paper's names and units.
 
 Order of the loop's state: plant x, then the controller's own state s = (xi, Xi row by row, lambda, r).
 """
@@ -100,7 +100,7 @@ class Signals:
 
     @property
     def measurable(self) -> tuple[sp.Symbol, ...]:
-        """What a virtual control may depend on, besides parameters: y, the controller's state, the reference."""
+        """What a virtual control may depend on besides parameters: y, controller states, the reference."""
         return (self.y, *self.controller_state, *self.y_r)
 
     @property
@@ -132,7 +132,9 @@ class Units:
         stated = {item.name: parse_unit(item.unit) for item in model.parameters}
         rho, n = plant.rho, plant.order
         per_second = SECOND**-1
-        input_side = [u * SECOND ** (rho - i + 1) for i in range(1, rho + 1)]  # of v_{m,i}, z_i and alpha_{i-1}, i >= 2
+        input_side = [
+            u * SECOND ** (rho - i + 1) for i in range(1, rho + 1)
+        ]  # of v_{m,i}, z_i and alpha_{i-1}, i >= 2
         table: dict[sp.Symbol, Unit] = {item.symbol: stated[item.name] for item in model.parameters}
         table |= {s.t: SECOND, s.y: y, s.v: u, s.u: u, s.du: u, s.compensator: Unit({})}
         for block in (s.x, s.xi, s.epsilon, s.r):
@@ -140,11 +142,17 @@ class Units:
         table |= {symbol: y / SECOND**i for i, symbol in enumerate(s.y_r)}
         table |= {symbol: u * SECOND ** (n - i) for i, symbol in enumerate(s.lambda_)}
         for i, row in enumerate(s.Xi):
-            table |= {entry: y / SECOND**i / stated.get(str(th), Unit({})) for entry, th in zip(row, plant.theta, strict=True)}
+            table |= {
+                entry: y / SECOND**i / stated.get(str(th), Unit({}))
+                for entry, th in zip(row, plant.theta, strict=True)
+            }
         table |= {symbol: y if i == 0 else input_side[i] for i, symbol in enumerate(s.z)}
         table |= {symbol: input_side[i + 1] for i, symbol in enumerate(s.alpha)}
         table |= {symbol: per_second for symbol in (*s.c, *s.ck)}
-        table |= {symbol: per_second if i == 0 else y**2 / input_side[i] ** 2 / SECOND for i, symbol in enumerate(s.e)}
+        table |= {
+            symbol: per_second if i == 0 else y**2 / input_side[i] ** 2 / SECOND
+            for i, symbol in enumerate(s.e)
+        }
         table |= {symbol: SECOND**-i for i, symbol in enumerate(s.k, start=1)}
         self._table = table
 

@@ -1,8 +1,9 @@
 """Physical units as products of integer powers, enough to label every signal of a design.
 
-A unit is written as engineers write it: ``rad/(s^2 V)``, ``1/s``, ``V s``. Only products, quotients and integer powers
-occur in the derivation, so the algebra is a mapping from base symbol to exponent. Numbers hidden in a model's
-expressions (the 0.1 in ``0.1*sin(x2)``) carry units that nobody wrote down; units therefore *label*, they do not judge.
+A unit is written as engineers write it: ``rad/(s^2 V)``, ``1/s``, ``V s``. Only products, quotients and
+integer powers occur in the derivation, so the algebra is a mapping from base symbol to exponent. Numbers
+hidden in a model's expressions (the 0.1 in ``0.1*sin(x2)``) carry units that nobody wrote down; units
+therefore *label*, they do not judge.
 """
 
 from __future__ import annotations
@@ -66,7 +67,8 @@ def parse_unit(text: str) -> Unit:
     """Read a unit such as ``rad/(s^2 V)``; a slash binds the next factor or bracket only.
 
     Args:
-        text: the unit; empty and ``1`` are dimensionless. Text of any other form is kept whole as one base symbol, since
+        text: the unit; empty and ``1`` are dimensionless. Text of any other form is kept whole as one base
+            symbol, since
             a label that is not understood is still a label.
     """
     tokens = _TOKEN.findall(text)

@@ -1,8 +1,8 @@
 """Which kernels serve a model: the committed ones when they are current, else ones derived into the cache.
 
-The common case touches neither SymPy nor CasADi: two hashes are compared, and ``generated/<name>/`` is used as it stands. A
-model file that says something else than ``generated/`` was made from, or another reference or disturbance on the command
-line, is derived anew; ``generated/`` is never written here.
+The common case touches neither SymPy nor CasADi: two hashes are compared, and ``generated/<name>/`` is used
+as it stands. A model file that says something else than ``generated/`` was made from, or another reference or
+disturbance on the command line, is derived anew; ``generated/`` is never written here.
 """
 
 from __future__ import annotations
@@ -83,7 +83,11 @@ def _committed(path: Path, document: Mapping[str, Any], notify: Notify) -> Provi
         return None
     for file, recorded in manifest.files.items():
         if not (folder / file).is_file() or sha256_file(folder / file) != recorded:
-            raise StaleError("was edited by hand or is missing", where=str(folder / file), remedy=f"run pmjoint regenerate {name}")
+            raise StaleError(
+                "was edited by hand or is missing",
+                where=str(folder / file),
+                remedy=f"run pmjoint regenerate {name}",
+            )
     return Provided(manifest, folder, committed=True)
 
 
@@ -98,7 +102,9 @@ def _changed(
     return changed
 
 
-def _derived(path: Path, document: dict[str, Any], environment: Mapping[str, str], notify: Notify) -> Provided:
+def _derived(
+    path: Path, document: dict[str, Any], environment: Mapping[str, str], notify: Notify
+) -> Provided:
     key = canonical_hash([model_hash(document), _toolchain_key()])
     folder = cache_dir(environment, notify) / "models" / key[:32]
     try:

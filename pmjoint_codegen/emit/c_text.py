@@ -1,25 +1,22 @@
 """C and header text of the kernels: CasADi prints the bodies, this module the banner and the declarations.
 
-The bodies are CasADi's as they come (its calling convention, its checks for absent arguments). The header declares just what is
-called, without macros or types of CasADi's, so that cffi reads it and a person does too.
+The bodies are CasADi's as they come (its calling convention, its checks for absent arguments). The header
+declares just what is called, without macros or types of CasADi's, so that cffi reads it and a person does
+too.
 """
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Mapping
 
 import casadi as ca
 
 from pmjoint_codegen.manifest import Function
 
-_CODEGEN_OPTIONS = {
-    "static_aux": True,  # helper functions stay private to the file
-    "with_header": False,  # the header is ours
-    "with_export": True,
-    "casadi_int": "long long int",
-    "casadi_real": "double",
-}
+_CONVENTION = """\
+/* arg[i] points to input i, res[i] to output i: dense vectors of doubles. iw, w and mem are unused and may be 0.
+ * Every function returns 0. None allocates, keeps state or calls another. */
+"""
 
 
 def banner(title: str, lines: list[str]) -> str:
@@ -30,7 +27,8 @@ def banner(title: str, lines: list[str]) -> str:
 
 def kernels_source(functions: Mapping[str, ca.Function], head: str) -> str:
     """``kernels.c``: every function, in order."""
-    generator = ca.CodeGenerator("kernels", _CODEGEN_OPTIONS)
+    private_helpers, own_header = {"static_aux": True}, {"with_header": False}
+    generator = ca.CodeGenerator("kernels", private_helpers | own_header)
     for function in functions.values():
         generator.add(function)
     body = "\n".join(line.rstrip() for line in str(generator.dump()).splitlines())
@@ -40,11 +38,8 @@ def kernels_source(functions: Mapping[str, ca.Function], head: str) -> str:
 def kernels_header(functions: tuple[Function, ...], head: str) -> str:
     """``kernels.h``: a declaration a kernel, with its vectors and its equation."""
     declarations = "\n\n".join(_declaration(function) for function in functions)
-    convention = textwrap.dedent("""\
-        /* arg[i] points to input i, res[i] to output i: dense vectors of doubles. iw, w and mem are unused and may be 0.
-         * Every function returns 0. None allocates, keeps state or calls another. */
-        """)
-    return f"{head}#ifndef PMJOINT_KERNELS_H\n#define PMJOINT_KERNELS_H\n\n{convention}\n{declarations}\n\n#endif\n"
+    guard = "PMJOINT_KERNELS_H"
+    return f"{head}#ifndef {guard}\n#define {guard}\n\n{_CONVENTION}\n{declarations}\n\n#endif\n"
 
 
 def _declaration(function: Function) -> str:
@@ -54,7 +49,8 @@ def _declaration(function: Function) -> str:
     return (
         f"{comment}\n"
         f"int {function.name}(const double **arg, double **res, long long int *iw, double *w, int mem);\n"
-        f"int {function.name}_work(long long int *sz_arg, long long int *sz_res, long long int *sz_iw, long long int *sz_w);"
+        f"int {function.name}_work(long long int *sz_arg, long long int *sz_res,\n"
+        "    long long int *sz_iw, long long int *sz_w);"
     )
 
 

@@ -17,7 +17,11 @@ from pmjoint_codegen.report.notation import latex_expression
 
 def tool_versions() -> dict[str, str]:
     """Versions of everything that shapes generated text."""
-    return {"pmjoint_codegen": metadata.version("pmjoint-codegen"), "sympy": sp.__version__, "casadi": ca.__version__}
+    return {
+        "pmjoint_codegen": metadata.version("pmjoint-codegen"),
+        "sympy": sp.__version__,
+        "casadi": ca.CasadiMeta.version(),
+    }
 
 
 def describe_functions(derivation: Derivation, functions: Mapping[str, ca.Function]) -> tuple[Function, ...]:
@@ -42,7 +46,11 @@ def _function(
 
 
 def describe(
-    document: Document, derivation: Derivation, functions: tuple[Function, ...], order: int, files: Mapping[str, str]
+    document: Document,
+    derivation: Derivation,
+    functions: tuple[Function, ...],
+    order: int,
+    files: Mapping[str, str],
 ) -> Manifest:
     """The whole manifest.
 
@@ -93,7 +101,12 @@ def describe(
 
 
 def _states(derivation: Derivation) -> tuple[Variable, ...]:
-    meanings = {"x": "plant state", "xi": "filter state (14)", "Xi": "filter state (14)", "lambda": "filter state (14)"}
+    meanings = {
+        "x": "plant state",
+        "xi": "filter state (14)",
+        "Xi": "filter state (14)",
+        "lambda": "filter state (14)",
+    }
     words = vocabulary(derivation)
     return tuple(
         Variable(
@@ -144,4 +157,6 @@ def _signal(derivation: Derivation, symbol: sp.Symbol) -> Variable:
 def _equation(item: Equation) -> EquationText:
     unit = str(item.unit) if item.unit else ""
     text = str(item.expression)
-    return EquationText(item.name, text, latex_expression(item.expression), item.section, item.number, item.meaning, unit)
+    return EquationText(
+        item.name, text, latex_expression(item.expression), item.section, item.number, item.meaning, unit
+    )

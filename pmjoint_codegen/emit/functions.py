@@ -25,7 +25,9 @@ def build_function(kernel: Kernel, derivation: Derivation) -> ca.Function:
     }
     translate = Translator(kernel.name, known, kernel.given, derivation.equations)
     results = [_dense([translate(sp.sympify(entry)) for entry in entries]) for _, entries in kernel.outputs]
-    return ca.Function(kernel.name, arguments, ca.cse(results), _labels(kernel.inputs), _labels(kernel.outputs))
+    return ca.Function(
+        kernel.name, arguments, ca.cse(results), _labels(kernel.inputs), _labels(kernel.outputs)
+    )
 
 
 def build_functions(derivation: Derivation, order: int) -> dict[str, ca.Function]:
@@ -34,7 +36,9 @@ def build_functions(derivation: Derivation, order: int) -> dict[str, ca.Function
     functions = {name: build_function(kernel, derivation) for name, kernel in rows.items()}
     loop = rows["closed_loop"]
     v = ("v", (derivation.signals.v,))
-    with_v = Kernel("closed_loop_v", loop.inputs, (*loop.outputs, v), loop.equation, "rates and v", loop.given)
+    with_v = Kernel(
+        "closed_loop_v", loop.inputs, (*loop.outputs, v), loop.equation, "rates and v", loop.given
+    )
     functions["taylor"] = taylor_function("taylor", build_function(with_v, derivation), order, state="X")
     functions["plant_taylor"] = taylor_function("plant_taylor", functions["plant"], order, state="x")
     return functions

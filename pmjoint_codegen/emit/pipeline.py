@@ -3,8 +3,8 @@
 Stages, input to output:
 
     derive           derive.Model        -> Derivation (named equations)
-    build_functions  Derivation          -> CasADi functions, one a row of the table, and the two Taylor kernels
-    kernels_source   functions           -> kernels.c
+    build_functions  Derivation          -> CasADi functions, one a row of the table, and the two Taylor
+    kernels kernels_source   functions           -> kernels.c
     kernels_header   function records    -> kernels.h
     serialise        functions           -> kernels.casadi, for the interpreted evaluator
     describe         all of the above    -> model.json
@@ -63,7 +63,10 @@ def generate(document: Document, model: Model, order: int = TAYLOR_ORDER) -> Art
 
 
 def _kernel_files(
-    document: Document, derivation: Derivation, functions: Mapping[str, ca.Function], records: tuple[Function, ...]
+    document: Document,
+    derivation: Derivation,
+    functions: Mapping[str, ca.Function],
+    records: tuple[Function, ...],
 ) -> dict[str, str]:
     versions = ", ".join(f"{tool} {version}" for tool, version in tool_versions().items())
     head = banner(

@@ -46,7 +46,8 @@ def regenerate(
     """Write the folders of some models, or of all; with ``check`` only say what is stale.
 
     Args:
-        models: names or paths; none means every model of the first ``models/`` folder in sight, and orphans count.
+        models: names or paths; none means every model of the first ``models/`` folder in sight, and orphans
+            count.
         check: write nothing.
         notify: is told the name of each model as its turn comes.
 
@@ -92,6 +93,10 @@ def _orphans(files: Sequence[Path]) -> list[Report]:
         return []
     root = generated_root(files[0])
     known = {load_model(file).model.name for file in files}
-    folders = sorted(path for path in root.iterdir() if path.is_dir() and path.name[0] != ".") if root.is_dir() else []
+    folders = (
+        sorted(path for path in root.iterdir() if path.is_dir() and path.name[0] != ".")
+        if root.is_dir()
+        else []
+    )
     lost = Comparison(Verdict.ORPHAN, ("no model file has this name",))
     return [Report(path.name, path, lost, written=False) for path in folders if path.name not in known]

@@ -1,11 +1,11 @@
 """What stands in ``generated/<name>/`` against what would be written there now, in one verdict.
 
-    current            every byte is what the model and the tools give
-    missing            nothing stands there
-    edited by hand     a file does not match the hash recorded for it, is absent, or is one too many
-    model changed      the model file says something else than the folder was made from
-    generator changed  same model, but the derivation, the emitters or their tools now write something else
-    orphan             the folder has no model file
+current            every byte is what the model and the tools give
+missing            nothing stands there
+edited by hand     a file does not match the hash recorded for it, is absent, or is one too many
+model changed      the model file says something else than the folder was made from
+generator changed  same model, but the derivation, the emitters or their tools now write something else
+orphan             the folder has no model file
 """
 
 from __future__ import annotations
@@ -89,7 +89,11 @@ def tampering(files: Mapping[str, bytes]) -> tuple[Manifest | None, list[str]]:
     found = {name: sha256(data) for name, data in files.items() if name != FILE_NAME}
     lines = [f"{name} is missing" for name in manifest.files if name not in found]
     lines += [f"{name} does not belong here" for name in found if name not in manifest.files]
-    lines += [f"{name} was edited by hand" for name in found if name in manifest.files and found[name] != manifest.files[name]]
+    lines += [
+        f"{name} was edited by hand"
+        for name in found
+        if name in manifest.files and found[name] != manifest.files[name]
+    ]
     return manifest, lines
 
 
@@ -102,7 +106,9 @@ def compare(files: Mapping[str, bytes], fresh: Mapping[str, str], wanted: Manife
         wanted: the fresh manifest.
     """
     if not files:
-        return Comparison(Verdict.MISSING, ("nothing is generated yet",), equation_changes((), wanted.equations))
+        return Comparison(
+            Verdict.MISSING, ("nothing is generated yet",), equation_changes((), wanted.equations)
+        )
     if files == {name: text.encode() for name, text in fresh.items()}:
         return Comparison(Verdict.CURRENT)
     recorded, edits = tampering(files)
@@ -116,21 +122,29 @@ def compare(files: Mapping[str, bytes], fresh: Mapping[str, str], wanted: Manife
         for tool, version in wanted.versions.items()
         if recorded.versions.get(tool) != version
     ]
-    differing = [f"{name} would be different" for name, text in fresh.items() if files.get(name) != text.encode()]
+    differing = [
+        f"{name} would be different" for name, text in fresh.items() if files.get(name) != text.encode()
+    ]
     return Comparison(Verdict.GENERATOR_CHANGED, (*versions, *differing), changes)
 
 
-def equation_changes(before: tuple[EquationText, ...], after: tuple[EquationText, ...]) -> tuple[EquationChange, ...]:
+def equation_changes(
+    before: tuple[EquationText, ...], after: tuple[EquationText, ...]
+) -> tuple[EquationChange, ...]:
     """Named equations that are new, gone or different, in the order of the derivation."""
     old, new = ({item.name: item.text for item in side} for side in (before, after))
     names = dict.fromkeys((*new, *old))
-    return tuple(EquationChange(name, old.get(name), new.get(name)) for name in names if old.get(name) != new.get(name))
+    return tuple(
+        EquationChange(name, old.get(name), new.get(name)) for name in names if old.get(name) != new.get(name)
+    )
 
 
 def _value_changes(before: Manifest, after: Manifest) -> tuple[str, ...]:
     old, new = ({item.name: item.value for item in side.parameters} for side in (before, after))
     names = dict.fromkeys((*new, *old))
-    values = [f"{name}: {old.get(name)} -> {new.get(name)}" for name in names if old.get(name) != new.get(name)]
+    values = [
+        f"{name}: {old.get(name)} -> {new.get(name)}" for name in names if old.get(name) != new.get(name)
+    ]
     if before.simulation != after.simulation:
         values.append("the default simulation differs")
     return tuple(values) or ("the model file says something else",)

@@ -1,8 +1,9 @@
-"""The flat table of what is emitted: name, inputs, outputs, equation. A reader can predict ``generated/`` from it.
+"""The flat table of what is emitted: name, inputs, outputs, equation. It predicts ``generated/``.
 
-Blocks (dense vectors): ``p`` parameters, then gains and the compensator's switch; ``X`` plant states, then ``s`` the controller's
-states (xi, Xi row by row, lambda, r); ``y_r`` the reference and its derivatives; ``w`` what the actuator delivers; ``g`` the
-actuator inside one saturation mode, ``w_j = g[2j] + g[2j+1] v``; ``h`` the matrices of the exact zero-order hold.
+Blocks (dense vectors): ``p`` parameters, then gains and the compensator's switch; ``X`` plant states, then
+``s`` the controller's states (xi, Xi row by row, lambda, r); ``y_r`` the reference and its derivatives; ``w``
+what the actuator delivers; ``g`` the actuator inside one saturation mode, ``w_j = g[2j] + g[2j+1] v``; ``h``
+the matrices of the exact zero-order hold.
 """
 
 from __future__ import annotations
@@ -82,13 +83,15 @@ def vocabulary(derivation: Derivation) -> Vocabulary:
         h=Hold.of(s).symbols,
         signals=(s.y, s.y_r[0], parameter_symbol("e"), *s.z, *s.alpha, s.v, s.u, *named("x_hat", n)),
         partials=tuple(
-            item.symbol for item in derivation.equations.values() if item.meaning.startswith("partial derivative")
+            item.symbol
+            for item in derivation.equations.values()
+            if item.meaning.startswith("partial derivative")
         ),
     )
 
 
 def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
-    """Every function of ``kernels.c`` but the two Taylor kernels, which :mod:`pipeline` makes from this table's rows."""
+    """Every function of ``kernels.c`` but the two Taylor kernels, which are made from these rows."""
     s, words = derivation.signals, vocabulary(derivation)
     t, p, x, state = ("t", (s.t,)), ("p", words.p), ("x", words.x), ("s", words.s)
     y, y_r, u, v, du = ("y", (s.y,)), ("y_r", s.y_r), ("u", (s.u,)), ("v", (s.v,)), ("du", (s.du,))
@@ -105,13 +108,23 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
             "(24), (25), (29)",
             "errors, virtual controls and the control law",
         ),
-        Kernel("partials", (y, state, y_r, p), (("dalpha", words.partials),), "(29)", "partial derivatives of alpha"),
+        Kernel(
+            "partials",
+            (y, state, y_r, p),
+            (("dalpha", words.partials),),
+            "(29)",
+            "partial derivatives of alpha",
+        ),
         Kernel("filters", (y, state, u, p), _rates(s.xi, s.Xi, s.lambda_), "(14)", "rates of the K-filters"),
         Kernel("compensator", (state, du, p), (_rate_block("r", s.r),), "(23)", "rates of the compensator"),
         Kernel("estimate", (state, p), (("x_hat", named("x_hat", len(s.xi))),), "(15)", "state estimate"),
-        Kernel("disturbance", (t, x, p), (("D", disturbance_symbols(derivation.plant)),), "(37)", "disturbance"),
+        Kernel(
+            "disturbance", (t, x, p), (("D", disturbance_symbols(derivation.plant)),), "(37)", "disturbance"
+        ),
         Kernel("plant", (t, x, w, p), (_rate_block("x", words.x),), "(11)", "rates of the plant"),
-        Kernel("actuation", (p,), (("limits", limits),), "(10)", "offset, slope, lower and upper limit of each w"),
+        Kernel(
+            "actuation", (p,), (("limits", limits),), "(10)", "offset, slope, lower and upper limit of each w"
+        ),
         Kernel(
             "closed_loop",
             (t, X, g, p),
@@ -120,8 +133,16 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
             "rates of the closed loop inside one saturation mode",
             in_mode,
         ),
-        Kernel("signals", (t, X, p), (("signals", words.signals),), "", "everything a run reports beside its states"),
-        Kernel("filter_matrix", (p,), (("A0", tuple(filter_matrix(s))),), "(14)", "A0 = A - k e1', row by row"),
+        Kernel(
+            "signals",
+            (t, X, p),
+            (("signals", words.signals),),
+            "",
+            "everything a run reports beside its states",
+        ),
+        Kernel(
+            "filter_matrix", (p,), (("A0", tuple(filter_matrix(s))),), "(14)", "A0 = A - k e1', row by row"
+        ),
         Kernel("compensator_matrix", (p,), (("Ar", tuple(compensator_matrix(s))),), "(23)", "row by row"),
         Kernel(
             "sampled_update",
@@ -137,6 +158,8 @@ def _rate_block(label: str, states: tuple[sp.Symbol, ...]) -> Block:
     return f"{label}_dot", tuple(parameter_symbol(derivative_name(state)) for state in states)
 
 
-def _rates(xi: tuple[sp.Symbol, ...], Xi: tuple[tuple[sp.Symbol, ...], ...], lambda_: tuple[sp.Symbol, ...]) -> tuple[Block, ...]:
+def _rates(
+    xi: tuple[sp.Symbol, ...], Xi: tuple[tuple[sp.Symbol, ...], ...], lambda_: tuple[sp.Symbol, ...]
+) -> tuple[Block, ...]:
     rows = tuple(entry for row in Xi for entry in row)
     return _rate_block("xi", xi), _rate_block("Xi", rows), _rate_block("lambda", lambda_)

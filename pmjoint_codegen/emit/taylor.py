@@ -1,10 +1,12 @@
 """Taylor coefficients of an ordinary differential equation, as one straight-line CasADi function.
 
-The right-hand side is a list of elementary operations (CasADi's own instruction list). Each operation has a recurrence that
-gives its k-th normalised coefficient ``a[k] = (d^k a / dt^k) / k!`` from lower ones; the state follows by ``x[k+1] = x'[k] / (k+1)``. Running the
-list for k = 0, 1, ..., N on symbols instead of numbers yields all coefficients exactly, with no truncation error in any of them.
+The right-hand side is a list of elementary operations (CasADi's own instruction list). Each operation has a
+recurrence that gives its k-th normalised coefficient ``a[k] = (d^k a / dt^k) / k!`` from lower ones; the
+state follows by ``x[k+1] = x'[k] / (k+1)``. Running the list for k = 0, 1, ..., N on symbols instead of
+numbers yields all coefficients exactly, with no truncation error in any of them.
 
-Recurrences: Moore, Interval Analysis (1966); Jorba and Zou, Experimental Mathematics 14 (2005), Proposition 2.1.
+Recurrences: Moore, Interval Analysis (1966); Jorba and Zou, Experimental Mathematics 14 (2005), Proposition
+    2.1.
 """
 
 from __future__ import annotations
@@ -50,7 +52,9 @@ class Node:
             self.series.append(self.recurrence(self, k))
 
 
-def convolve(a: Sequence[ca.SX] | Node, b: Sequence[ca.SX] | Node, k: int, first: int = 0, last: int | None = None) -> ca.SX:
+def convolve(
+    a: Sequence[ca.SX] | Node, b: Sequence[ca.SX] | Node, k: int, first: int = 0, last: int | None = None
+) -> ca.SX:
     """``sum_j a[j] b[k-j]`` for j = first..last (k by default)."""
     total = ca.SX(0)
     for j in range(first, (k if last is None else last) + 1):
@@ -122,7 +126,11 @@ def _logarithm(node: Node, k: int) -> ca.SX:
 
 def _root(node: Node, k: int) -> ca.SX:
     a = node.operands[0]
-    return ca.sqrt(a[0]) if k == 0 else (a[k] - convolve(node.series, node.series, k, 1, k - 1)) / (2 * node.series[0])
+    return (
+        ca.sqrt(a[0])
+        if k == 0
+        else (a[k] - convolve(node.series, node.series, k, 1, k - 1)) / (2 * node.series[0])
+    )
 
 
 def _tangent_like(function: Callable[[ca.SX], ca.SX], sign: int) -> Recurrence:
@@ -229,19 +237,22 @@ def leaf(*series: ca.SX, moving: bool = False) -> Node:
     return Node(lambda _node, _k: ca.SX(0), series=list(series), constant=not moving)
 
 
-def taylor_function(name: str, function: ca.Function, order: int, *, time: str = "t", state: str) -> ca.Function:
+def taylor_function(
+    name: str, function: ca.Function, order: int, *, time: str = "t", state: str
+) -> ca.Function:
     """A function of the same inputs that returns Taylor coefficients instead of rates.
 
     Args:
         name: name of the new function.
-        function: SX function with dense inputs; output 0 is the rate of input ``state``, the others are carried along.
+        function: SX function with dense inputs; output 0 is the rate of input ``state``, the others are
+            carried along.
         order: highest coefficient N.
         time: name of the input that is time.
         state: name of the input that is the state.
 
     Returns:
-        Function of the same inputs with one output ``c`` of length ``(N + 1) * channels``; row k holds the k-th
-        coefficients of the state's entries, then of the other outputs' entries.
+        Function of the same inputs with one output ``c`` of length ``(N + 1) * channels``; row k holds the
+        k-th coefficients of the state's entries, then of the other outputs' entries.
 
     Raises:
         ModelError: for an operation without a recurrence.

@@ -1,7 +1,8 @@
 """SymPy to CasADi, one expression graph: equal subexpressions become one node.
 
-A symbol in an expression is an input of the kernel, a name that another equation defines, or an error at specification time.
-Integer powers become products and quotients stay quotients, so that the kernel does what the page says.
+A symbol in an expression is an input of the kernel, a name that another equation defines, or an error at
+specification time. Integer powers become products and quotients stay quotients, so that the kernel does what
+the page says.
 """
 
 from __future__ import annotations
@@ -70,7 +71,9 @@ class Translator:
         if value.is_Symbol:
             return self(self._definition(value))
         if value.is_Rational:
-            return ca.SX(value.p / value.q)  # the nearest double: Python divides integers with correct rounding
+            return ca.SX(
+                value.p / value.q
+            )  # the nearest double: Python divides integers with correct rounding
         if value.is_number and (value.is_Float or value.is_NumberSymbol):
             return ca.SX(float(value))
         if value.is_Add:
