@@ -2,11 +2,11 @@
 
     python3 tools/environment.py simulate [dev]
 
-Each name stands for `requirements/<name>.txt`; a later lock adds to an earlier one. Standard library only, since
-this runs before anything is installed. A lock's stamp is written last and is named after the content of the
-lock, the interpreter and the place of the checkout. So an interrupted installation is begun again, a second
-call costs nothing, and a changed lock, interpreter or place rebuilds `.venv` from nothing. Two calls at the same
-time wait for each other.
+Each name stands for `requirements/<name>.txt`; a later lock adds to an earlier one. Standard library only,
+since this runs before anything is installed. A lock's stamp is written last and is named after the content of
+the lock, the interpreter and the place of the checkout. So an interrupted installation is begun again, a
+second call costs nothing, and a changed lock, interpreter or place rebuilds `.venv` from nothing. The project
+itself is installed editable, anew when pyproject.toml changes. Two calls at once wait for each other.
 """
 
 from __future__ import annotations
@@ -23,15 +23,14 @@ OLDEST = (3, 11)
 ROOT = Path(__file__).resolve().parent.parent
 VENV = ROOT / ".venv"
 PYTHON = os.path.realpath(sys.executable)  # the system's own, even when `.venv` itself is activated
-BUILD_INPUTS = ("pyproject.toml", "tools/environment.py")  # they shape the editable install
+PROJECT = "project"
 
 
-def stamp(lock: str) -> Path:
-    """Name the file whose presence says that `.venv` holds this lock, installed by this interpreter, here."""
+def stamp(held: str) -> Path:
+    """Name the file whose presence says that `.venv` holds a lock (or the project) for this interpreter."""
     digest = hashlib.sha256(f"{sys.version}\n{PYTHON}\n{ROOT}\n".encode())
-    for name in (f"requirements/{lock}.txt", *BUILD_INPUTS):
-        digest.update((ROOT / name).read_bytes())
-    return VENV / f"holds-{lock}-{digest.hexdigest()[:16]}"
+    digest.update((ROOT / ("pyproject.toml" if held == PROJECT else f"requirements/{held}.txt")).read_bytes())
+    return VENV / f"holds-{held}-{digest.hexdigest()[:16]}"
 
 
 def is_stale(locks: Sequence[str]) -> bool:
@@ -66,29 +65,42 @@ def create() -> None:
     done = subprocess.run(command, check=False, capture_output=True, text=True)
     if done.returncode:
         sys.stderr.write(done.stdout + done.stderr)
-        sys.exit("environment: python's venv module is missing or broken; on Debian: apt-get install python3-venv")
+        sys.exit(
+            "environment: python's venv module is missing or broken; on Debian: apt-get install python3-venv"
+        )
 
 
 def fill(locks: Sequence[str]) -> None:
     """Install what is missing: each lock, every file checked against its hash, then the project itself."""
     for lock in locks:
         if not stamp(lock).exists():
-            print(f"environment: installing requirements/{lock}.txt into .venv (once)", file=sys.stderr, flush=True)
+            print(
+                f"environment: installing requirements/{lock}.txt into .venv (once)",
+                file=sys.stderr,
+                flush=True,
+            )
             pip_install("--require-hashes", "-r", f"requirements/{lock}.txt")
-            pip_install("--no-deps", "--no-build-isolation", "--editable", ".")
             stamp(lock).touch()
+    if not stamp(PROJECT).exists():
+        pip_install("--no-deps", "--no-build-isolation", "--editable", ".")
+        stamp(PROJECT).touch()
 
 
 def main(locks: Sequence[str]) -> None:
     """Bring `.venv` to what the locks say."""
     if sys.version_info < OLDEST:
         version = sys.version.split()[0]
-        sys.exit(f"environment: python {version} is too old, 3.11 is needed; name one: make PYTHON=python3.12 ...")
+        sys.exit(
+            f"environment: python {version} is too old, 3.11 is needed; name one: make PYTHON=python3.12 ..."
+        )
     folder = os.open(ROOT, os.O_RDONLY)
-    fcntl.flock(folder, fcntl.LOCK_EX)  # held until the process ends
-    if is_stale(locks):
-        create()
-    fill(locks)
+    try:
+        fcntl.flock(folder, fcntl.LOCK_EX)
+        if is_stale(locks):
+            create()
+        fill(locks)
+    finally:
+        os.close(folder)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,244 @@
+"""The layers of docs/design.md, proved from the source text: who imports whom, and what no module does."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+import sys
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGE = "pmjoint_codegen"
+
+GROUND_FLOOR = ("errors", "storage", "workspace", "identity", "manifest", "values")
+RUNTIME = ("build", "kernels", "simulate")
+FACADE = ("closed_loop",)
+SYMBOLIC = {"derive", "sympy", "casadi", "pydantic"}
+TOOLCHAIN = {f"{PACKAGE}.{name}" for name in ("spec", "emit", "report", "provision")}
+
+
+@dataclass(frozen=True)
+class Import:
+    """One import that runs: where it stands, what it names, and whether it waits for a call."""
+
+    file: Path
+    line: int
+    module: str
+    deferred: bool
+
+    @property
+    def top(self) -> str:
+        """The distribution's own name: what stands before the first dot."""
+        return self.module.partition(".")[0]
+
+    def __str__(self) -> str:
+        return f"{self.file.relative_to(ROOT)}:{self.line} imports {self.module}"
+
+
+def is_type_checking(node: ast.AST) -> bool:
+    """Say whether a statement is `if TYPE_CHECKING:`, whose body never runs."""
+    return isinstance(node, ast.If) and ast.unparse(node.test).endswith("TYPE_CHECKING")
+
+
+def named(node: ast.Import | ast.ImportFrom, file: Path) -> Iterator[str]:
+    """Name the modules of one import statement; `from a import b` names `a.b` where that is one."""
+    if isinstance(node, ast.Import):
+        yield from (alias.name for alias in node.names)
+        return
+    assert node.level == 0, f"{file}:{node.lineno}: imports are absolute in this project"
+    module = node.module or ""
+    for alias in node.names:
+        path = ROOT.joinpath(*module.split("."), alias.name)
+        yield f"{module}.{alias.name}" if path.is_dir() or path.with_suffix(".py").is_file() else module
+
+
+def imports(file: Path) -> list[Import]:
+    """Return every import of a file that can run, `importlib.import_module` of a literal included."""
+    found: list[Import] = []
+
+    def visit(node: ast.AST, deferred: bool) -> None:
+        if is_type_checking(node):
+            return
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            found.extend(Import(file, node.lineno, module, deferred) for module in named(node, file))
+        inside = deferred or isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
+        for child in ast.iter_child_nodes(node):
+            visit(child, inside)
+
+    visit(ast.parse(file.read_text(encoding="utf-8")), False)
+    return found
+
+
+def sources(*parts: str) -> list[Path]:
+    """Return the Python files of packages or modules of `pmjoint_codegen`, each of which must exist."""
+    files: list[Path] = []
+    for part in parts:
+        place = ROOT / PACKAGE / part
+        here = sorted(place.rglob("*.py")) if place.is_dir() else [place.with_suffix(".py")]
+        assert here and all(file.is_file() for file in here), (
+            f"{place} is gone: update the layers in this test"
+        )
+        files += here
+    return files
+
+
+def faults(files: Iterable[Path], allowed: object) -> list[str]:
+    """Describe each import of `files` that the predicate `allowed` refuses."""
+    assert callable(allowed)
+    return [str(found) for file in files for found in imports(file) if not allowed(found)]
+
+
+def within(module: str, packages: Iterable[str]) -> bool:
+    """Say whether a dotted module is one of `packages` or lies inside one."""
+    return any(module == package or module.startswith(f"{package}.") for package in packages)
+
+
+def test_derive_is_mathematics_alone() -> None:
+    allowed = {"sympy", "derive", *sys.stdlib_module_names}
+    assert faults(sorted((ROOT / "derive").rglob("*.py")), lambda found: found.top in allowed) == []
+
+
+def test_ground_floor_stands_on_nothing() -> None:
+    own = {f"{PACKAGE}.{name}" for name in GROUND_FLOOR} | {PACKAGE}  # the package itself: its version
+    allowed = {"numpy", *sys.stdlib_module_names}
+    assert faults(sources(*GROUND_FLOOR), lambda found: found.top in allowed or found.module in own) == []
+
+
+def test_runtime_imports_nothing_symbolic() -> None:
+    def allowed(found: Import) -> bool:
+        if found.file.name == "interpreted.py" and found.top == "casadi":
+            return found.deferred
+        return found.top not in SYMBOLIC and not within(found.module, TOOLCHAIN)
+
+    assert faults(sources(*RUNTIME), allowed) == []
+
+
+def test_facade_reaches_the_toolchain_only_when_called() -> None:
+    def allowed(found: Import) -> bool:
+        return found.top not in SYMBOLIC and (found.deferred or not within(found.module, TOOLCHAIN))
+
+    assert faults(sources(*FACADE), allowed) == []
+
+
+def test_nothing_below_the_command_line_imports_it() -> None:
+    files = [file for file in sorted((ROOT / PACKAGE).rglob("*.py")) if file.parent.name != "cli"]
+    below = [file for file in files if file.name != "__main__.py"]
+    assert faults(below, lambda found: not within(found.module, {f"{PACKAGE}.cli", "click", "rich"})) == []
+
+
+def test_commands_import_heavy_things_when_called() -> None:
+    light = {PACKAGE, f"{PACKAGE}.cli", f"{PACKAGE}.errors"}
+    outside = {"click", *sys.stdlib_module_names}
+
+    def allowed(found: Import) -> bool:
+        own = found.module == PACKAGE or within(found.module, light - {PACKAGE})
+        return found.deferred or found.top in outside or own
+
+    assert faults(sources("cli"), allowed) == []
+
+
+def test_figures_import_matplotlib_when_drawn() -> None:
+    files = sorted((ROOT / PACKAGE).rglob("*.py"))
+    assert faults(files, lambda found: found.deferred or found.top != "matplotlib") == []
+
+
+def module_statements(tree: ast.Module) -> Iterator[ast.stmt]:
+    """Yield the statements that run at import, those under a module-level `if`, `try` or `with` included."""
+    pending: list[ast.stmt] = list(tree.body)
+    while pending:
+        node = pending.pop()
+        yield node
+        for field in ("body", "orelse", "finalbody"):
+            if not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+                pending.extend(getattr(node, field, []))
+
+
+CONTAINERS = (ast.List, ast.Dict, ast.Set, ast.ListComp, ast.DictComp, ast.SetComp)
+MAKERS = re.compile(r"(\w+\.)*(list|dict|set|bytearray|defaultdict|deque|Counter|OrderedDict)\(.*", re.DOTALL)
+CHANGES = {"add", "append", "clear", "extend", "insert", "pop", "popitem", "remove", "setdefault", "update"}
+
+
+def containers(tree: ast.Module) -> Iterator[tuple[int, str]]:
+    """Yield line and name of each list, dict or set that is bound at import."""
+    for node in module_statements(tree):
+        if isinstance(node, ast.Assign | ast.AnnAssign) and node.value is not None:
+            target = node.targets[0] if isinstance(node, ast.Assign) else node.target
+            if isinstance(node.value, CONTAINERS) or MAKERS.fullmatch(ast.unparse(node.value)):
+                yield node.lineno, ast.unparse(target)
+
+
+def changed(tree: ast.Module) -> set[str]:
+    """Return the names whose content the module changes somewhere."""
+    names = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Subscript) and not isinstance(node.ctx, ast.Load):
+            names.add(ast.unparse(node.value))
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr in CHANGES:
+            names.add(ast.unparse(node.func.value))
+    return names
+
+
+def mutable_state(file: Path) -> Iterator[str]:
+    """Describe what lets a module remember: containers that are no constants, `global`, cached functions."""
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    place = file.relative_to(ROOT)
+    written = changed(tree)
+    for line, name in containers(tree):
+        if name != "__all__" and (name in written or not name.isupper()):
+            yield f"{place}:{line} {name} is a container that is no constant"
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Global):
+            yield f"{place}:{node.lineno} global"
+        if isinstance(node, ast.FunctionDef):
+            marks = " ".join(ast.unparse(mark) for mark in node.decorator_list)
+            if re.search(r"\b(lru_cache|cache)\b", marks):
+                yield f"{place}:{node.lineno} {node.name} is cached between calls"
+
+
+def test_modules_hold_no_state() -> None:
+    files = [*sorted((ROOT / PACKAGE).rglob("*.py")), *sorted((ROOT / "derive").rglob("*.py"))]
+    assert [fault for file in files for fault in mutable_state(file)] == []
+
+
+def test_the_state_check_can_fail(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(globals(), "ROOT", tmp_path)
+    file = tmp_path / "bad.py"
+    constants = "TABLE = dict(a=1)\nFIXED = [1]\nif FIXED:\n    seen = {}\n"
+    function = "@cache\ndef f():\n    global x\n    TABLE.update(b=2)\n"
+    file.write_text(constants + function, encoding="utf-8")
+    assert sorted(fault.split(" ", 1)[1] for fault in mutable_state(file)) == [
+        "TABLE is a container that is no constant",
+        "f is cached between calls",
+        "global",
+        "seen is a container that is no constant",
+    ]
+
+
+def tracked() -> list[Path]:
+    """Return the files that git would commit."""
+    listing = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
+    done = subprocess.run(listing, cwd=ROOT, check=False, capture_output=True, text=True)
+    if done.returncode:
+        pytest.skip(f"not a git checkout: {done.stderr.strip()}")
+    return [file for name in done.stdout.split("\0") if name and (file := ROOT / name).is_file()]
+
+
+def test_no_file_names_a_registry_or_a_machine() -> None:
+    hosts = ["pypi" + ".org", "python" + "hosted", "deb" + ".debian", "registry" + ".npmjs"]
+    places = r"(?:^|[^\w.])/(?:work|farm|root|home/\w+)/"
+    pattern = re.compile("|".join([*map(re.escape, hosts), places]).encode(), re.MULTILINE)
+    assert [str(file.relative_to(ROOT)) for file in tracked() if pattern.search(file.read_bytes())] == []
+
+
+def test_modules_stay_small() -> None:
+    files = [
+        file for file in tracked() if file.suffix in {".py", ".c", ".h"} and "generated" not in file.parts
+    ]
+    assert {
+        str(file.relative_to(ROOT)): n for file in files if (n := file.read_bytes().count(b"\n")) > 400
+    } == {}

@@ -1,0 +1,41 @@
+"""What a simulation of an unchanged model loads: the runtime alone, so that it starts fast."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+PROGRAM = """
+import json, sys
+from pmjoint_codegen.cli.main import run
+code = run(sys.argv[1:])
+print(json.dumps([code, sorted({name.partition(".")[0] for name in sys.modules})]))
+"""
+
+
+def loaded(root: Path, *arguments: str) -> set[str]:
+    """Run one command line in a fresh interpreter and return the top-level packages that it loaded."""
+    command = [sys.executable, "-c", PROGRAM, *arguments]
+    done = subprocess.run(
+        command, check=False, capture_output=True, text=True, cwd=root, stdin=subprocess.DEVNULL
+    )
+    code, names = json.loads(done.stdout.splitlines()[-1])
+    assert code == 0, done.stderr
+    return set(names)
+
+
+def test_simulate_loads_no_symbolic_tool(root: Path, tmp_path: Path) -> None:
+    names = loaded(root, "simulate", "paper", "--horizon", "0.1", "--no-figures", "--out", str(tmp_path))
+    assert "numpy" in names
+    assert names.isdisjoint({"sympy", "casadi", "pydantic", "matplotlib", "scipy", "derive"})
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["simulate", "--help"], ["--version"]])
+def test_help_loads_no_array_library(root: Path, arguments: list[str]) -> None:
+    assert loaded(root, *arguments).isdisjoint(
+        {"numpy", "sympy", "casadi", "pydantic", "matplotlib", "scipy"}
+    )

@@ -1,0 +1,102 @@
+"""When `.venv` is reused, when it is made anew, and that pip is never asked for what it cannot do."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+
+@pytest.fixture
+def environment(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """Load tools/environment.py on an empty project of its own, whose pip and venv only leave a record."""
+    spec = importlib.util.spec_from_file_location("environment", root / "tools" / "environment.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    (tmp_path / "requirements").mkdir()
+    for name in ("pyproject.toml", "requirements/simulate.txt", "requirements/dev.txt"):
+        (tmp_path / name).write_text("1", encoding="utf-8")
+    record = tmp_path / "record"
+
+    def create() -> None:
+        (tmp_path / ".venv").mkdir(exist_ok=True)
+        for old in (tmp_path / ".venv").iterdir():
+            old.unlink()
+        note("venv")
+
+    def note(*words: str) -> None:
+        with record.open("a", encoding="utf-8") as file:
+            file.write(" ".join(words) + "\n")
+
+    monkeypatch.setattr(module, "ROOT", tmp_path)
+    monkeypatch.setattr(module, "VENV", tmp_path / ".venv")
+    monkeypatch.setattr(module, "create", create)
+    monkeypatch.setattr(module, "pip_install", note)
+    return module
+
+
+SIMULATE = "--require-hashes -r requirements/simulate.txt"
+DEV = "--require-hashes -r requirements/dev.txt"
+PROJECT = "--no-deps --no-build-isolation --editable ."
+
+
+def done(environment: ModuleType, *locks: str) -> list[str]:
+    """Ask for locks and return what was run for them."""
+    record: Path = environment.ROOT / "record"
+    record.write_text("", encoding="utf-8")
+    environment.main(locks)
+    return record.read_text(encoding="utf-8").splitlines()
+
+
+def test_second_call_does_nothing(environment: ModuleType) -> None:
+    assert done(environment, "simulate") == ["venv", SIMULATE, PROJECT]
+    assert done(environment, "simulate") == []
+
+
+def test_later_lock_adds_to_what_is_there(environment: ModuleType) -> None:
+    done(environment, "simulate")
+    assert done(environment, "simulate", "dev") == [DEV]
+    assert done(environment, "simulate") == []
+
+
+@pytest.mark.parametrize("lock", ["simulate", "dev"])
+def test_changed_lock_rebuilds_from_nothing(environment: ModuleType, lock: str) -> None:
+    done(environment, "simulate", "dev")
+    (environment.ROOT / "requirements" / f"{lock}.txt").write_text("2", encoding="utf-8")
+    assert done(environment, "simulate", "dev") == ["venv", SIMULATE, DEV, PROJECT]
+
+
+def test_changed_interpreter_rebuilds_from_nothing(
+    environment: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done(environment, "simulate")
+    monkeypatch.setattr(environment, "PYTHON", "another")
+    assert done(environment, "simulate") == ["venv", SIMULATE, PROJECT]
+
+
+def test_changed_project_file_installs_the_project_alone(environment: ModuleType) -> None:
+    done(environment, "simulate")
+    (environment.ROOT / "pyproject.toml").write_text("2", encoding="utf-8")
+    assert done(environment, "simulate") == [PROJECT]
+
+
+def test_interrupted_installation_is_begun_again(
+    environment: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_words: str) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(environment, "pip_install", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            environment.main(["simulate"])
+    assert done(environment, "simulate") == ["venv", SIMULATE, PROJECT]
+
+
+def test_pip_has_no_cache_without_a_home(environment: ModuleType, tmp_path: Path) -> None:
+    assert "PIP_NO_CACHE_DIR" in environment.pip_environment({"HOME": str(tmp_path / "nowhere")})
+    assert "PIP_NO_CACHE_DIR" not in environment.pip_environment({"HOME": str(tmp_path)})
