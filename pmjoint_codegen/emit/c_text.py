@@ -14,7 +14,7 @@ import casadi as ca
 from pmjoint_codegen.manifest import Function
 
 _CONVENTION = """\
-/* arg[i] points to input i, res[i] to output i: dense vectors of doubles. iw, w and mem are unused and may be 0.
+/* arg[i] points to input i, res[i] to output i: dense vectors of doubles. iw, w, mem are unused and may be 0.
  * Every function returns 0. None allocates, keeps state or calls another. */
 """
 

@@ -8,7 +8,8 @@ from pathlib import Path
 
 from pmjoint_codegen.emit.pipeline import Artifacts, generate
 from pmjoint_codegen.emit.staleness import REMEDIES, Comparison, Verdict, compare, read_folder
-from pmjoint_codegen.spec import load_model
+from pmjoint_codegen.spec import model_of
+from pmjoint_codegen.spec.reader import read_document
 from pmjoint_codegen.storage import recover_folder, replace_folder
 from pmjoint_codegen.workspace import find_model, generated_root, model_folders
 
@@ -84,15 +85,15 @@ def artifacts_of(file: Path) -> Artifacts:
     Raises:
         ModelError: for a model that cannot be read or derived.
     """
-    loaded = load_model(file)
-    return generate(loaded.document, loaded.model)
+    document = read_document(file)
+    return generate(document, model_of(document, str(file)))
 
 
 def _orphans(files: Sequence[Path]) -> list[Report]:
     if not files:
         return []
     root = generated_root(files[0])
-    known = {load_model(file).model.name for file in files}
+    known = {read_document(file).get("name") for file in files}
     folders = (
         sorted(path for path in root.iterdir() if path.is_dir() and path.name[0] != ".")
         if root.is_dir()

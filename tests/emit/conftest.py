@@ -1,0 +1,31 @@
+"""The paper's model, derivation and kernels, made once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from derive import Derivation, derive
+from pmjoint_codegen.emit.pipeline import Artifacts, generate
+from pmjoint_codegen.spec import model_of
+from pmjoint_codegen.spec.reader import read_document
+
+
+@pytest.fixture(scope="session")
+def document(root: Path) -> dict[str, Any]:
+    """The paper's model file, parsed."""
+    return read_document(root / "models" / "paper.toml")
+
+
+@pytest.fixture(scope="session")
+def paper(document: dict[str, Any]) -> Derivation:
+    """The paper's derivation."""
+    return derive(model_of(document, "paper.toml"))
+
+
+@pytest.fixture(scope="session")
+def artifacts(document: dict[str, Any]) -> Artifacts:
+    """What the paper's model generates."""
+    return generate(document, model_of(document, "paper.toml"))
