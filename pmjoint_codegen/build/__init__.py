@@ -1,0 +1,1 @@
+"""From C sources to a shared library in the user's cache folder."""

@@ -1,0 +1,104 @@
+"""Compile C sources into a shared library, once, in the cache folder.
+
+A build is a folder ``<key>/`` of the cache, where the key covers sources, flags and compiler. The compiler
+works in a private folder; what it made is moved into place whole, so that processes building at once, or
+killed while they do, leave a whole build or none. Every file's hash stands beside it and is verified before
+the library is loaded.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import subprocess
+import tempfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Final
+
+from pmjoint_codegen.build.compiler import Compiler
+from pmjoint_codegen.errors import BuildError
+from pmjoint_codegen.storage import replace_folder, sha256
+
+# Bits must not depend on the machine or the optimiser: no contraction into fused operations, no native
+# instructions.
+FLAGS: Final = ("-O2", "-std=c99", "-ffp-contract=off", "-fPIC", "-shared")
+LIBRARY: Final = "kernels.so"
+HASHES: Final = "sha256.json"
+
+Extras = Callable[[], Mapping[str, bytes]]
+
+
+def build(
+    sources: Mapping[str, bytes], compiler: Compiler, cache: Path, extras: Extras | None = None
+) -> Path:
+    """Give the folder of the compiled library, building it if the cache has no sound copy.
+
+    Args:
+        sources: file name -> content; names ending in ``.c`` are compiled, all others are there to be
+            included.
+        compiler: as `find_compiler` gave it.
+        cache: folder for builds.
+        extras: gives further files (name -> content) to keep beside the library; called only when it is
+            built.
+
+    Returns:
+        The folder, which holds `LIBRARY` and the extras.
+
+    Raises:
+        BuildError: the compiler failed; ``output`` is its whole text.
+        UsageError: the cache cannot be written.
+    """
+    folder = cache / build_key(sources, compiler)
+    if not is_sound(folder):
+        files = {LIBRARY: _compile(sources, compiler, cache), **(extras() if extras else {})}
+        hashes = {name: sha256(data) for name, data in files.items()}
+        replace_folder(folder, {**files, HASHES: json.dumps(hashes, indent=1).encode()})
+    return folder
+
+
+def build_key(sources: Mapping[str, bytes], compiler: Compiler) -> str:
+    """Name of the build: a hash of sources, flags, compiler and machine type."""
+    digest = hashlib.sha256()
+    for text in (*FLAGS, *compiler.command, compiler.identity, os.uname().sysname, os.uname().machine):
+        digest.update(text.encode() + b"\0")
+    for name, content in sorted(sources.items()):
+        digest.update(f"{name} {len(content)}\0".encode() + content)
+    return digest.hexdigest()[:32]
+
+
+def is_sound(folder: Path) -> bool:
+    """Whether a build is there and every file in it is what was written."""
+    try:
+        hashes = json.loads((folder / HASHES).read_bytes())
+        return LIBRARY in hashes and all(
+            sha256((folder / name).read_bytes()) == hashes[name] for name in hashes
+        )
+    except (OSError, ValueError, TypeError):
+        return False
+
+
+def _compile(sources: Mapping[str, bytes], compiler: Compiler, cache: Path) -> bytes:
+    with tempfile.TemporaryDirectory(prefix=".build-", dir=cache) as private:
+        for name, content in sources.items():
+            (Path(private) / name).write_bytes(content)
+        units = sorted(name for name in sources if name.endswith(".c"))
+        command = [*compiler.command, *FLAGS, *units, "-o", LIBRARY, "-lm"]
+        done = subprocess.run(
+            command,
+            cwd=private,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            check=False,
+        )
+        library = Path(private) / LIBRARY
+        if done.returncode != 0 or not library.is_file():
+            raise BuildError(
+                f"the C compiler failed (exit code {done.returncode})",
+                where=" ".join(compiler.command),
+                remedy="choose another one with CC=..., or use --evaluator interpreted",
+                output=done.stdout.decode(errors="replace"),
+            )
+        return library.read_bytes()

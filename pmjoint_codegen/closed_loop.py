@@ -1,0 +1,181 @@
+"""The front door for scripts: load a model's closed loop, simulate it, evaluate its control law."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from pmjoint_codegen.build.compiler import INSTALL, find_compiler
+from pmjoint_codegen.errors import MissingToolError, SimulationError, UsageError
+from pmjoint_codegen.kernels.evaluator import Array, Evaluator
+from pmjoint_codegen.manifest import Manifest
+from pmjoint_codegen.simulate.run import Run, run
+from pmjoint_codegen.simulate.settings import DEFAULT_TOLERANCE, make_settings
+from pmjoint_codegen.simulate.status import Status
+
+if TYPE_CHECKING:
+    from pmjoint_codegen.provision import Provided
+
+Notify = Callable[[str], None]
+
+
+def _to_stderr(line: str) -> None:
+    print(line, file=sys.stderr)
+
+
+@dataclass(frozen=True)
+class ClosedLoop:
+    """A model with its kernels, ready to run.
+
+    Attributes:
+        evaluator: of the kernels, compiled or interpreted.
+    """
+
+    evaluator: Evaluator
+
+    @classmethod
+    def load(
+        cls,
+        model: str | Path,
+        evaluator: str | None = None,
+        *,
+        reference: str | None = None,
+        disturbance: Sequence[str] | None = None,
+        environment: Mapping[str, str] | None = None,
+        notify: Notify = _to_stderr,
+    ) -> ClosedLoop:
+        """Load a model, building its kernels or reusing the build.
+
+        Args:
+            model: name, or path of a model file.
+            evaluator: ``compiled``, ``interpreted``, or None: compiled where a compiler is found.
+            reference: another y_r, a function of t and parameters.
+            disturbance: another disturbance, one expression a state.
+            environment: for compiler and cache folder; the process's own by default.
+            notify: told, in one line, what the user should know.
+
+        Raises:
+            ModelError: the model cannot be found, read or derived.
+            StaleError: a generated file was edited by hand.
+            MissingToolError: no compiler although ``compiled`` is asked for, or an extra is not installed.
+            BuildError: the compiler failed.
+            UsageError: an unknown evaluator.
+        """
+        if evaluator not in (None, "compiled", "interpreted"):
+            raise UsageError(f"is {evaluator!r}", where="evaluator", remedy="allowed: compiled, interpreted")
+        from pmjoint_codegen.provision import provide
+
+        known = os.environ if environment is None else environment
+        provided = provide(
+            model, reference=reference, disturbance=disturbance, environment=known, notify=notify
+        )
+        return cls(_evaluator(provided, evaluator, known, notify))
+
+    @property
+    def manifest(self) -> Manifest:
+        """The model: names, units, defaults, equations."""
+        return self.evaluator.manifest
+
+    def simulate(
+        self,
+        *,
+        horizon: float | None = None,
+        parameters: Mapping[str, float] | None = None,
+        x0: Sequence[float] | Array | None = None,
+        output_step: float | None = None,
+        controller: str = "continuous",
+        sample_time: float | None = None,
+        compensator: bool | None = None,
+        tolerance: float = DEFAULT_TOLERANCE,
+        progress: Callable[[float], None] | None = None,
+    ) -> Run:
+        """Integrate the closed loop; what is not given is as the model file says.
+
+        Args:
+            horizon: s.
+            parameters: overrides of parameters and gains, by name.
+            x0: initial plant states.
+            output_step: s.
+            controller: ``continuous``, or ``sampled`` as on a microcontroller.
+            sample_time: s, of the sampled controller.
+            compensator: False: r = 0, plain clipping.
+            tolerance: local error, relative to max(1, |value|).
+            progress: told the fraction done now and then.
+
+        Raises:
+            UsageError: a setting is unknown, of the wrong length, or out of range.
+            SimulationError: the run ended early; ``error.run`` is the run so far.
+        """
+        settings = make_settings(
+            self.manifest,
+            parameters=parameters,
+            x0=x0,
+            horizon=horizon,
+            output_step=output_step,
+            controller=controller,
+            sample_time=sample_time,
+            compensator=compensator,
+            tolerance=tolerance,
+        )
+        result = run(self.evaluator, settings, progress)
+        if result.status != Status.DONE:
+            raise SimulationError(result.message, where=self.manifest.name, run=result)
+        return result
+
+    def control(
+        self,
+        state: npt.ArrayLike,
+        y: npt.ArrayLike,
+        reference: npt.ArrayLike,
+        *,
+        parameters: Mapping[str, float] | None = None,
+    ) -> Array:
+        """Evaluate v of (29); leading dimensions broadcast.
+
+        Args:
+            state: controller states s = (xi, Xi, lambda, r), shape (..., ns); a whole closed-loop state X,
+                shape (..., nX), is taken as well, and its s used.
+            y: measured output, shape (...).
+            reference: y_r and its derivatives up to order rho, shape (..., rho + 1).
+            parameters: overrides, by name.
+
+        Returns:
+            v in the actuator's unit, shape (...).
+
+        Raises:
+            UsageError: an unknown parameter, or shapes that do not fit.
+        """
+        manifest = self.manifest
+        p = make_settings(manifest, parameters=parameters).p
+        s = np.asarray(state, dtype=np.float64)
+        if s.ndim and s.shape[-1] == manifest.nX:
+            s = s[..., manifest.nx :]
+        output = np.asarray(y, dtype=np.float64)[..., np.newaxis]
+        return self.evaluator.call("law", output, s, reference, p)[2][..., 0]
+
+
+def _evaluator(
+    provided: Provided, kind: str | None, environment: Mapping[str, str], notify: Notify
+) -> Evaluator:
+    compiler = None if kind == "interpreted" else find_compiler(environment, notify)
+    if compiler is not None:
+        from pmjoint_codegen.kernels import compiled
+        from pmjoint_codegen.workspace import cache_dir
+
+        return compiled.load(provided.folder, provided.manifest, compiler, cache_dir(environment, notify))
+    if kind == "compiled":
+        raise MissingToolError(
+            "no C compiler was found (CC, cc, gcc, clang)", remedy=f"install one: {INSTALL}"
+        )
+    if kind is None:
+        notify(f"no C compiler was found, so the kernels run interpreted; for the fast way: {INSTALL}")
+    from pmjoint_codegen.kernels import interpreted
+
+    return interpreted.load(provided.folder, provided.manifest)

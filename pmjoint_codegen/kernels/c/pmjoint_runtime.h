@@ -1,0 +1,123 @@
+/* Runs of the closed loop over generated kernels: the C half of pmjoint_codegen/simulate, which is its reference.
+ *
+ * The Python modules polynomial.py, continuous.py and sampled.py do the same arithmetic in the same order; read
+ * them first. Nothing here allocates, holds state of its own or knows a model: kernels, sizes, limits and scratch
+ * memory all come from the caller. Times are in seconds; states have the units of model.json.
+ *
+ * Python reads the declarations below as they stand, without preprocessing: keep `#` lines free of declarations.
+ */
+#ifndef PMJOINT_RUNTIME_H
+#define PMJOINT_RUNTIME_H
+
+/* The highest Taylor order that the root isolation holds on its stack. */
+#define PMJ_MAX_ORDER 40
+/* Below this step, relative to max(1 s, t), time does not move any more. */
+#define PMJ_SMALLEST_STEP 1e-14
+
+/* Values of `pmj_progress.status`; simulate/status.py puts them into words. */
+#define PMJ_RUNNING 0
+#define PMJ_DONE 1
+#define PMJ_DIVERGED 2
+#define PMJ_NON_FINITE 3
+#define PMJ_STALLED 4
+#define PMJ_TOO_MANY_STEPS 5
+#define PMJ_TOO_MANY_SWITCHES 6
+#define PMJ_KERNEL_FAILED 7
+
+/* A generated kernel in CasADi's calling convention: 0 is success. */
+typedef int (*pmj_kernel)(const double **arg, double **res, long long *iw, double *w, int mem);
+
+/* A kernel with the scratch arrays that its `_work` asks for. */
+typedef struct {
+    pmj_kernel call;
+    const double **arg;
+    double **res;
+    long long *iw;
+    double *w;
+} pmj_function;
+
+/* What does not change during a run. Arrays are row-major; sizes in brackets. */
+typedef struct {
+    long long n_plant;        /* nx: plant states x, first in X */
+    long long n_states;       /* nX: plant states, then controller states */
+    long long n_actuated;     /* nw: channels of w, the first is u */
+    long long n_reference;    /* rho + 1 */
+    long long order;          /* N of the Taylor kernels */
+    long long n_thresholds;   /* values of v at which a channel of w enters or leaves a limit */
+    const double *thresholds; /* [n_thresholds] ascending */
+    const double *modes;      /* [(n_thresholds + 1)][2 nw]: offset and slope of each channel of w inside a mode */
+    const double *limits;     /* [nw][4]: offset, slope, lower, upper */
+    const double *p;          /* parameters */
+    const double *hold;       /* sampled: zero-order-hold matrices of `sampled_update` */
+    const double *nodes;      /* [n_nodes] Gauss nodes on (0, 1) for the integral of e^2 */
+    const double *weights;    /* [n_nodes] */
+    long long n_nodes;
+    const double *times;      /* [n_rows] output instants, ascending, the first 0, the last the horizon */
+    long long n_rows;
+    double sample_time;
+    double tolerance;         /* local error, relative to max(1, |value|) */
+    double safety;            /* factor on the step that the last two coefficients allow */
+    double divergence;        /* |X_i| above it ends the run */
+    long long max_steps;
+    long long max_switches;
+} pmj_problem;
+
+/* Where a run stands: whatever must survive between two calls. */
+typedef struct {
+    double t;
+    double integral;          /* of e^2 from 0 to t */
+    long long status;         /* PMJ_... */
+    long long mode;           /* index of the interval of v between thresholds */
+    long long first_mode;     /* at t = 0 */
+    long long touching;       /* threshold that v stands on at t, or -1 */
+    long long idle;           /* switches since time last moved */
+    long long row;            /* output rows written */
+    long long steps;          /* accepted steps of the state */
+    long long rejected;       /* steps tried again at half the size */
+    long long evaluations;    /* calls of the Taylor kernel */
+    long long switches;       /* changes of mode */
+    long long sample;         /* sampled: index of the next sample */
+    long long buffer;         /* which half of the coefficient memory is current */
+} pmj_progress;
+
+/* Memory that a run writes. */
+typedef struct {
+    double *coefficients;     /* [2 ((N + 1)(nX + 1) + 3)]: this step's and the next's, padded for blocked reading */
+    double *state;            /* [nX]: X at t */
+    double *trial;            /* [nX]: X at the end of a step on trial */
+    double *slope;            /* [nX + 1]: rates of X and v at the end of a step */
+    double *reference;        /* [rho + 1] */
+    double *w;                /* [nw] */
+    double *sample;           /* sampled: [nX], X at the last sample */
+    double *rows;             /* [n_rows][nX]; the first row comes filled in */
+    double *held;             /* sampled: [n_rows][nX], X at the last sample */
+    double *held_times;       /* sampled: [n_rows] */
+    double *peaks;            /* [nX + 1]: largest |X_i| and |v| so far */
+    double *peak_times;       /* [nX + 1] */
+    double *switch_times;     /* [max_switches] */
+    long long *switch_modes;  /* [max_switches] */
+} pmj_memory;
+
+/* polynomial.c */
+void pmj_evaluate(const double *c, long long width, long long order, double tau, double *out, long long n);
+void pmj_differentiate(const double *c, long long width, long long order, double tau, double *out, long long n);
+double pmj_step_size(const double *c, long long width, long long order, double tolerance, double safety);
+int pmj_first_crossing(const double *q, long long degree, double h, double *root);
+void pmj_note_value(double value, double t, double *peak, double *peak_time);
+void pmj_note_peaks(const double *c, long long width, long long order, long long n, double t, double tau,
+                    const double *end, const double *end_slope, double *peaks, double *peak_times);
+
+/* continuous.c */
+void pmj_continuous(const pmj_problem *problem, const pmj_function *taylor, const pmj_function *reference,
+                    pmj_progress *progress, pmj_memory *memory, long long budget);
+
+/* sampled.c */
+void pmj_sampled(const pmj_problem *problem, const pmj_function *plant_taylor, const pmj_function *reference,
+                 const pmj_function *law, const pmj_function *update, pmj_progress *progress, pmj_memory *memory,
+                 long long budget);
+
+/* map.c */
+int pmj_map(const pmj_function *kernel, long long rows, long long n_arg, const double **arg,
+            const long long *arg_stride, long long n_res, double **res, const long long *res_stride);
+
+#endif

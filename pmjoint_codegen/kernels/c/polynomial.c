@@ -1,0 +1,268 @@
+#include "pmjoint_runtime.h"
+
+#include <float.h>
+#include <math.h>
+
+/* Channels evaluated side by side; coefficient memory is padded by one less, so that a block may read past a row. */
+#define BLOCK 4
+/* Halvings of a step in the search for a root: below it, an interval is narrower than the rounding of its ends. */
+#define MAX_DEPTH 48
+#define MAX_REFINEMENTS 100
+
+/* out[i] = sum_k c[k*width + i] tau^k, by Horner, for i < n. */
+void pmj_evaluate(const double *c, long long width, long long order, double tau, double *out, long long n)
+{
+    for (long long first = 0; first < n; first += BLOCK) {
+        const double *row = c + order * width + first;
+        double sum[BLOCK];
+        for (int i = 0; i < BLOCK; ++i) {
+            sum[i] = row[i];
+        }
+        for (long long k = order - 1; k >= 0; --k) {
+            row -= width;
+            for (int i = 0; i < BLOCK; ++i) {
+                sum[i] = sum[i] * tau + row[i];
+            }
+        }
+        for (int i = 0; i < BLOCK && first + i < n; ++i) {
+            out[first + i] = sum[i];
+        }
+    }
+}
+
+/* out[i] = sum_k k c[k*width + i] tau^(k-1), by Horner, for i < n. */
+void pmj_differentiate(const double *c, long long width, long long order, double tau, double *out, long long n)
+{
+    for (long long first = 0; first < n; first += BLOCK) {
+        const double *row = c + order * width + first;
+        double sum[BLOCK];
+        for (int i = 0; i < BLOCK; ++i) {
+            sum[i] = (double)order * row[i];
+        }
+        for (long long k = order - 1; k >= 1; --k) {
+            row -= width;
+            for (int i = 0; i < BLOCK; ++i) {
+                sum[i] = sum[i] * tau + (double)k * row[i];
+            }
+        }
+        for (int i = 0; i < BLOCK && first + i < n; ++i) {
+            out[first + i] = sum[i];
+        }
+    }
+}
+
+/* The step that keeps the last two terms below the tolerance (Jorba and Zou 2005); HUGE_VAL if both vanish. */
+double pmj_step_size(const double *c, long long width, long long order, double tolerance, double safety)
+{
+    double size = HUGE_VAL;
+    for (long long k = order - 1; k <= order; ++k) {
+        double norm = 0.0;
+        for (long long i = 0; i < width; ++i) {
+            const double scale = fabs(c[i]);
+            const double term = fabs(c[k * width + i]) / (scale > 1.0 ? scale : 1.0);
+            norm = term > norm ? term : norm;
+        }
+        if (norm > 0.0) {
+            const double allowed = pow(tolerance / norm, 1.0 / (double)k);
+            size = allowed < size ? allowed : size;
+        }
+    }
+    return size * safety;
+}
+
+/* b := Bernstein coefficients on [0, 1] of sum_k a_k s^k. */
+static void to_bernstein(const double *a, long long degree, double *b)
+{
+    /* b_j = sum_k C(j, k)/C(degree, k) a_k, as running differences: scale, then sum up degree times. */
+    double binomial = 1.0;
+    for (long long k = 0; k <= degree; ++k) {
+        b[k] = a[k] / binomial;
+        binomial = binomial * (double)(degree - k) / (double)(k + 1);
+    }
+    for (long long level = 1; level <= degree; ++level) {
+        for (long long j = degree; j >= level; --j) {
+            b[j] += b[j - 1];
+        }
+    }
+}
+
+static int sign_outside(double value, double noise)
+{
+    return (value > noise) - (value < -noise);
+}
+
+/* Sign changes among b, leaving out what is noise; the first and the last sign that is not (0: none). */
+static int variations(const double *b, long long degree, double noise, int *first, int *last)
+{
+    int changes = 0;
+    *first = 0;
+    *last = 0;
+    for (long long j = 0; j <= degree; ++j) {
+        const int sign = sign_outside(b[j], noise);
+        if (sign != 0) {
+            changes += *last != 0 && sign != *last;
+            *first = *first != 0 ? *first : sign;
+            *last = sign;
+        }
+    }
+    return changes;
+}
+
+/* Halve by de Casteljau: `left` becomes the first half, `right` the second. */
+static void halve(double *left, double *right, long long degree)
+{
+    right[degree] = left[degree];
+    for (long long level = 1; level <= degree; ++level) {
+        for (long long j = degree; j >= level; --j) {
+            left[j] = 0.5 * (left[j - 1] + left[j]);
+        }
+        right[degree - level] = left[degree];
+    }
+}
+
+/* The root of sum_k a_k s^k in (low, high), where the sign `before` ends: Newton, kept inside by bisection. */
+static double refine(const double *a, long long degree, double low, double high, int before, double noise)
+{
+    double s = 0.5 * (low + high);
+    for (int round = 0; round < MAX_REFINEMENTS; ++round) {
+        double value = a[degree];
+        double slope = 0.0;
+        for (long long k = degree - 1; k >= 0; --k) {
+            slope = slope * s + value;
+            value = value * s + a[k];
+        }
+        if (value == 0.0) {
+            return s;
+        }
+        if ((value > 0.0) == (before > 0)) {
+            low = s;
+        } else {
+            high = s;
+        }
+        double next = slope != 0.0 ? s - value / slope : NAN;
+        if (!(next > low && next < high)) {
+            next = 0.5 * (low + high);
+        }
+        if (fabs(next - s) <= 2.0 * DBL_EPSILON * s || fabs(value) <= noise) {
+            return next;
+        }
+        s = next;
+    }
+    return s;
+}
+
+/* Descartes' rule on [0, 1], halving where it leaves a doubt, from left to right; 1 and the root, or 0. */
+static int isolate(const double *a, long long degree, double size, double *root)
+{
+    double stack[MAX_DEPTH + 2][PMJ_MAX_ORDER + 1];
+    double low[MAX_DEPTH + 2];
+    double width[MAX_DEPTH + 2];
+    const double noise = 4.0 * (double)(degree + 1) * DBL_EPSILON * size;
+    int top = 0;
+    int before = 0;
+    to_bernstein(a, degree, stack[0]);
+    low[0] = 0.0;
+    width[0] = 1.0;
+    while (top >= 0) {
+        int first = 0;
+        int last = 0;
+        const int changes = variations(stack[top], degree, noise, &first, &last);
+        if (before != 0 && first != 0 && first != before) {
+            *root = low[top]; /* the sign changed at the border, to rounding */
+            return 1;
+        }
+        if (changes == 1) {
+            *root = refine(a, degree, low[top], low[top] + width[top], first, 0.25 * DBL_EPSILON * size);
+            return 1;
+        }
+        if (changes == 0 || width[top] <= ldexp(1.0, -MAX_DEPTH)) {
+            if (changes > 0 && first != last) {
+                *root = low[top] + 0.5 * width[top];
+                return 1;
+            }
+            before = last != 0 ? last : before;
+            --top;
+            continue;
+        }
+        /* The right half takes this place, the left half goes on top of it. */
+        for (long long j = 0; j <= degree; ++j) {
+            stack[top + 1][j] = stack[top][j];
+        }
+        halve(stack[top + 1], stack[top], degree);
+        width[top] *= 0.5;
+        low[top + 1] = low[top];
+        width[top + 1] = width[top];
+        low[top] += width[top];
+        ++top;
+    }
+    return 0;
+}
+
+/* The first tau in (0, h) at which sum_k q_k tau^k changes its sign: 1 and the root, or 0.
+ * A zero at h itself is left to the next step; a zero without change of sign is none. */
+int pmj_first_crossing(const double *q, long long degree, double h, double *root)
+{
+    double a[PMJ_MAX_ORDER + 1];
+    double power = 1.0;
+    double rest = 0.0;
+    for (long long k = 0; k <= degree; ++k) {
+        a[k] = q[k] * power;
+        power *= h;
+        rest += k > 0 ? fabs(a[k]) : 0.0;
+    }
+    const double size = rest + fabs(a[0]);
+    if (degree < 1 || fabs(a[0]) > rest || !(size <= DBL_MAX)) {
+        return 0;
+    }
+    double s = 0.0;
+    if (!isolate(a, degree, size, &s)) {
+        return 0;
+    }
+    *root = s * h;
+    return 1;
+}
+
+/* Keep the largest magnitude and its time. */
+void pmj_note_value(double value, double t, double *peak, double *peak_time)
+{
+    if (fabs(value) > *peak) {
+        *peak = fabs(value);
+        *peak_time = t;
+    }
+}
+
+/* The largest magnitude of one channel inside a step at whose ends its slope has opposite signs. */
+static void note_extremum(const double *c, long long width, long long order, double t, double tau, double *peak,
+                          double *peak_time)
+{
+    double slope[PMJ_MAX_ORDER];
+    double power = 1.0;
+    double bound = 0.0;
+    double when = 0.0;
+    for (long long k = 0; k <= order; ++k) {
+        bound += fabs(c[k * width]) * power;
+        power *= tau;
+        if (k > 0) {
+            slope[k - 1] = (double)k * c[k * width];
+        }
+    }
+    if (bound > *peak && pmj_first_crossing(slope, order - 1, tau, &when)) {
+        double value = c[order * width];
+        for (long long k = order - 1; k >= 0; --k) {
+            value = value * when + c[k * width];
+        }
+        pmj_note_value(value, t + when, peak, peak_time);
+    }
+}
+
+/* Peaks of the first n channels over a step that starts at t: at its end, and where a slope changes its sign. */
+void pmj_note_peaks(const double *c, long long width, long long order, long long n, double t, double tau,
+                    const double *end, const double *end_slope, double *peaks, double *peak_times)
+{
+    for (long long i = 0; i < n; ++i) {
+        pmj_note_value(end[i], t + tau, peaks + i, peak_times + i);
+        if (c[width + i] * end_slope[i] < 0.0) {
+            note_extremum(c + i, width, order, t, tau, peaks + i, peak_times + i);
+        }
+    }
+}

@@ -1,0 +1,155 @@
+"""The kernels as compiled C, through cffi in ABI mode."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from pmjoint_codegen.build.compiler import Compiler
+from pmjoint_codegen.build.library import LIBRARY, build
+from pmjoint_codegen.errors import SimulationError, StaleError
+from pmjoint_codegen.kernels.declarations import MODULE, declarations, load_module, to_module
+from pmjoint_codegen.kernels.evaluator import Array, Kernel, Kind, as_rows, find_function
+from pmjoint_codegen.manifest import Manifest
+
+RUNTIME_HEADER: Final = "pmjoint_runtime.h"
+
+
+class BoundFunction(NamedTuple):
+    """A kernel and the memory that its C struct points to, which must live as long.
+
+    Attributes:
+        struct: ``pmj_function *``.
+        memory: its pointer arrays, ``arg`` and ``res``.
+    """
+
+    struct: Any
+    memory: tuple[Any, Any]
+
+
+class CompiledEvaluator:
+    """One loaded library: `Evaluator`, and the C loops for `simulate`.
+
+    Attributes:
+        kind: ``"compiled"``.
+        manifest: the model.
+        ffi: cffi's object for the library's types.
+        lib: the library.
+    """
+
+    kind: Kind = "compiled"
+
+    def __init__(self, manifest: Manifest, ffi: Any, lib: Any) -> None:
+        self.manifest = manifest
+        self.ffi = ffi
+        self.lib = lib
+
+    def function(self, name: str) -> BoundFunction:
+        """A kernel with pointer arrays of its own, for one user at a time."""
+        description = find_function(self.manifest, name)
+        arg = self.ffi.new("const double *[]", len(description.inputs))
+        res = self.ffi.new("double *[]", len(description.outputs))
+        call = self.ffi.cast("pmj_kernel", getattr(self.lib, name))
+        # kernels.h: iw and w are unused and may be null.
+        return BoundFunction(
+            self.ffi.new("pmj_function *", {"call": call, "arg": arg, "res": res}), (arg, res)
+        )
+
+    def kernel(self, name: str) -> Kernel:
+        """One kernel for one point: contiguous float64 vectors in, fresh vectors out; nothing is checked."""
+        bound = self.function(name)
+        function = bound.struct
+        sizes = [size for _, size in find_function(self.manifest, name).outputs]
+        from_buffer = self.ffi.from_buffer
+
+        def evaluate(*arrays: Array) -> tuple[Array, ...]:
+            results = tuple(np.empty(size) for size in sizes)
+            held = [from_buffer("double[]", array) for array in (*arrays, *results)]
+            for pointers, first, count in (
+                (bound.memory[0], 0, len(arrays)),
+                (bound.memory[1], len(arrays), len(results)),
+            ):
+                for i in range(count):
+                    pointers[i] = held[first + i]
+            _check(name, function.call(*bound.memory, function.iw, function.w, 0))
+            return results
+
+        return evaluate
+
+    def call(self, name: str, *arrays: npt.ArrayLike) -> tuple[Array, ...]:
+        """Evaluate a kernel over rows; see `Evaluator.call`."""
+        description = find_function(self.manifest, name)
+        shape, rows = as_rows(description, arrays)
+        count = int(np.prod(shape))
+        results = [np.empty((count, size)) for _, size in description.outputs]
+        self._map(name, count, rows, results)
+        return tuple(result.reshape(*shape, result.shape[1]) for result in results)
+
+    def _map(self, name: str, count: int, arguments: list[Array], results: list[Array]) -> None:
+        ffi = self.ffi
+        inputs = [ffi.from_buffer("double[]", array) for array in arguments]
+        outputs = [ffi.from_buffer("double[]", array) for array in results]
+        strides = [array.shape[1] if len(array) > 1 else 0 for array in arguments]
+        bound = self.function(name)
+        failed = self.lib.pmj_map(
+            bound.struct,
+            count,
+            len(inputs),
+            ffi.new("const double *[]", inputs),
+            ffi.new("long long[]", strides),
+            len(outputs),
+            ffi.new("double *[]", outputs),
+            ffi.new("long long[]", [array.shape[1] for array in results]),
+        )
+        _check(name, failed)
+
+
+def load(folder: Path, manifest: Manifest, compiler: Compiler, cache: Path) -> CompiledEvaluator:
+    """Build the kernels of a model, or reuse the build, and load them.
+
+    Args:
+        folder: holds ``kernels.c`` and ``kernels.h``.
+        manifest: the model.
+        compiler: to build with.
+        cache: folder for builds.
+
+    Raises:
+        BuildError: the compiler failed.
+        StaleError: a generated file is missing or declares too little.
+        UsageError: the cache cannot be written.
+    """
+    sources = _sources(folder)
+
+    def extras() -> Mapping[str, bytes]:
+        kernels, loops = (sources[name].decode() for name in ("kernels.h", RUNTIME_HEADER))
+        try:
+            text = declarations(kernels, loops, [function.name for function in manifest.functions])
+        except ValueError as error:
+            raise _stale(str(error), folder) from None
+        return {MODULE: to_module(text).encode()}
+
+    built = build(sources, compiler, cache, extras)
+    ffi = load_module((built / MODULE).read_text(encoding="utf-8"))
+    return CompiledEvaluator(manifest, ffi, ffi.dlopen(str(built / LIBRARY)))
+
+
+def _sources(folder: Path) -> dict[str, bytes]:
+    """The generated files and the package's own loops."""
+    own = sorted((Path(__file__).parent / "c").glob("*.[ch]"))
+    try:
+        return {path.name: path.read_bytes() for path in (folder / "kernels.c", folder / "kernels.h", *own)}
+    except OSError as error:
+        raise _stale(f"{error.filename} cannot be read", folder) from None
+
+
+def _stale(what: str, folder: Path) -> StaleError:
+    return StaleError(what, where=str(folder), remedy="run pmjoint regenerate")
+
+
+def _check(name: str, failed: int) -> None:
+    if failed:
+        raise SimulationError(f"kernel {name} reported failure {failed}")

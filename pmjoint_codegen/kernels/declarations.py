@@ -1,0 +1,72 @@
+"""cffi's declarations, from the headers as they stand.
+
+cffi parses C only to learn what may be called. That takes longer than a whole run, so it is done when a
+library is built; what it yields is kept as Python text beside the library, and loading needs no parser.
+"""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from collections.abc import Iterable
+from contextlib import redirect_stdout
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+MODULE = "declarations.py"
+_COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
+
+
+def declarations(kernels_header: str, runtime_header: str, names: Iterable[str]) -> str:
+    """Collect the declarations to give to cffi.
+
+    Args:
+        kernels_header: text of ``kernels.h``.
+        runtime_header: text of ``pmjoint_runtime.h``.
+        names: kernels that will be called; others are left out, as parsing costs time.
+
+    Raises:
+        ValueError: the header declares no such kernel.
+    """
+    declared = {re.split(r"[\s(]+", line)[1]: line for line in _statements(kernels_header)}
+    missing = [name for name in names if name not in declared]
+    if missing:
+        raise ValueError(f"kernels.h declares no {', '.join(missing)}")
+    return "\n".join([*_lines(runtime_header), *(declared[name] for name in names)])
+
+
+def to_module(text: str) -> str:
+    """Parse declarations; give the Python text from which `load_module` makes them again."""
+    import cffi
+
+    ffi = cffi.FFI()
+    ffi.cdef(text)
+    ffi.set_source("pmjoint_kernels", None)
+    with tempfile.TemporaryDirectory(prefix="pmjoint-") as folder:
+        path = Path(folder) / MODULE
+        with redirect_stdout(StringIO()):  # cffi announces the file there
+            ffi.emit_python_code(str(path))
+        return path.read_text(encoding="utf-8")
+
+
+def load_module(text: str) -> Any:
+    """The ``ffi`` object of a text that `to_module` made."""
+    scope: dict[str, Any] = {}
+    exec(compile(text, MODULE, "exec"), scope)
+    return scope["ffi"]
+
+
+def _lines(header: str) -> list[str]:
+    """Lines of a header without comments and without the preprocessor's lines."""
+    return [
+        line for line in _COMMENT.sub(" ", header).splitlines() if line.strip() and not line.startswith("#")
+    ]
+
+
+def _statements(header: str) -> list[str]:
+    return [
+        f"{' '.join(statement.split())};"
+        for statement in "\n".join(_lines(header)).split(";")
+        if statement.strip()
+    ]

@@ -1,0 +1,1 @@
+"""Runs of the closed loop over the generated kernels; imports neither SymPy nor CasADi."""

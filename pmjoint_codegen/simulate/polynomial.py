@@ -1,0 +1,212 @@
+"""Polynomials of one Taylor step: evaluation, step size, and the first change of sign.
+
+The twin of ``kernels/c/polynomial.c``: same arithmetic, same order. Coefficients are those of powers of the
+time since the step's start, row k for order k, one column a channel.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+
+from pmjoint_codegen.kernels.evaluator import Array
+
+# Halvings of a step in the search for a root: below it, an interval is narrower than the rounding of its
+# ends.
+MAX_DEPTH: Final = 48
+MAX_REFINEMENTS: Final = 100
+EPSILON: Final = sys.float_info.epsilon
+
+
+def evaluate(c: Array, tau: float | Array) -> Array:
+    """Sum of ``c[k] tau^k`` by Horner.
+
+    Args:
+        c: shape (N + 1, channels).
+        tau: time since the step's start, s; a number, or shape (rows, 1).
+
+    Returns:
+        Shape (channels,) or (rows, channels).
+    """
+    value: Array = c[-1] + np.zeros_like(tau)
+    for row in c[-2::-1]:
+        value = value * tau + row
+    return value
+
+
+def differentiate(c: Array, tau: float) -> Array:
+    """Derivative of `evaluate` by tau, shape (channels,)."""
+    order = len(c) - 1
+    value: Array = order * c[order]
+    for k in range(order - 1, 0, -1):
+        value = value * tau + k * c[k]
+    return value
+
+
+def step_size(c: Array, tolerance: float, safety: float) -> float:
+    """The step, s, that keeps the last two terms below the tolerance (Jorba and Zou 2005); may be infinite.
+
+    Args:
+        c: shape (N + 1, channels).
+        tolerance: for every channel, relative to max(1, |value|).
+        safety: factor on the result.
+    """
+    scale = np.maximum(np.abs(c[0]), 1.0)
+    size = math.inf
+    for k in (len(c) - 2, len(c) - 1):
+        norm = float(np.max(np.abs(c[k]) / scale, initial=0.0))
+        if norm > 0.0:
+            size = min(size, math.pow(tolerance / norm, 1.0 / k))
+    return size * safety
+
+
+def first_crossing(q: Sequence[float], h: float) -> float | None:
+    """The first tau in (0, h) at which ``sum q[k] tau^k`` changes its sign, or None.
+
+    A zero at h itself is left to the next step; a zero without change of sign is none. What differs from zero
+    by no more than rounding counts as zero.
+
+    Args:
+        q: coefficients, ``q[0]`` not zero.
+        h: length of the step, s.
+    """
+    a = []
+    power = 1.0
+    rest = 0.0
+    for k, coefficient in enumerate(q):
+        a.append(coefficient * power)
+        power *= h
+        rest += abs(a[k]) if k > 0 else 0.0
+    size = rest + abs(a[0])
+    if len(a) < 2 or abs(a[0]) > rest or not size <= sys.float_info.max:
+        return None
+    root = _isolate(a, size)
+    return None if root is None else root * h
+
+
+def note_peaks(
+    c: Array, t: float, tau: float, end: Array, end_slope: Array, peaks: Array, peak_times: Array
+) -> None:
+    """Keep the largest magnitudes over a step: at its end, and where a slope changes its sign.
+
+    Args:
+        c: shape (N + 1, channels).
+        t: the step's start, s.
+        tau: its length, s.
+        end: values at its end, shape (channels,).
+        end_slope: slopes there, shape (channels,).
+        peaks: changed in place, shape (channels or more,).
+        peak_times: changed in place, s.
+    """
+    for i in range(c.shape[1]):
+        note_value(float(end[i]), t + tau, i, peaks, peak_times)
+        if c[1, i] * end_slope[i] < 0.0:
+            _note_extremum(c[:, i].tolist(), t, tau, i, peaks, peak_times)
+
+
+def note_value(value: float, t: float, i: int, peaks: Array, peak_times: Array) -> None:
+    """Keep the largest magnitude of channel i and its time."""
+    if abs(value) > peaks[i]:
+        peaks[i] = abs(value)
+        peak_times[i] = t
+
+
+def _note_extremum(c: list[float], t: float, tau: float, i: int, peaks: Array, peak_times: Array) -> None:
+    """The largest magnitude of one channel inside a step at whose ends its slope has opposite signs."""
+    power, bound = 1.0, 0.0
+    for coefficient in c:
+        bound += abs(coefficient) * power
+        power *= tau
+    when = first_crossing([k * c[k] for k in range(1, len(c))], tau) if bound > peaks[i] else None
+    if when is not None:
+        value = c[-1]
+        for coefficient in c[-2::-1]:
+            value = value * when + coefficient
+        note_value(value, t + when, i, peaks, peak_times)
+
+
+def _isolate(a: list[float], size: float) -> float | None:
+    """Descartes' rule on [0, 1], halving where it leaves a doubt, from left to right."""
+    degree = len(a) - 1
+    noise = 4.0 * (degree + 1) * EPSILON * size
+    before = 0
+    stack = [(_to_bernstein(a), 0.0, 1.0)]
+    while stack:
+        b, low, width = stack.pop()
+        changes, first, last = _variations(b, noise)
+        if before != 0 and first != 0 and first != before:
+            return low  # the sign changed at the border, to rounding
+        if changes == 1:
+            return _refine(a, low, low + width, first, 0.25 * EPSILON * size)
+        if changes == 0 or width <= math.ldexp(1.0, -MAX_DEPTH):
+            if changes > 0 and first != last:
+                return low + 0.5 * width
+            before = last if last != 0 else before
+            continue
+        left, right = _halve(b)
+        width *= 0.5
+        stack += [(right, low + width, width), (left, low, width)]
+    return None
+
+
+def _to_bernstein(a: list[float]) -> list[float]:
+    """Bernstein coefficients on [0, 1], ``b_j = sum_k C(j,k)/C(n,k) a_k``, as running differences."""
+    degree = len(a) - 1
+    b = []
+    binomial = 1.0
+    for k in range(degree + 1):
+        b.append(a[k] / binomial)
+        binomial = binomial * (degree - k) / (k + 1)
+    for level in range(1, degree + 1):
+        for j in range(degree, level - 1, -1):
+            b[j] += b[j - 1]
+    return b
+
+
+def _variations(b: list[float], noise: float) -> tuple[int, int, int]:
+    """Sign changes among b, leaving out what is noise; the first and the last sign that is not (0: none)."""
+    signs = [1 if value > noise else -1 for value in b if abs(value) > noise]
+    if not signs:
+        return 0, 0, 0
+    changes = sum(one != other for one, other in pairwise(signs))
+    return changes, signs[0], signs[-1]
+
+
+def _halve(b: list[float]) -> tuple[list[float], list[float]]:
+    """De Casteljau: the Bernstein coefficients of both halves."""
+    degree = len(b) - 1
+    left, right = list(b), [0.0] * (degree + 1)
+    right[degree] = left[degree]
+    for level in range(1, degree + 1):
+        for j in range(degree, level - 1, -1):
+            left[j] = 0.5 * (left[j - 1] + left[j])
+        right[degree - level] = left[degree]
+    return left, right
+
+
+def _refine(a: list[float], low: float, high: float, before: int, noise: float) -> float:
+    """The root in (low, high), where the sign `before` ends: Newton, kept inside by bisection."""
+    s = 0.5 * (low + high)
+    for _ in range(MAX_REFINEMENTS):
+        value, slope = a[-1], 0.0
+        for coefficient in a[-2::-1]:
+            slope = slope * s + value
+            value = value * s + coefficient
+        if value == 0.0:
+            return s
+        if (value > 0.0) == (before > 0):
+            low = s
+        else:
+            high = s
+        following = s - value / slope if slope != 0.0 else math.nan
+        if not low < following < high:
+            following = 0.5 * (low + high)
+        if abs(following - s) <= 2.0 * EPSILON * s or abs(value) <= noise:
+            return following
+        s = following
+    return s

@@ -1,0 +1,249 @@
+"""One simulation: settings in, `Run` out.
+
+The stages of `run`: actuator modes from the model, a `Problem` from the settings, the loop until it ends, the
+derived columns by the ``signals`` kernel over all rows at once, the summary.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from pmjoint_codegen.kernels.evaluator import Array, Evaluator
+from pmjoint_codegen.manifest import Manifest
+from pmjoint_codegen.simulate import quadrature
+from pmjoint_codegen.simulate.hold import hold_matrices
+from pmjoint_codegen.simulate.loops import Advance, make_loop
+from pmjoint_codegen.simulate.modes import Actuator, make_actuator
+from pmjoint_codegen.simulate.problem import Memory, Problem, Progress, make_memory
+from pmjoint_codegen.simulate.settings import Settings
+from pmjoint_codegen.simulate.status import Status, sentence
+from pmjoint_codegen.simulate.summary import summarise
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+INSTANTANEOUS: Final = ("y", "y_r", "e")  # of the signals, what a sampled controller does not hold
+BUDGET: Final = 2000  # steps between two looks at progress and Ctrl-C
+
+Tell = Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class Run:
+    """A simulated trajectory with what it was made from.
+
+    Columns are read by name, ``run["x1"]``; they are views, not copies.
+
+    Attributes:
+        manifest: the model; units of all columns stand in it.
+        settings: of the run.
+        evaluator: ``compiled`` or ``interpreted``.
+        status: how it ended; anything but `Status.DONE` is a failure, and the trajectory stops there.
+        message: the same as a sentence.
+        t: output instants, s, shape (rows,).
+        states: shape (rows, nX).
+        signals: shape (rows, number of signals).
+        switches: (t, mode label) at every saturation switch, s; -1, 0, 1 for u at its lower limit, inside, at
+            its upper.
+        initial_mode: mode label at t = 0.
+        peaks: name -> (largest magnitude, its instant in s) of every state and of v, on the dense output.
+        ise: integral of e^2 over the time reached.
+        steps: accepted integration steps.
+        wall_s: time that the run took, s.
+    """
+
+    manifest: Manifest
+    settings: Settings
+    evaluator: str
+    status: Status
+    message: str
+    t: Array
+    states: Array
+    signals: Array
+    switches: tuple[tuple[float, int], ...]
+    initial_mode: int
+    peaks: Mapping[str, tuple[float, float]]
+    ise: float
+    steps: int
+    wall_s: float
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of all columns."""
+        return ("t", *self._places)
+
+    @cached_property
+    def summary(self) -> dict[str, Any]:
+        """What ``summary.json`` holds."""
+        return summarise(self)
+
+    def __getitem__(self, column: str) -> Array:
+        """One column, shape (rows,).
+
+        Raises:
+            KeyError: there is no such column; the message lists them.
+        """
+        if column == "t":
+            return self.t
+        try:
+            table, index = self._places[column]
+        except KeyError:
+            raise KeyError(f"no column {column!r}; columns: {', '.join(self.columns)}") from None
+        values: Array = (self.states if table == "states" else self.signals)[:, index]
+        return values
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write ``trajectory.csv``, atomically; raises `UsageError` where that is impossible."""
+        from pmjoint_codegen.simulate.trajectory import write_csv
+
+        write_csv(self, Path(path))
+
+    def plot(self) -> Figure:
+        """Draw an overview of the run."""
+        from pmjoint_codegen.simulate.figures import overview
+
+        return overview(self)
+
+    @cached_property
+    def _places(self) -> Mapping[str, tuple[str, int]]:
+        signals = {item.name: ("signals", i) for i, item in enumerate(self.manifest.signals)}
+        return signals | {item.name: ("states", i) for i, item in enumerate(self.manifest.states)}
+
+
+def run(evaluator: Evaluator, settings: Settings, progress: Tell | None = None) -> Run:
+    """Simulate the closed loop.
+
+    Args:
+        evaluator: of the model's kernels.
+        settings: of the run.
+        progress: told the fraction done, from 0 to 1, now and then.
+
+    Returns:
+        The run, whether it reached its horizon or not: see `Run.status`.
+    """
+    begun = time.perf_counter()
+    actuator = make_actuator(evaluator.call("actuation", settings.p)[0])
+    problem = make_problem(evaluator, settings, actuator)
+    memory = make_memory(problem, initial_state(evaluator.manifest, settings))
+    state = Progress()
+    _drive(make_loop(evaluator, problem, state, memory), problem, state, progress)
+    signals = _signals(evaluator, problem, memory, state.row)
+    return Run(
+        manifest=evaluator.manifest,
+        settings=settings,
+        evaluator=evaluator.kind,
+        status=Status(state.status),
+        message=_message(settings, state),
+        t=problem.times[: state.row],
+        states=memory.rows[: state.row],
+        signals=signals,
+        switches=_switches(actuator, memory, state),
+        initial_mode=actuator.labels[state.first_mode],
+        peaks=_peaks(evaluator.manifest, memory),
+        ise=state.integral,
+        steps=state.steps,
+        wall_s=time.perf_counter() - begun,
+    )
+
+
+def make_problem(evaluator: Evaluator, settings: Settings, actuator: Actuator) -> Problem:
+    """Put together the constants of a run."""
+    manifest = evaluator.manifest
+    sampled = settings.controller == "sampled"
+    rule = quadrature.short_steps() if sampled else quadrature.long_steps()
+    times = settings.times()
+    return Problem(
+        n_plant=manifest.nx,
+        n_states=manifest.nX,
+        n_actuated=actuator.channels,
+        n_reference=manifest.rho + 1,
+        order=manifest.order,
+        n_thresholds=len(actuator.thresholds),
+        thresholds=actuator.thresholds,
+        modes=actuator.modes,
+        limits=actuator.limits,
+        p=settings.p,
+        hold=hold_matrices(evaluator, settings.p, settings.sample_time) if sampled else np.empty(0),
+        nodes=np.array(rule.nodes),
+        weights=np.array(rule.weights),
+        n_nodes=len(rule.nodes),
+        times=times,
+        n_rows=len(times),
+        sample_time=settings.sample_time if sampled else 0.0,
+        tolerance=settings.tolerance,
+        safety=math.exp(-0.7 / (manifest.order - 1)),  # Jorba and Zou (2005)
+        divergence=settings.divergence,
+        max_steps=settings.max_steps,
+        max_switches=settings.max_switches,
+    )
+
+
+def initial_state(manifest: Manifest, settings: Settings) -> Array:
+    """X(0): the plant as set, the controller at 0; shape (nX,)."""
+    state = np.zeros(manifest.nX)
+    state[: manifest.nx] = settings.x0
+    return state
+
+
+def _drive(advance: Advance, problem: Problem, state: Progress, tell: Tell | None) -> None:
+    """Advance until the run ends, looking up now and then: Ctrl-C comes through between two calls."""
+    while state.status == Status.RUNNING:
+        advance(BUDGET)
+        if tell is not None:
+            tell(min(state.t / problem.horizon, 1.0))
+
+
+def _signals(evaluator: Evaluator, problem: Problem, memory: Memory, rows: int) -> Array:
+    """Everything that follows from the states, shape (rows, number of signals)."""
+    times = problem.times[:rows, np.newaxis]
+    if not problem.sample_time:
+        return evaluator.call("signals", times, memory.rows[:rows], problem.p)[0]
+    # Held as of the last sample, but for what the plant and the reference do meanwhile.
+    (signals,) = evaluator.call(
+        "signals", memory.held_times[:rows, np.newaxis], memory.held[:rows], problem.p
+    )
+    y, y_r, e = (_index(evaluator.manifest, name) for name in INSTANTANEOUS)
+    signals[:, y] = memory.rows[:rows, 0]
+    signals[:, y_r] = evaluator.call("reference", times, problem.p)[0][:, 0]
+    signals[:, e] = signals[:, y] - signals[:, y_r]
+    return signals
+
+
+def _index(manifest: Manifest, name: str) -> int:
+    return next(i for i, item in enumerate(manifest.signals) if item.name == name)
+
+
+def _switches(actuator: Actuator, memory: Memory, state: Progress) -> tuple[tuple[float, int], ...]:
+    """The switches at which u enters or leaves a limit; those of other channels alone are left out."""
+    found = []
+    before = actuator.labels[state.first_mode]
+    for i in range(state.switches):
+        label = actuator.labels[int(memory.switch_modes[i])]
+        if label != before:
+            found.append((float(memory.switch_times[i]), label))
+        before = label
+    return tuple(found)
+
+
+def _peaks(manifest: Manifest, memory: Memory) -> dict[str, tuple[float, float]]:
+    names = [*(item.name for item in manifest.states), "v"]
+    pairs = zip(memory.peaks.tolist(), memory.peak_times.tolist(), strict=True)
+    return dict(zip(names, pairs, strict=True))
+
+
+def _message(settings: Settings, state: Progress) -> str:
+    return sentence(
+        Status(state.status),
+        t=state.t,
+        divergence=settings.divergence,
+        max_steps=settings.max_steps,
+        max_switches=settings.max_switches,
+    )

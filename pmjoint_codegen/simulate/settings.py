@@ -1,0 +1,200 @@
+"""Everything that one run is made with, checked before it starts."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final, Literal, get_args
+
+import numpy as np
+
+from pmjoint_codegen.errors import UsageError
+from pmjoint_codegen.kernels.evaluator import Array
+from pmjoint_codegen.manifest import Manifest
+from pmjoint_codegen.values import COMPENSATOR, check_values
+
+Controller = Literal["continuous", "sampled"]
+
+DEFAULT_TOLERANCE: Final = 1e-10
+TOLERANCES: Final = (1e-14, 1e-3)
+MAX_ROWS: Final = 10_000_000
+
+
+@dataclass(frozen=True)
+class Settings:
+    """One run, as asked for.
+
+    Attributes:
+        parameters: name -> value of every parameter, gain and switch, in the kernels' order.
+        p: the same values as a vector.
+        x0: initial plant states, shape (nx,).
+        horizon: s.
+        output_step: s.
+        controller: ``continuous`` or ``sampled``.
+        sample_time: s; used by the sampled controller.
+        tolerance: local error, relative to max(1, |value|), of every state and of v.
+        divergence: |X_i| above it ends the run.
+        max_steps: limit of integration steps.
+        max_switches: limit of saturation switches.
+    """
+
+    parameters: Mapping[str, float]
+    p: Array
+    x0: Array
+    horizon: float
+    output_step: float
+    controller: Controller
+    sample_time: float
+    tolerance: float
+    divergence: float = 1e9
+    max_steps: int = 10_000_000
+    max_switches: int = 100_000
+
+    @property
+    def rows(self) -> int:
+        """Number of output instants: every multiple of the step before the horizon, and the horizon."""
+        return 1 + math.ceil(self.horizon / self.output_step * (1 - 1e-12))
+
+    def times(self) -> Array:
+        """Output instants, s: multiples of the step; the last one is the horizon, multiple or not."""
+        times = np.arange(self.rows, dtype=np.float64) * self.output_step
+        times[-1] = self.horizon
+        return times
+
+
+def make_settings(
+    manifest: Manifest,
+    *,
+    parameters: Mapping[str, float] | None = None,
+    x0: Sequence[float] | Array | None = None,
+    horizon: float | None = None,
+    output_step: float | None = None,
+    controller: str = "continuous",
+    sample_time: float | None = None,
+    compensator: bool | None = None,
+    tolerance: float = DEFAULT_TOLERANCE,
+) -> Settings:
+    """Complete a run's settings from the model's defaults and check them.
+
+    Args:
+        manifest: the model.
+        parameters: overrides of parameters and gains, by name.
+        x0: initial plant states; the controller starts at 0.
+        horizon: s.
+        output_step: s, at most the horizon.
+        controller: ``continuous`` or ``sampled``.
+        sample_time: s.
+        compensator: False: r = 0, plain clipping.
+        tolerance: local error.
+
+    Raises:
+        UsageError: for the first setting that is unknown, of the wrong length, or out of its range.
+    """
+    defaults = manifest.simulation
+    values = _values(manifest, parameters or {}, compensator)
+    length = _positive("horizon", defaults.horizon if horizon is None else horizon, "s")
+    step = _positive("output step", defaults.output_step if output_step is None else output_step, "s")
+    # The horizon bounds a default; what was asked for is taken at its word.
+    step = min(step, length) if output_step is None else _at_most("output step", step, length, "the horizon")
+    settings = Settings(
+        parameters=values,
+        p=np.array(list(values.values())),
+        x0=_initial(manifest, x0),
+        horizon=length,
+        output_step=step,
+        controller=_controller(controller),
+        sample_time=_positive(
+            "sample time", defaults.sample_time if sample_time is None else sample_time, "s"
+        ),
+        tolerance=_tolerance(tolerance),
+    )
+    if settings.rows > MAX_ROWS:
+        raise UsageError(
+            f"asks for {settings.rows} rows",
+            where="output step",
+            remedy=f"at most {MAX_ROWS}: a longer step or a shorter horizon",
+        )
+    return settings
+
+
+def _values(manifest: Manifest, overrides: Mapping[str, float], compensator: bool | None) -> dict[str, float]:
+    values = {item.name: float(item.value) for item in manifest.parameters}
+    for name, value in overrides.items():
+        if name not in values:
+            close = difflib.get_close_matches(name, values, n=1)
+            hint = f"did you mean {close[0]}? " if close else ""
+            raise UsageError(
+                f"{manifest.name} has no parameter {name!r}", remedy=f"{hint}names: {', '.join(values)}"
+            )
+        values[name] = _number(name, value)
+    if compensator is not None:
+        values[COMPENSATOR] = float(compensator)
+    leading = manifest.leading if manifest.leading in values else None
+    check_values(
+        values,
+        n=manifest.n,
+        rho=manifest.rho,
+        limit=manifest.limit,
+        leading=leading,
+        where="",
+        error=UsageError,
+    )
+    return values
+
+
+def _number(name: str, value: object) -> float:
+    try:
+        number = float(value)  # type: ignore[arg-type]  # what float() refuses is refused below
+    except (TypeError, ValueError, OverflowError):
+        raise UsageError(f"is {value!r}", where=name, remedy="allowed: a finite number") from None
+    if not math.isfinite(number):
+        raise UsageError(f"is {number}", where=name, remedy="allowed: a finite number")
+    return number
+
+
+def _positive(name: str, value: object, unit: str) -> float:
+    number = _number(name, value)
+    if number <= 0:
+        raise UsageError(f"is {number:g} {unit}", where=name, remedy="allowed: a number greater than 0")
+    return number
+
+
+def _at_most(name: str, value: float, limit: float, what: str) -> float:
+    if value > limit:
+        raise UsageError(
+            f"is {value:g} s, longer than {what}, {limit:g} s",
+            where=name,
+            remedy=f"allowed: at most {limit:g} s",
+        )
+    return value
+
+
+def _initial(manifest: Manifest, x0: Sequence[float] | Array | None) -> Array:
+    entries = (
+        manifest.simulation.x0 if x0 is None else tuple(np.atleast_1d(np.asarray(x0, dtype=object)).tolist())
+    )
+    if len(entries) != manifest.nx:
+        names = ", ".join(state.name for state in manifest.states[: manifest.nx])
+        raise UsageError(
+            f"has {len(entries)} entries",
+            where="x0",
+            remedy=f"{manifest.name} has {manifest.nx} states: {names}",
+        )
+    return np.array([_number(f"x0, entry {i}", entry) for i, entry in enumerate(entries, start=1)])
+
+
+def _controller(name: str) -> Controller:
+    for known in get_args(Controller):
+        if name == known:
+            return known  # type: ignore[no-any-return]  # get_args is untyped
+    raise UsageError(f"is {name!r}", where="controller", remedy=f"allowed: {', '.join(get_args(Controller))}")
+
+
+def _tolerance(value: object) -> float:
+    number = _number("tolerance", value)
+    low, high = TOLERANCES
+    if not low <= number <= high:
+        raise UsageError(f"is {number:g}", where="tolerance", remedy=f"allowed: from {low:g} to {high:g}")
+    return number

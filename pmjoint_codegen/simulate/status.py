@@ -1,0 +1,47 @@
+"""How a run ended, as a number that the loops set and a sentence for the user."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import Final
+
+
+class Status(IntEnum):
+    """State of a run; the values are those of ``pmjoint_runtime.h``."""
+
+    RUNNING = 0
+    DONE = 1
+    DIVERGED = 2
+    NON_FINITE = 3
+    STALLED = 4
+    TOO_MANY_STEPS = 5
+    TOO_MANY_SWITCHES = 6
+    KERNEL_FAILED = 7
+
+
+_SENTENCES: Final = {
+    Status.RUNNING: "interrupted at t = {t:.6g} s",
+    Status.DONE: "reached the horizon, {t:.6g} s",
+    Status.DIVERGED: "diverged: a state passed {divergence:g} at t = {t:.6g} s",
+    Status.NON_FINITE: "a state or the control stopped being a finite number after t = {t:.6g} s",
+    Status.STALLED: "stalled at t = {t:.6g} s: the step fell below what time can resolve; the model is not smooth "
+    "there, or a state grows without bound",
+    Status.TOO_MANY_STEPS: "used up {max_steps} steps at t = {t:.6g} s",
+    Status.TOO_MANY_SWITCHES: "used up {max_switches} saturation switches at t = {t:.6g} s",
+    Status.KERNEL_FAILED: "a generated kernel reported a failure at t = {t:.6g} s",
+}
+
+
+def sentence(status: Status, *, t: float, divergence: float, max_steps: int, max_switches: int) -> str:
+    """Say how a run ended.
+
+    Args:
+        status: of the run.
+        t: time that it reached, s.
+        divergence: bound on every state.
+        max_steps: limit of the run.
+        max_switches: limit of the run.
+    """
+    return _SENTENCES[status].format(
+        t=t, divergence=divergence, max_steps=max_steps, max_switches=max_switches
+    )
