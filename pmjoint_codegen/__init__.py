@@ -1,4 +1,4 @@
-"""Derives, generates, compiles and simulates output-feedback controllers for saturated pneumatic muscle joints.
+"""Derives, generates, compiles and simulates controllers of saturated pneumatic muscle joints.
 
     from pmjoint_codegen import ClosedLoop
 

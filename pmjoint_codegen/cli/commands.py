@@ -1,4 +1,4 @@
-"""The table of commands, and a click group that imports a command's module only when that command is asked for.
+"""The table of commands, and a click group that imports a command's module only when it is asked for.
 
 Help lists every command with its line from the table, so that ``pmjoint --help`` imports none of them either.
 """
@@ -13,7 +13,7 @@ import click
 
 @dataclass(frozen=True)
 class Entry:
-    """One command: its name, the module that holds it as ``command``, and its line in the list of commands."""
+    """One command: its name, the module that holds it as ``command``, its line in the list of commands."""
 
     name: str
     module: str
@@ -21,10 +21,22 @@ class Entry:
 
 
 COMMANDS = (
-    Entry("simulate", "pmjoint_codegen.cli.simulate", "Integrate the closed loop; write trajectory, summary, figures."),
+    Entry(
+        "simulate",
+        "pmjoint_codegen.cli.simulate",
+        "Integrate the closed loop; write trajectory, summary, figures.",
+    ),
     Entry("derive", "pmjoint_codegen.cli.derive", "Print the derivation of a model, equation by equation."),
-    Entry("regenerate", "pmjoint_codegen.cli.regenerate", "Write generated/<model>/, or with --check say what is stale."),
-    Entry("doctor", "pmjoint_codegen.cli.doctor", "Say what this machine has (compiler, tools) and what that means."),
+    Entry(
+        "regenerate",
+        "pmjoint_codegen.cli.regenerate",
+        "Write generated/<model>/, or with --check say what is stale.",
+    ),
+    Entry(
+        "doctor",
+        "pmjoint_codegen.cli.doctor",
+        "Say what this machine has (compiler, tools) and what that means.",
+    ),
 )
 
 

@@ -1,10 +1,12 @@
-"""The ``pmjoint`` command, and the one place where an error becomes a line on standard error and an exit code.
+"""The ``pmjoint`` command, and the one place where an error becomes a line and an exit code.
 
     0    done
     1    a check found a difference
     2    bad usage or bad model
     3    a run failed: diverged, compiler failed, disk full
     130  interrupted from the keyboard
+
+Messages go to standard error. ``PMJOINT_TRACEBACK=1`` shows where an error came from.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ import click
 
 from pmjoint_codegen import __version__
 from pmjoint_codegen.cli.commands import COMMANDS, CommandGroup
-from pmjoint_codegen.cli.terminal import message
+from pmjoint_codegen.cli.terminal import message, settle_output
 from pmjoint_codegen.errors import BuildError, PmjointError
 
 _HELP = """Derive, generate, compile and simulate the controller of a saturated pneumatic muscle joint.
@@ -29,6 +31,13 @@ Start with
   pmjoint simulate paper            run the paper's example; look in runs/paper/
   pmjoint simulate paper --help     see what can be changed from the command line
 """
+
+_EXTRAS = {
+    "sympy": "derive",
+    "mpmath": "derive",
+    "casadi": "derive",
+    "pydantic": "derive",
+}  # module -> what installs it
 
 
 def _version(ctx: click.Context, _option: click.Parameter, wanted: bool) -> None:
@@ -59,7 +68,9 @@ def program() -> CommandGroup:
 
 def main() -> None:
     """Run the command that the process was started with, and exit."""
-    sys.exit(run(sys.argv[1:]))
+    code = run(sys.argv[1:])
+    settle_output()
+    sys.exit(code)
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -116,6 +127,12 @@ def _report(error: Exception) -> int:
             message(error.output.rstrip())
         message(f"pmjoint: {error}")
         return error.exit_code
+    if isinstance(error, ModuleNotFoundError) and error.name in _EXTRAS:
+        extra = _EXTRAS[error.name]
+        message(
+            f"pmjoint: needs {error.name}, which is not installed; pip install 'pmjoint-codegen[{extra}]'"
+        )
+        return 3
     if isinstance(error, OSError) and error.strerror:
         place = f"{error.filename}: " if error.filename else ""
         message(f"pmjoint: {place}{error.strerror}")
@@ -123,6 +140,6 @@ def _report(error: Exception) -> int:
     kind = type(error).__name__
     what = " ".join(str(error).split())
     message(
-        f"pmjoint: unexpected {kind}: {what}; this is a bug, please report it with what PMJOINT_TRACEBACK=1 shows"
+        f"pmjoint: unexpected {kind}: {what}; a bug: please report it with what PMJOINT_TRACEBACK=1 shows"
     )
     return 3

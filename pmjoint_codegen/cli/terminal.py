@@ -1,10 +1,10 @@
 """What the command line says and how: results to standard output, messages to standard error.
 
-    result    text for standard output; a reader that has closed the pipe is no error
-    document  exactly one JSON document for standard output, with null for what JSON cannot hold
-    message   one line for standard error
-    table     aligned columns, the same on a terminal and in a file
-    activity  a progress bar on standard error, once something has taken a second
+result    text for standard output; a reader that has closed the pipe is no error
+document  exactly one JSON document for standard output, with null for what JSON cannot hold
+message   one line for standard error
+table     aligned columns, the same on a terminal and in a file
+activity  a progress bar on standard error, once something has taken a second
 """
 
 from __future__ import annotations
@@ -30,6 +30,15 @@ def result(text: str) -> None:
         if sys.stdout is not None:
             sys.stdout.flush()
     except BrokenPipeError:
+        _discard_output()
+
+
+def settle_output() -> None:
+    """Write out what is buffered; where that fails, as on a full disk, it has been said already."""
+    try:
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except OSError:
         _discard_output()
 
 
@@ -86,7 +95,7 @@ def activity(label: str) -> Iterator[Callable[[float], None]]:
     """Show a progress bar on a terminal while the block takes longer than a second.
 
     Yields:
-        a function to call with the fraction done, 0 to 1; as long as nobody calls it, the bar says only that time passes.
+        a function to call with the fraction done, 0 to 1; until then, the bar says only that time passes.
     """
     if sys.stderr is None or not sys.stderr.isatty():
         yield lambda fraction: None

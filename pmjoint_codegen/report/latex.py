@@ -33,7 +33,12 @@ def latex_report(model: Model, equations: Iterable[Equation]) -> str:
     Returns:
         the LaTeX source, without a newline at the end.
     """
-    lines = [_PREAMBLE, rf"\title{{{escape(model.title)}}}", r"\date{}", rf"\author{{{escape(model.source)}}}"]
+    lines = [
+        _PREAMBLE,
+        rf"\title{{{escape(model.title)}}}",
+        r"\date{}",
+        rf"\author{{{escape(model.source)}}}",
+    ]
     lines += [r"\begin{document}", r"\maketitle", _scope(model), "", *_parameters(model.parameters)]
     for section, members in by_section(equations):
         lines += ["", rf"\section*{{{escape(section)}}}"]
@@ -45,8 +50,8 @@ def latex_report(model: Model, equations: Iterable[Equation]) -> str:
 def _scope(model: Model) -> str:
     plant = model.plant
     return (
-        f"Order $n = {plant.order}$, zeros $m = {plant.m}$, relative degree $\\rho = {plant.rho}$. "
-        "Numbers in brackets are equations of the paper; an equation without a number is a step of the derivation."
+        f"Order $n = {plant.order}$, zeros $m = {plant.m}$, relative degree $\\rho = {plant.rho}$. Numbers "
+        "in brackets are equations of the paper; an equation without a number is a step of the derivation."
     )
 
 
@@ -60,7 +65,9 @@ def _parameters(parameters: tuple[Parameter, ...]) -> Iterator[str]:
 
 
 def _display(equation: Equation) -> Iterator[str]:
-    unit = "" if equation.unit is None or str(equation.unit) == "1" else f" [{latex_unit(str(equation.unit))}]"
+    unit = (
+        "" if equation.unit is None or str(equation.unit) == "1" else f" [{latex_unit(str(equation.unit))}]"
+    )
     yield f"{latex_prose(equation.meaning)}{unit}"
     environment = "equation" if equation.number else "equation*"
     yield rf"\begin{{{environment}}}"

@@ -1,6 +1,6 @@
-r"""The paper's notation for the names of a derivation: ``dalpha1_dy`` is ``\frac{\partial \alpha_1}{\partial y}``.
+r"""The paper's notation for the names of a derivation: ``dalpha1_dXi21``, ``lambda1_dot``, ``x_hat2``.
 
-Names with a meaning of their own are known here; every other name is a stem with an index, such as ``b0`` or ``u_max``.
+Names with a meaning of their own are known here; every other is a stem with an index: ``b0``, ``u_max``.
 """
 
 from __future__ import annotations
@@ -14,10 +14,12 @@ from sympy.printing.latex import LatexPrinter, tex_greek_dictionary
 from sympy.printing.str import StrPrinter
 
 _STEMS = {"eps": r"\varepsilon"}
-_GREEK = frozenset(
-    "alpha beta gamma delta epsilon zeta eta theta iota kappa lambda mu nu xi pi rho sigma tau upsilon phi chi psi omega "
-    "Gamma Delta Theta Lambda Xi Pi Sigma Upsilon Phi Psi Omega".split()
+_LOWER = (
+    "alpha beta gamma delta epsilon zeta eta theta iota kappa "
+    "lambda mu nu xi pi rho sigma tau upsilon phi chi psi omega"
 )
+_UPPER = "Gamma Delta Theta Lambda Xi Pi Sigma Upsilon Phi Psi Omega"
+_GREEK = frozenset(f"{_LOWER} {_UPPER}".split())
 _WORDS = {"du": r"\Delta u", "y_r": "y_r", "dy_r": r"\dot{y}_r", "d2y_r": r"\ddot{y}_r", "compensator": "s_r"}
 _SPECIAL = {
     "\\": r"\textbackslash{}",
@@ -43,7 +45,10 @@ def latex_name(name: str) -> str:
 def _forms() -> tuple[tuple[str, Callable[..., str]], ...]:
     """Give the patterns of composite names, the most particular first, each with its LaTeX."""
     return (
-        (r"d([A-Za-z]+\d+)_d(.+)", lambda of, by: rf"\frac{{\partial {latex_name(of)}}}{{\partial {latex_name(by)}}}"),
+        (
+            r"d([A-Za-z]+\d+)_d(.+)",
+            lambda of, by: rf"\frac{{\partial {latex_name(of)}}}{{\partial {latex_name(by)}}}",
+        ),
         (r"(.+)_dot", lambda base: _accented("dot", base)),
         (r"(\w+?)_hat(\d*)", lambda stem, index: _accented("hat", stem + index)),
         (r"d(\d+)y_r", lambda order: f"y_r^{{({order})}}"),
@@ -96,7 +101,7 @@ def _subscript(text: str) -> str:
 def ordered_terms(expression: sp.Expr) -> list[sp.Expr]:
     """Give the terms of a sum in a reader's order.
 
-    Terms that hold partial derivatives come last, as in (29); in any other sum, those with a minus sign do, as in (24).
+    Terms that hold partial derivatives come last, as in (29); else those with a minus sign do, as in (24).
     """
     terms: list[sp.Expr] = list(expression.as_ordered_terms())
     partial = [any(_PARTIAL.fullmatch(symbol.name) for symbol in term.free_symbols) for term in terms]
@@ -105,7 +110,7 @@ def ordered_terms(expression: sp.Expr) -> list[sp.Expr]:
 
 
 def scaled_sum(expression: sp.Expr) -> tuple[sp.Expr, list[sp.Expr]]:
-    """Split ``factor * (sum)`` into the factor and the terms of the sum, so that a long sum can be broken between them.
+    """Split ``factor * (sum)`` into the factor and the terms, so that a long sum can be broken between them.
 
     Returns:
         the factor, which is 1 for a plain sum, and the terms in a reader's order.
@@ -122,10 +127,10 @@ class TextPrinter(StrPrinter):  # type: ignore[misc]  # SymPy carries no types
     def _as_ordered_terms(self, expr: sp.Expr, order: str | None = None) -> list[sp.Expr]:
         return ordered_terms(expr)
 
-    def _print_Max(self, expr: sp.Expr) -> str:
+    def _print_Max(self, expr: sp.Expr) -> str:  # noqa: N802 - SymPy's name
         return f"max({self.stringify(expr.args, ', ')})"
 
-    def _print_Min(self, expr: sp.Expr) -> str:
+    def _print_Min(self, expr: sp.Expr) -> str:  # noqa: N802 - SymPy's name
         return f"min({self.stringify(expr.args, ', ')})"
 
 
@@ -135,7 +140,7 @@ class PaperPrinter(LatexPrinter):  # type: ignore[misc]  # SymPy carries no type
     def _as_ordered_terms(self, expr: sp.Expr, order: str | None = None) -> list[sp.Expr]:
         return ordered_terms(expr)
 
-    def _print_Symbol(self, expr: sp.Symbol, style: str = "plain") -> str:
+    def _print_Symbol(self, expr: sp.Symbol, style: str = "plain") -> str:  # noqa: N802 - SymPy's name
         return latex_name(expr.name)
 
     def parenthesize_super(self, s: str) -> str:
@@ -156,7 +161,7 @@ def text_expression(expression: sp.Expr) -> str:
 def latex_prose(text: str) -> str:
     r"""Write a remark as LaTeX, with the symbols that it mentions set as mathematics.
 
-    A symbol is a word with an index or an accent (``alpha1``, ``y_r``), a Greek letter, or a single letter but the article.
+    A symbol is a word with an index (``alpha1``, ``y_r``), a Greek letter, or a letter that is no word.
     """
     return "".join(_prose(word) for word in re.split(r"([A-Za-z]\w*(?:\^\d+)?)", text))
 
@@ -166,7 +171,10 @@ def _prose(word: str) -> str:
     if not re.fullmatch(r"[A-Za-z]\w*", symbol):
         return escape(word)
     letter = len(symbol) == 1 and symbol not in "aAI"
-    if not (letter or symbol in _GREEK or symbol in _WORDS or re.search(r"\w[\d_]", symbol)) or symbol == "compensator":
+    if (
+        not (letter or symbol in _GREEK or symbol in _WORDS or re.search(r"\w[\d_]", symbol))
+        or symbol == "compensator"
+    ):
         return escape(word)
     return f"${latex_name(symbol)}{f'^{{{power}}}' if power else ''}$"
 
@@ -181,7 +189,17 @@ def _escaped(character: str) -> str:
         return _SPECIAL[character]
     if ord(character) < _LATIN:
         return character
-    plain = {"−": "$-$", "–": "--", "—": "---", "’": "'", "‘": "`", "“": "``", "”": "''", "≤": r"$\le$", "≥": r"$\ge$"}
+    plain = {
+        "−": "$-$",
+        "–": "--",
+        "—": "---",
+        "’": "'",
+        "‘": "`",
+        "“": "``",
+        "”": "''",
+        "≤": r"$\le$",
+        "≥": r"$\ge$",
+    }
     if character in plain:
         return plain[character]
     name = unicodedata.name(character, "").split()

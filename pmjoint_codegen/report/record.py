@@ -25,7 +25,13 @@ def derivation_record(model: Model, equations: Iterable[Equation]) -> dict[str, 
         "zeros": plant.m,
         "relative_degree": plant.rho,
         "parameters": [
-            {"name": item.name, "latex": latex_name(item.name), "value": item.value, "unit": item.unit, "about": item.about}
+            {
+                "name": item.name,
+                "latex": latex_name(item.name),
+                "value": item.value,
+                "unit": item.unit,
+                "about": item.about,
+            }
             for item in model.parameters
         ],
         "gains": {"c": list(gains.c), "e": list(gains.e), "ck": list(gains.ck), "k": list(gains.k)},

@@ -6,12 +6,25 @@ from collections.abc import Iterable
 
 from derive.equation import Equation
 
-ORDER = ("Plant", "Filters", "Estimate", "Compensator", "Reference", "Backstepping", "Certificate", "Closed loop")
+ORDER = (
+    "Plant",
+    "Filters",
+    "Estimate",
+    "Compensator",
+    "Reference",
+    "Backstepping",
+    "Certificate",
+    "Closed loop",
+)
 
 
 def by_section(equations: Iterable[Equation]) -> list[tuple[str, list[Equation]]]:
-    """Gather equations under their sections, keeping their order within each; a section not known here comes last."""
+    """Gather equations under their sections, keeping their order; a section not known here comes last."""
     table: dict[str, list[Equation]] = {}
     for equation in equations:
         table.setdefault(equation.section, []).append(equation)
-    return [(name, table[name]) for name in (*ORDER, *(name for name in table if name not in ORDER)) if name in table]
+    return [
+        (name, table[name])
+        for name in (*ORDER, *(name for name in table if name not in ORDER))
+        if name in table
+    ]

@@ -39,22 +39,31 @@ def _heading(model: Model) -> Iterator[str]:
     if model.source:
         yield f"# {model.source}"
     yield f"# order n = {plant.order}, zeros m = {plant.m}, relative degree rho = {plant.rho}"
-    yield "# numbers in brackets are equations of the paper; name_dot is a time derivative, da_db a partial derivative"
+    yield "# numbers in brackets are the paper's; x_dot is a time derivative, da_db a partial derivative"
 
 
 def _parameters(model: Model) -> list[str]:
     lines = ["", "# Parameters", "# ----------", ""]
     for item in model.parameters:
         lines.append(_commented(f"{item.name} = {item.value!r}", _remark("", item.about, item.unit)))
-    for stem, values in (("c", model.gains.c), ("e", model.gains.e), ("ck", model.gains.ck), ("k", model.gains.k)):
+    for stem, values in (
+        ("c", model.gains.c),
+        ("e", model.gains.e),
+        ("ck", model.gains.ck),
+        ("k", model.gains.k),
+    ):
         names = ", ".join(f"{stem}{i}" for i in range(1, len(values) + 1))
         lines.append(f"{names} = {', '.join(f'{value!r}' for value in values)}")
-    lines.append(_commented(f"compensator = {int(model.gains.compensator)}", _remark("(23)", "1: at work, 0: r = 0", "")))
+    lines.append(
+        _commented(
+            f"compensator = {int(model.gains.compensator)}", _remark("(23)", "1: at work, 0: r = 0", "")
+        )
+    )
     return lines
 
 
 def equation_lines(equation: Equation) -> list[str]:
-    """Print one equation: a line with its remark, or, when it is long, the remark and one line for each term."""
+    """Print one equation: a line with its remark or, when it is long, the remark and a line for each term."""
     assignment = f"{equation.name} = {text_expression(equation.expression)}"
     unit = "" if equation.unit is None else str(equation.unit)
     remark = _remark(equation.number, equation.meaning, unit)

@@ -1,0 +1,49 @@
+"""``pmjoint derive``: the derivation of a model, equation by equation."""
+
+from __future__ import annotations
+
+import click
+
+from pmjoint_codegen.cli.terminal import activity, document, result
+
+FORMATS = ("text", "latex", "json")
+
+
+_EXAMPLES = """\b
+Examples
+  pmjoint derive paper
+  pmjoint derive paper --format latex > derivation.tex && pdflatex derivation
+  pmjoint derive paper --format json | jq '.equations[] | select(.name == "v")'
+"""
+
+
+@click.command(epilog=_EXAMPLES)
+@click.argument("model")
+@click.option(
+    "--format",
+    "form",
+    type=click.Choice(FORMATS),
+    default="text",
+    show_default=True,
+    help="text copies into code; latex is a whole document (article, amsmath); json is one document.",
+)
+def command(model: str, form: str) -> None:
+    """Print the derivation of MODEL, equation by equation.
+
+    From the plant follow the filters, the compensator, each error, virtual control and partial derivative,
+    and the law v: named steps, each with its number in the paper, its meaning and its unit.
+    """
+    with activity(f"deriving {model}"):
+        from derive import derive
+        from pmjoint_codegen.report.latex import latex_report
+        from pmjoint_codegen.report.record import derivation_record
+        from pmjoint_codegen.report.text import text_report
+        from pmjoint_codegen.spec import load_model
+        from pmjoint_codegen.workspace import find_model
+
+        source = load_model(find_model(model)).model
+        equations = tuple(derive(source).equations.values())
+    if form == "json":
+        document(derivation_record(source, equations))
+    else:
+        result((latex_report if form == "latex" else text_report)(source, equations))

@@ -1,0 +1,191 @@
+"""``pmjoint doctor``: what of the machine is found, and what that means for the user."""
+
+from __future__ import annotations
+
+import os
+import platform
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from importlib import metadata
+from pathlib import Path
+
+import click
+
+from pmjoint_codegen import __version__
+from pmjoint_codegen.cli.terminal import document, message, result, table
+
+_PROGRAM_PATIENCE_S = 10.0
+
+_PACKAGES = {
+    "numpy": ("simulates", "nothing runs without it"),
+    "cffi": ("loads compiled kernels", "without it kernels run interpreted"),
+    "click": ("reads the command line", "nothing runs without it"),
+    "matplotlib": ("draws figures", "without it, use --no-figures"),
+    "rich": ("draws progress bars", "without it there are none"),
+    "scipy": ("holds the tools of sweeps", "not needed by a single run"),
+    "sympy": ("derives", "without it, only the committed models run, as they are"),
+    "casadi": (
+        "generates C, and runs kernels where no compiler is",
+        "without it, only the committed models run, compiled",
+    ),
+    "pydantic": ("validates model files", "without it, only the committed models run, as they are"),
+}
+_PROGRAMS = {
+    "gcc": ("compiles kernels; one of two compilers that generated C is tried with", "apt-get install gcc"),
+    "clang": (
+        "compiles kernels; one of two compilers that generated C is tried with",
+        "apt-get install clang",
+    ),
+    "cppcheck": ("static analysis of generated C", "apt-get install cppcheck"),
+    "valgrind": ("memory errors of generated C", "apt-get install valgrind"),
+    "pdflatex": ("typesets `pmjoint derive --format latex`", "apt-get install texlive-latex-base"),
+}
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that was looked for.
+
+    Attributes:
+        name: what it is.
+        group: ``machine``, ``packages`` or ``optional programs``.
+        state: ``ok``, ``absent`` or ``differs`` (there, but not as pinned).
+        found: version or place; empty where absent.
+        meaning: what that means for the user.
+    """
+
+    name: str
+    group: str
+    state: str
+    found: str
+    meaning: str
+
+
+@click.command()
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
+def command(as_json: bool) -> None:
+    """Say what of this machine is found (compiler, packages, optional programs) and what that means."""
+    findings = list(examine(os.environ))
+    if as_json:
+        document({"version": __version__, "findings": [asdict(finding) for finding in findings]})
+    else:
+        result(as_text(findings))
+
+
+def examine(environment: Mapping[str, str]) -> Iterator[Finding]:
+    """Look at the machine.
+
+    Args:
+        environment: for ``PATH``, ``CC`` and the cache folder.
+    """
+    yield _python()
+    yield _compiler(environment)
+    yield _cache(environment)
+    pins = pinned()
+    for name, (purpose, without) in _PACKAGES.items():
+        yield _package(name, purpose, without, pins.get(name, ""))
+    for name, (purpose, remedy) in _PROGRAMS.items():
+        yield _program(name, purpose, remedy, environment)
+
+
+def as_text(findings: list[Finding]) -> str:
+    """Give the findings as a table, group by group."""
+    lines = [
+        f"pmjoint {__version__} on {platform.system()} {platform.machine()}, {os.cpu_count()} processors"
+    ]
+    for group in dict.fromkeys(finding.group for finding in findings):
+        members = [finding for finding in findings if finding.group == group]
+        lines += ["", group, table([(item.name, item.state, item.found, item.meaning) for item in members])]
+    return "\n".join(lines)
+
+
+def _python() -> Finding:
+    return Finding("python", "machine", "ok", platform.python_version(), sys.executable)
+
+
+def _compiler(environment: Mapping[str, str]) -> Finding:
+    from pmjoint_codegen.build.compiler import INSTALL, find_compiler
+
+    compiler = find_compiler(environment, message)
+    if compiler is None:
+        meaning = f"kernels run interpreted, same results, far slower; the fast way: {INSTALL}"
+        return Finding("C compiler", "machine", "absent", "", meaning)
+    found = _first_line([*compiler.command, "--version"]) or "of unknown version"
+    command_line = " ".join(compiler.command)
+    return Finding(
+        "C compiler", "machine", "ok", found, f"{command_line}: compiles each model's kernels on first use"
+    )
+
+
+def _cache(environment: Mapping[str, str]) -> Finding:
+    from pmjoint_codegen.workspace import cache_dir
+
+    folder = cache_dir(environment, message)
+    if not os.access(folder, os.W_OK):
+        return Finding(
+            "cache", "machine", "absent", str(folder), "not writable: nothing is kept between runs"
+        )
+    return Finding(
+        "cache", "machine", "ok", str(folder), "writable: keeps compiled kernels and derived models"
+    )
+
+
+def _package(name: str, purpose: str, without: str, pin: str) -> Finding:
+    try:
+        version = metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return Finding(name, "packages", "absent", "", f"{purpose}; {without}; pip install '{name}{pin}'")
+    if pin.startswith("==") and version != pin[2:]:
+        return Finding(
+            name, "packages", "differs", version, f"{purpose}; pinned {pin[2:]}: generated text may differ"
+        )
+    return Finding(name, "packages", "ok", version, f"{purpose} (wanted {pin})" if pin else purpose)
+
+
+def _program(name: str, purpose: str, remedy: str, environment: Mapping[str, str]) -> Finding:
+    path = shutil.which(name, path=environment.get("PATH"))
+    if path is None:
+        return Finding(name, "optional programs", "absent", "", f"{purpose}; {remedy}")
+    return Finding(name, "optional programs", "ok", _first_line([path, "--version"]) or path, purpose)
+
+
+def _first_line(command_line: list[str]) -> str:
+    """Give the first line that a program prints, or nothing where it cannot be run."""
+    try:
+        done = subprocess.run(
+            command_line,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=_PROGRAM_PATIENCE_S,
+            check=False,
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return ""
+    lines = (done.stdout or done.stderr).strip().splitlines()
+    return lines[0].strip() if lines else ""
+
+
+def pinned() -> dict[str, str]:
+    """Give what this package asks of others by name, such as ``==3.8.2`` for casadi."""
+    pattern = re.compile(r"\s*([A-Za-z0-9_.-]+)\s*([^;\[]*)")
+    matches = (pattern.match(line) for line in _requirements())
+    return {match.group(1).lower(): match.group(2).strip() for match in matches if match}
+
+
+def _requirements() -> list[str]:
+    project = Path(__file__).resolve().parents[2] / "pyproject.toml"
+    if not project.is_file():
+        try:
+            return metadata.requires("pmjoint-codegen") or []
+        except metadata.PackageNotFoundError:
+            return []
+    import tomllib
+
+    declared = tomllib.loads(project.read_text(encoding="utf-8")).get("project", {})
+    extras = declared.get("optional-dependencies", {})
+    return [*declared.get("dependencies", []), *(line for lines in extras.values() for line in lines)]

@@ -1,0 +1,58 @@
+"""Kinds of values that options take: NAME=VALUE and lists of numbers."""
+
+from __future__ import annotations
+
+import click
+
+
+class Assignment(click.ParamType):
+    """``NAME=VALUE`` with a number for VALUE."""
+
+    name = "NAME=VALUE"
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, float]:
+        """Split at the equals sign; refuse what is not a name and a number."""
+        if isinstance(value, tuple):
+            return value
+        name, sign, number = str(value).partition("=")
+        if not sign or not name.strip():
+            self.fail(f"{value!r} is not NAME=VALUE, such as c1=20", param, ctx)
+        return name.strip(), number_of(number, self, param, ctx)
+
+
+class Numbers(click.ParamType):
+    """Numbers separated by commas, such as ``1.5,0``."""
+
+    name = "A,B,..."
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, ...]:
+        """Split at commas; refuse what is not a number."""
+        if isinstance(value, tuple):
+            return value
+        return tuple(number_of(text, self, param, ctx) for text in str(value).split(","))
+
+
+def number_of(
+    text: str, kind: click.ParamType, param: click.Parameter | None, ctx: click.Context | None
+) -> float:
+    """Read a number, or fail as click does."""
+    try:
+        return float(text)
+    except ValueError:
+        kind.fail(f"{text.strip()!r} is not a number", param, ctx)
+
+
+def assignments(
+    ctx: click.Context, param: click.Parameter, pairs: tuple[tuple[str, float], ...]
+) -> dict[str, float]:
+    """Gather assignments; a name that is set twice is a mistake, whichever value was meant."""
+    table: dict[str, float] = {}
+    for name, value in pairs:
+        if name in table:
+            raise click.BadParameter(f"{name} is set twice", ctx=ctx, param=param)
+        table[name] = value
+    return table

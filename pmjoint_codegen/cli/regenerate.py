@@ -1,0 +1,74 @@
+"""``pmjoint regenerate``: write ``generated/<model>/``, or say what is stale and why."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import click
+
+from pmjoint_codegen.cli.terminal import activity, document, result, table
+
+if TYPE_CHECKING:
+    from pmjoint_codegen.emit.regenerate import Report
+
+
+_EXAMPLES = """\b
+Examples
+  pmjoint regenerate paper
+  pmjoint regenerate --check       what continuous integration runs
+"""
+
+
+@click.command(epilog=_EXAMPLES)
+@click.argument("models", nargs=-1, metavar="[MODEL]...")
+@click.option("--check", is_flag=True, help="Write nothing; exit with 1 if anything is stale.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
+def command(models: tuple[str, ...], check: bool, as_json: bool) -> int:
+    """Write generated/<name>/ of each MODEL (of all models if none is named).
+
+    A folder is replaced as a whole, and only if it would change. What changed is told in mathematics: which
+    named equations are new, gone or different.
+    """
+    with activity("deriving and generating"):
+        from pmjoint_codegen.emit.regenerate import regenerate
+
+        reports = regenerate(models, check=check)
+    if as_json:
+        document([_record(report) for report in reports])
+    else:
+        result("\n".join(line for report in reports for line in report_lines(report)))
+    return int(check and any(report.stale for report in reports))
+
+
+def report_lines(report: Report) -> Iterator[str]:
+    """Tell of one model: verdict, reasons, changed equations, and what to do."""
+    comparison = report.comparison
+    done = f"  written to {report.folder}" if report.written else ""
+    yield table([(report.name, comparison.verdict.value + done)], indent=0)
+    for detail in comparison.details:
+        yield f"    {detail}"
+    known_before = any(change.before is not None for change in comparison.changes)
+    for change in comparison.changes if known_before else ():  # of a first generation, every equation is new
+        if change.before is not None:
+            yield f"    - {change.name} = {change.before}"
+        if change.after is not None:
+            yield f"    + {change.name} = {change.after}"
+    if report.stale and not report.written:
+        yield f"    to mend it: {report.remedy}"
+
+
+def _record(report: Report) -> dict[str, object]:
+    comparison = report.comparison
+    return {
+        "model": report.name,
+        "folder": report.folder,
+        "verdict": comparison.verdict.value,
+        "written": report.written,
+        "details": comparison.details,
+        "changes": [
+            {"name": change.name, "before": change.before, "after": change.after}
+            for change in comparison.changes
+        ],
+        "remedy": report.remedy if report.stale and not report.written else None,
+    }

@@ -1,0 +1,162 @@
+"""``pmjoint simulate``: integrate the closed loop, write trajectory, summary and figures, print a table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+import click
+
+from pmjoint_codegen.cli.account import account
+from pmjoint_codegen.cli.options import Assignment, Numbers, assignments
+from pmjoint_codegen.cli.terminal import activity, as_json, document, message, result
+from pmjoint_codegen.errors import SimulationError
+from pmjoint_codegen.storage import ensure_folder, write_text
+
+if TYPE_CHECKING:
+    from pmjoint_codegen.closed_loop import ClosedLoop
+    from pmjoint_codegen.simulate.run import Run
+
+_DETAIL_ROWS = 500  # of the saturated transient in the figures
+
+_EXAMPLES = """\b
+Examples
+  pmjoint simulate paper
+  pmjoint simulate paper --set c1=20 --set u_max=6 --x0 1,0 --horizon 10
+  pmjoint simulate paper --reference "0.5*sin(2*t)" --disturbance 0 --disturbance "0.2*cos(t)"
+  pmjoint simulate paper --controller sampled --sample-time 0.002 --out runs/sampled
+  pmjoint simulate paper --no-compensator --no-figures --json
+"""
+
+
+@click.command(epilog=_EXAMPLES)
+@click.argument("model")
+@click.option(
+    "--set",
+    "parameters",
+    type=Assignment(),
+    multiple=True,
+    callback=assignments,
+    help="Another value for a parameter (d1, u_max, ...) or gain (c1, e1, ck1, k1, ...); repeatable.",
+)
+@click.option("--x0", type=Numbers(), help="Initial plant states; filters and compensator start at 0.")
+@click.option("--reference", metavar="EXPR", help="Another y_r, a function of t and parameters.")
+@click.option(
+    "--disturbance", metavar="EXPR", multiple=True, help="Another disturbance; repeat it, one a state."
+)
+@click.option("--horizon", type=float, metavar="S", help="Length of the run in seconds.")
+@click.option("--output-step", type=float, metavar="S", help="Distance of output instants in seconds.")
+@click.option(
+    "--controller",
+    type=click.Choice(["continuous", "sampled"]),
+    default="continuous",
+    show_default=True,
+    help="continuous: as in the paper; sampled: as on a microcontroller, v held over the sample time.",
+)
+@click.option(
+    "--sample-time", type=float, metavar="S", help="Sample time of the sampled controller in seconds."
+)
+@click.option("--no-compensator", is_flag=True, help="Keep r = 0: plain clipping instead of (23).")
+@click.option("--tolerance", type=float, metavar="TOL", default=1e-10, show_default=True, help="Local error.")
+@click.option(
+    "--evaluator",
+    type=click.Choice(["compiled", "interpreted"]),
+    help="How kernels run; by default compiled where a C compiler is found.",
+)
+@click.option(
+    "--out", type=click.Path(path_type=Path), metavar="DIR", help="Results folder [default: runs/<model>]."
+)
+@click.option("--no-figures", is_flag=True, help="Draw no figures.")
+@click.option(
+    "--json", "wants_json", is_flag=True, help="Print the summary as one JSON document, not as a table."
+)
+def command(
+    model: str,
+    evaluator: str | None,
+    reference: str | None,
+    disturbance: tuple[str, ...],
+    out: Path | None,
+    no_figures: bool,
+    wants_json: bool,
+    no_compensator: bool,
+    **settings: Any,
+) -> int:
+    """Integrate the closed loop of MODEL.
+
+    Writes trajectory.csv, summary.json and figures into a folder and prints a short table. What is not given is
+    as the model file says. A run that fails still writes what it has, and exits with 3.
+    """
+    settings["compensator"] = False if no_compensator else None
+    if out:
+        ensure_folder(out)
+    loop = _load(model, evaluator, reference, disturbance)
+    folder = out or Path("runs") / loop.manifest.name
+    ensure_folder(folder)
+    run, failure = _run(loop, settings)
+    notes = (f"disturbance = ({', '.join(disturbance)})",) if disturbance else ()
+    files = write_results(run, folder)
+    if not no_figures:
+        files += _draw(loop, run, settings, folder, notes)
+    elif any(folder.glob("figure*_*.png")):
+        message(f"pmjoint: the figures in {folder} are of an earlier run")
+    if wants_json:
+        document({**run.summary, "files": files})
+    else:
+        result(account(run, notes, files))
+    if failure is not None:
+        message(f"pmjoint: {failure}")
+    return failure.exit_code if failure else 0
+
+
+def _load(model: str, evaluator: str | None, reference: str | None, disturbance: Sequence[str]) -> ClosedLoop:
+    """Load the model's kernels, deriving and compiling what is not there yet."""
+    from pmjoint_codegen.closed_loop import ClosedLoop
+
+    with activity(f"preparing {model}"):
+        return ClosedLoop.load(
+            model,
+            evaluator,
+            reference=reference,
+            disturbance=disturbance or None,
+            notify=lambda line: message(f"pmjoint: {line}"),
+        )
+
+
+def _run(loop: ClosedLoop, settings: Mapping[str, Any]) -> tuple[Run, SimulationError | None]:
+    """Simulate; a run that ended early comes with the error that says so."""
+    with activity("simulating") as progress:
+        try:
+            return loop.simulate(**settings, progress=progress), None
+        except SimulationError as error:
+            if error.run is None:
+                raise
+            return cast("Run", error.run), error
+
+
+def write_results(run: Run, folder: Path) -> tuple[Path, ...]:
+    """Write ``trajectory.csv`` and ``summary.json``, each whole or not at all.
+
+    Raises:
+        UsageError: a file cannot be written.
+    """
+    trajectory, summary = folder / "trajectory.csv", folder / "summary.json"
+    run.to_csv(trajectory)
+    write_text(summary, as_json(run.summary) + "\n")
+    return trajectory, summary
+
+
+def _draw(
+    loop: ClosedLoop, run: Run, settings: Mapping[str, Any], folder: Path, notes: Sequence[str]
+) -> tuple[Path, ...]:
+    """Draw the figures, the saturated transient from a second, short run on a fine grid."""
+    from pmjoint_codegen.simulate.figures import write_figures
+    from pmjoint_codegen.simulate.sheets import transient_window
+
+    with activity("drawing figures") as progress:
+        window = transient_window(run)
+        detail = None
+        if window is not None:
+            finer = {"horizon": window, "output_step": min(window / _DETAIL_ROWS, run.settings.output_step)}
+            detail, _ = _run(loop, {**settings, **finer})
+        return write_figures(run, folder, detail=detail, notes=notes, progress=progress)

@@ -1,0 +1,232 @@
+"""Draws the figures of one run as a paper prints them.
+
+Each shows the whole run, beside it the saturated transient where there is one, above a caption that says
+which settings are assumed. Matplotlib is imported inside functions only and without its global state, so that
+a figure can be drawn in any program.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pmjoint_codegen import storage
+from pmjoint_codegen.simulate.sheets import (
+    GREY,
+    Panel,
+    Sheet,
+    caption,
+    limit_name,
+    overview_caption,
+    overview_panels,
+    saturated_intervals,
+    sheets,
+    transient_window,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from pmjoint_codegen.simulate.run import Run
+
+WIDTH = 6.3  # inches, the text width of a printed page
+LEFT, RIGHT, TOP, BOTTOM = 0.62, 0.16, 0.24, 0.42  # inches around the panels
+GAP, COLUMN_GAP = 0.22, 0.42  # inches between panels
+LABEL = 0.37  # inches from a panel to its vertical label
+CAPTION_LINE = 0.165  # inches
+CAPTION_CHARACTERS = 124  # printed ones in a line
+DPI = 220
+SHADE = {-1: "#d9e3ee", 1: "#f3dcd6"}  # saturated below, above
+_STYLE: dict[str, Any] = {
+    "font.family": ["STIXGeneral", "DejaVu Serif"],  # by name: a text keeps it wherever it is drawn
+    "mathtext.fontset": "stix",
+    "font.size": 9.5,
+    "axes.labelsize": 10.0,
+    "axes.linewidth": 0.5,
+    "axes.xmargin": 0.0,
+    "axes.ymargin": 0.08,
+    "axes.formatter.limits": (-4, 5),
+    "lines.linewidth": 0.9,
+    "legend.frameon": False,
+    "legend.fontsize": 9.0,
+    "xtick.direction": "in",
+    "ytick.direction": "in",
+    "xtick.top": True,
+    "ytick.right": True,
+    "xtick.labelsize": 8.5,
+    "ytick.labelsize": 8.5,
+    "xtick.major.width": 0.5,
+    "ytick.major.width": 0.5,
+    "xtick.major.size": 2.5,
+    "ytick.major.size": 2.5,
+}
+
+
+def write_figures(
+    run: Run,
+    folder: Path,
+    *,
+    detail: Run | None = None,
+    notes: Sequence[str] = (),
+    progress: Callable[[float], None] = lambda fraction: None,
+) -> tuple[Path, ...]:
+    """Draw every figure of a run and the overview as PNG files.
+
+    Args:
+        run: what to draw; a run that ended early is drawn as far as it went.
+        folder: where the files go; each appears whole or not at all.
+        detail: the same run up to its `transient_window` at a finer output step, for the transient's panel.
+        notes: changes to mention in the captions that the run itself does not know to be changes.
+        progress: is told the fraction done.
+
+    Raises:
+        UsageError: a file cannot be written.
+    """
+    plans = sheets(run)
+    paths = []
+    for done, sheet in enumerate((None, *plans), start=1):
+        figure = draw(run, sheet, detail=detail, notes=notes) if sheet else overview(run, notes=notes)
+        path = folder / f"{sheet.stem if sheet else 'overview'}.png"
+        storage.write_bytes(path, png(figure))
+        paths.append(path)
+        progress(done / (len(plans) + 1))
+    return tuple(paths)
+
+
+def png(figure: Figure) -> bytes:
+    """Give a figure as the bytes of a PNG file, the same for the same figure."""
+    stream = BytesIO()
+    figure.savefig(stream, format="png", dpi=DPI, metadata={"Software": None})
+    return stream.getvalue()
+
+
+def draw(run: Run, sheet: Sheet, *, detail: Run | None = None, notes: Sequence[str] = ()) -> Figure:
+    """Draw one figure: the whole run on the right, the saturated transient, if there is one, on the left."""
+    import matplotlib as mpl
+
+    window = transient_window(run)
+    with mpl.rc_context(_STYLE):
+        lines = wrapped(caption(run, sheet, notes))
+        height = 1.75 if len(sheet.panels) == 1 else 1.3
+        figure, grid = _canvas(len(sheet.panels), (1.0, 1.9) if window else (1.0,), height, len(lines))
+        for row, panel in zip(grid, sheet.panels, strict=True):
+            if window:
+                _plot(row[0], detail or run, panel, window)
+            _plot(row[-1], run, panel, None)
+            row[0].set_ylabel(panel.label)
+            _legend(row[-1], panel)
+        if window:
+            _name_limits(grid[0][0], run, window)
+        _finish(figure, grid, lines)
+    return figure
+
+
+def overview(run: Run, *, notes: Sequence[str] = ()) -> Figure:
+    """Draw the whole run on one page."""
+    import matplotlib as mpl
+
+    with mpl.rc_context(_STYLE):
+        lines = wrapped(overview_caption(run, notes))
+        figure, grid = _canvas(3, (1.0, 1.0), 1.25, len(lines), gap=LEFT)
+        for axes, panel in zip((axes for row in grid for axes in row), overview_panels(run), strict=True):
+            _plot(axes, run, panel, None)
+            axes.set_ylabel(panel.label)
+            _legend(axes, panel)
+        _finish(figure, grid, lines)
+    return figure
+
+
+def _canvas(
+    rows: int, widths: Sequence[float], height: float, caption_lines: int, gap: float = COLUMN_GAP
+) -> tuple[Figure, list[list[Axes]]]:
+    """Lay out panels of a fixed height, in inches, above room for the caption."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    total = TOP + rows * height + (rows - 1) * GAP + BOTTOM + CAPTION_LINE * caption_lines + 0.08
+    figure = Figure(figsize=(WIDTH, total))
+    FigureCanvasAgg(figure)
+    free = WIDTH - LEFT - RIGHT - gap * (len(widths) - 1)
+    grid = []
+    for row in range(rows):
+        left, line = LEFT, []
+        bottom = total - TOP - (row + 1) * height - row * GAP
+        for share in widths:
+            width = free * share / sum(widths)
+            line.append(figure.add_axes((left / WIDTH, bottom / total, width / WIDTH, height / total)))
+            left += width + gap
+        grid.append(line)
+    return figure, grid
+
+
+def _plot(axes: Axes, run: Run, panel: Panel, until: float | None) -> None:
+    """Draw the curves of a panel over the time to `until` (all of it for None), on shaded saturation."""
+    from matplotlib.ticker import MaxNLocator
+
+    for start, stop, mode in saturated_intervals(run):
+        axes.axvspan(start, stop, color=SHADE[mode], linewidth=0, zorder=0)
+    axes.axhline(0.0, color=GREY, linewidth=0.3, zorder=1)
+    for level in panel.levels:
+        for side in (-level, level):
+            axes.axhline(side, color=GREY, linewidth=0.5, linestyle=(0, (1, 2)), zorder=1)
+    end = float(run.t[-1]) if until is None else until
+    chosen = run.t <= end
+    for line in panel.lines:
+        axes.plot(run.t[chosen], line.values(run)[chosen], line.dash, color=line.colour, label=line.label)
+    if end > 0:  # a run may have ended where it began
+        axes.set_xlim(0.0, end)
+    if panel.clip is not None and until is None:
+        axes.set_ylim(-panel.clip, panel.clip)
+    axes.xaxis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 2, 5, 10]))
+    axes.yaxis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 2, 5, 10]))
+
+
+def _name_limits(axes: Axes, run: Run, until: float) -> None:
+    """Name the limit above each shaded interval of the transient that is wide enough."""
+    above = axes.get_xaxis_transform()
+    style: dict[str, Any] = {"ha": "center", "va": "bottom", "fontsize": 8, "color": GREY}
+    for start, stop, mode in saturated_intervals(run):
+        if stop - start > 0.08 * until:
+            axes.text((start + stop) / 2, 1.02, limit_name(mode), transform=above, **style)
+
+
+def _legend(axes: Axes, panel: Panel) -> None:
+    """Name the curves above the panel, on its right, where no curve can run through."""
+    if panel.needs_legend:
+        place: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.0}
+        tight = {"borderpad": 0.1, "handlelength": 1.8, "columnspacing": 1.2, "handletextpad": 0.5}
+        axes.legend(ncols=len(panel.lines), **place, **tight)
+
+
+def _finish(figure: Figure, grid: list[list[Axes]], caption_lines: Sequence[str]) -> None:
+    """Label the time axis once, below the lowest panels, and write the caption."""
+    for row in grid[:-1]:
+        for axes in row:
+            axes.tick_params(labelbottom=False)
+    for axes in (axes for row in grid for axes in row):
+        axes.yaxis.set_label_coords(-LABEL / (axes.get_position().width * WIDTH), 0.5)
+    for axes in grid[-1]:
+        axes.set_xlabel("$t$ (s)", labelpad=2)
+    height = figure.get_figheight()
+    for index, line in enumerate(caption_lines):
+        y = (CAPTION_LINE * (len(caption_lines) - index) - 0.02) / height
+        figure.text((LEFT - LABEL) / WIDTH, y, line, fontsize=8.2, va="top")
+
+
+def wrapped(text: str) -> list[str]:
+    """Break a caption into lines by its printed length; a formula stays in one piece."""
+    lines: list[str] = []
+    length = 0
+    for word in re.findall(r"(?:\$[^$]*\$|\\\$|[^\s$])+", text):
+        printed = len(re.sub(r"\\[a-z]+|[\\${}_^\s]", "", word))
+        if not lines or length + 1 + printed > CAPTION_CHARACTERS:
+            lines.append(word)
+            length = printed
+        else:
+            lines[-1] += " " + word
+            length += 1 + printed
+    return lines

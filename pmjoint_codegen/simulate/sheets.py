@@ -1,0 +1,236 @@
+"""What the figures of a run show: curves, panels, captions, for any order; nothing is drawn here."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from pmjoint_codegen.kernels.evaluator import Array
+from pmjoint_codegen.manifest import Manifest
+from pmjoint_codegen.simulate.assumptions import sentence
+from pmjoint_codegen.simulate.status import Status
+
+if TYPE_CHECKING:
+    from pmjoint_codegen.simulate.run import Run
+
+BLACK, BLUE, RED, GREY = "#111111", "#1f4e79", "#b03a2e", "#777777"
+_COLOURS = (BLACK, BLUE, RED, GREY)
+_LIMITS = {-1: "$-u_{\\max}$", 1: "$u_{\\max}$"}
+
+
+@dataclass(frozen=True)
+class Line:
+    """One curve.
+
+    Attributes:
+        column: name of the signal in the run; two names joined by ``-`` are a difference.
+        label: text in the legend.
+        colour: of the line.
+        dash: matplotlib's line style.
+    """
+
+    column: str
+    label: str
+    colour: str = BLACK
+    dash: str = "-"
+
+    def values(self, run: Run) -> Array:
+        """Give the curve at the run's output instants, shape (rows,)."""
+        first, _, second = self.column.partition("-")
+        return run[first] - run[second] if second else run[first]
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One pair of axes: curves over time.
+
+    Attributes:
+        lines: its curves, the most important one last, on top.
+        label: what the vertical axis shows.
+        clip: largest magnitude that the whole-run panel shows, or None for all.
+        levels: magnitudes to mark by horizontal lines on both sides of zero.
+    """
+
+    lines: tuple[Line, ...]
+    label: str
+    clip: float | None = None
+    levels: tuple[float, ...] = ()
+
+    @property
+    def needs_legend(self) -> bool:
+        """Whether the vertical label leaves open which curve is which."""
+        return len(self.lines) > 1
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """One figure: panels from top to bottom and what the caption says of them.
+
+    Attributes:
+        stem: file name without ending.
+        panels: from top to bottom.
+        caption: one or two sentences.
+    """
+
+    stem: str
+    panels: tuple[Panel, ...]
+    caption: str
+
+
+def sheets(run: Run) -> tuple[Sheet, ...]:
+    """Plan the figures of a run: tracking, the states from x2 on, the compensator, v and u, the estimate."""
+    manifest = run.manifest
+    tracking = "Tracking: output $y$ and reference $y_r$; error $e = y - y_r = z_1 + r_1$ and its two parts."
+    plans = [("tracking_error", (output_panel(manifest), error_panel(manifest)), tracking)]
+    for i in range(2, manifest.n + 1):
+        plans.append((f"x{i}", (_single(manifest, f"x{i}", f"$x_{i}$"),), f"State $x_{i}$."))
+    for i in range(1, manifest.rho + 1):
+        which = "last state, driven by $u - v$" if i == manifest.rho else f"state {i}"
+        panel = _single(manifest, f"r{i}", f"$r_{i}$")
+        plans.append((f"r{i}", (panel,), f"Saturation compensator (23), {which}."))
+    law = "Control law $v$ and applied input $u = \\mathrm{sat}(v)$" + _saturation_text(run)
+    plans.append(("v_u", _input_panels(run), law))
+    estimate = "States, their estimates $\\hat{x}$ (15), and what the estimates miss."
+    plans.append(("estimate", (*_estimate_panels(manifest), miss_panel(manifest)), estimate))
+    return tuple(
+        Sheet(f"figure{k}_{stem}", panels, text) for k, (stem, panels, text) in enumerate(plans, start=1)
+    )
+
+
+def overview_panels(run: Run) -> tuple[Panel, ...]:
+    """Choose six panels that show a whole run: output, error, states, compensator, input, estimate."""
+    manifest = run.manifest
+    both = (Line("v", "$v$", BLUE), Line("u", "$u$"))
+    v_u = Panel(both, "$v,\\ u$" + unit_text(manifest, "u"), _clip(run), (_limit(run),))
+    first = min(2, manifest.n)
+    states = _family(manifest, "x", range(first, manifest.n + 1))
+    r = _family(manifest, "r", range(1, manifest.rho + 1))
+    return output_panel(manifest), error_panel(manifest), states, r, v_u, miss_panel(manifest)
+
+
+def caption(run: Run, sheet: Sheet, notes: Sequence[str]) -> str:
+    """Give a figure's caption with its number and the run's settings."""
+    number = sheet.stem.partition("_")[0].removeprefix("figure")
+    left = " Left: the saturated transient." if transient_window(run) else ""
+    shaded = " Shaded: $u$ at its limit." if saturated_intervals(run) else ""
+    return f"Figure {number}. {sheet.caption}{left}{shaded} {_settings_caption(run, notes)}"
+
+
+def overview_caption(run: Run, notes: Sequence[str]) -> str:
+    """Give the overview's caption: the model's title and the run's settings."""
+    return f"{_plain(run.manifest.title)}. {_settings_caption(run, notes)}"
+
+
+def saturated_intervals(run: Run) -> tuple[tuple[float, float, int], ...]:
+    """List the intervals (from, to, mode), in s, in which u is at a limit: mode -1 below, 1 above."""
+    marks = [(0.0, run.initial_mode), *run.switches]
+    ends = [*(t for t, _ in run.switches), float(run.t[-1])]
+    spans = zip(marks, ends, strict=True)
+    return tuple((start, stop, mode) for (start, mode), stop in spans if mode and stop > start)
+
+
+def transient_window(run: Run) -> float | None:
+    """Give the end of the saturated transient's panel, s; None where it needs no panel of its own."""
+    intervals = saturated_intervals(run)
+    window = 2.0 * intervals[-1][1] if intervals else 0.0
+    return window if 0.0 < window < 0.3 * float(run.t[-1]) else None
+
+
+def limit_name(mode: int) -> str:
+    """Name the limit of a saturated mode."""
+    return _LIMITS[mode]
+
+
+def unit_text(manifest: Manifest, name: str) -> str:
+    """Set a signal's unit for an axis: ``(rad/s$^2$)``, or nothing for a pure number."""
+    unit = next((item.unit for item in (*manifest.states, *manifest.signals) if item.name == name), "")
+    first, *powers = unit.split("^")
+    raised = first + "".join(f"$^{{{piece[:1]}}}${piece[1:]}" for piece in powers)
+    return f" ({raised})" if unit not in ("", "1") else ""
+
+
+def output_panel(manifest: Manifest) -> Panel:
+    """Show y on the reference."""
+    return Panel((Line("y_r", "$y_r$", RED, "--"), Line("y", "$y$")), "$y,\\ y_r$" + unit_text(manifest, "y"))
+
+
+def error_panel(manifest: Manifest) -> Panel:
+    """Show e and its parts r1 and z1."""
+    parts = (Line("r1", "$r_1$", BLUE, "--"), Line("z1", "$z_1$", RED, ":"), Line("e", "$e$"))
+    return Panel(parts, "$e$" + unit_text(manifest, "y"))
+
+
+def miss_panel(manifest: Manifest) -> Panel:
+    """Show what the estimates miss, state by state."""
+    lines = tuple(
+        Line(
+            f"x{i}-x_hat{i}",
+            f"$x_{i} - \\hat{{x}}_{i}$" + unit_text(manifest, f"x{i}"),
+            _COLOURS[(i - 1) % 4],
+        )
+        for i in range(1, manifest.n + 1)
+    )
+    return Panel(lines, "$x - \\hat{x}$")
+
+
+def _single(manifest: Manifest, name: str, symbol: str) -> Panel:
+    return Panel((Line(name, symbol),), symbol + unit_text(manifest, name))
+
+
+def _family(manifest: Manifest, stem: str, indices: range) -> Panel:
+    """Show several states of one kind, each with its unit in the legend."""
+    if len(indices) == 1:
+        return _single(manifest, f"{stem}{indices[0]}", f"${stem}_{indices[0]}$")
+    lines = tuple(
+        Line(f"{stem}{i}", f"${stem}_{i}$" + unit_text(manifest, f"{stem}{i}"), _COLOURS[k % 4])
+        for k, i in enumerate(indices)
+    )
+    return Panel(lines, f"${stem}$")
+
+
+def _input_panels(run: Run) -> tuple[Panel, ...]:
+    unit, levels = unit_text(run.manifest, "u"), (_limit(run),)
+    return (
+        Panel((Line("v", "$v$", BLUE),), "$v$" + unit, _clip(run), levels),
+        Panel((Line("u", "$u$"),), "$u$" + unit, None, levels),
+    )
+
+
+def _estimate_panels(manifest: Manifest) -> tuple[Panel, ...]:
+    return tuple(
+        Panel(
+            (Line(f"x{i}", f"$x_{i}$"), Line(f"x_hat{i}", f"$\\hat{{x}}_{i}$", RED, "--")),
+            f"$x_{i}$" + unit_text(manifest, f"x{i}"),
+        )
+        for i in range(1, manifest.n + 1)
+    )
+
+
+def _limit(run: Run) -> float:
+    """Give the actuator's limit in this run, in the unit of u."""
+    return float(run.settings.parameters[run.manifest.limit])
+
+
+def _clip(run: Run) -> float | None:
+    """Clip v in the whole run where the transient has its own panel, so that the rest can be seen."""
+    return 1.35 * _limit(run) if transient_window(run) else None
+
+
+def _saturation_text(run: Run) -> str:
+    """Say when the actuator is saturated, up to four intervals."""
+    intervals = saturated_intervals(run)
+    if not intervals or len(intervals) > 4:
+        return "."
+    spans = ", ".join(f"at {_LIMITS[mode]} for {start:.4g}$-${stop:.4g} s" for start, stop, mode in intervals)
+    return f", {spans}."
+
+
+def _settings_caption(run: Run, notes: Sequence[str]) -> str:
+    """Say what is assumed or changed, and how a run that failed ended."""
+    failed = "" if run.status == Status.DONE else f" The run {_plain(run.message)}."
+    return _plain(sentence(run, notes)).replace("y_r =", "$y_r$ =") + failed
+
+
+def _plain(text: str) -> str:
+    return text.replace("$", r"\$")

@@ -1,0 +1,179 @@
+"""The three printed forms of a derivation: text that runs, LaTeX that compiles, JSON that says the same."""
+
+from __future__ import annotations
+
+import json
+import random
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+import sympy as sp
+
+from derive import Derivation, Gains, Model, Parameter, Plant, Simulation, derive, parameter_symbol
+from pmjoint_codegen.report.latex import latex_report
+from pmjoint_codegen.report.notation import escape, latex_expression, latex_name, latex_prose, text_expression
+from pmjoint_codegen.report.record import derivation_record
+from pmjoint_codegen.report.text import text_report
+
+ZERO = sp.Integer(0)
+
+
+def model(n: int, rho: int) -> Model:
+    """Return a plant of order n and relative degree rho, nonlinear in y where that is not the paper's own."""
+    y, d1, b0, u_max = (parameter_symbol(name) for name in ("y", "d1", "b0", "u_max"))
+    plain = (n, rho) == (2, 2)
+    plant = Plant(
+        order=n,
+        phi=(ZERO,) * n if plain else (sp.sin(y), *(ZERO,) * (n - 1)),
+        Phi=(*((ZERO,),) * (n - 1), (y,)),
+        theta=(d1,),
+        b=(b0, *(sp.Integer(3),) * (n - rho)),
+        sigma=sp.Integer(1) if plain else 1 + y**2,
+        disturbance=(*(ZERO,) * (n - 1), sp.Rational(1, 10) * sp.cos(parameter_symbol("t"))),
+    )
+    return Model(
+        name="joint_1",
+        title="A joint & its 100 % muscle, with ϑ",
+        source="made up",
+        parameters=(
+            Parameter("d1", 0.2, "1/s^2", "stiffness term (8)"),
+            Parameter("b0", 2.0, "rad/(s^2 V)", "input gain (8)"),
+            Parameter("u_max", 10.0, "V", "actuator limit u_M (10)"),
+        ),
+        plant=plant,
+        limit=u_max,
+        reference=sp.sin(parameter_symbol("t")),
+        gains=Gains((15.0,) * rho, (0.1,) * rho, (1.0,) * rho, (6.0, 11.0, 6.0)[:n]),
+        simulation=Simulation((1.5, *(0.0,) * (n - 1)), 20.0, 0.01, 0.001),
+    )
+
+
+@pytest.fixture(scope="module", params=[(2, 2), (3, 3), (2, 1)], ids=["paper", "third-order", "with-zero"])
+def derivation(request: pytest.FixtureRequest) -> Derivation:
+    """Return a derivation of the paper's class, one of order 3, and one with zero dynamics."""
+    return derive(model(*request.param))
+
+
+def test_every_line_of_the_text_runs_as_code_and_gives_the_law(derivation: Derivation) -> None:
+    """Run the printed Backstepping section; its v is the expanded law at a random point."""
+    text = text_report(derivation.model, derivation.equations.values())
+    section = text.partition("# Backstepping\n")[2].partition("# Certificate\n")[0]
+    expanded = derivation.expanded("v")
+    draw = random.Random(1)
+    point = {
+        symbol: sp.Rational(draw.randint(1, 99), 10) for symbol in sorted(expanded.free_symbols, key=str)
+    }
+    names: dict[str, object] = {
+        "sin": sp.sin,
+        "cos": sp.cos,
+        **{symbol.name: value for symbol, value in point.items()},
+    }
+    exec(compile(section, "derivation", "exec"), names)
+    assert sp.expand(names["v"] - expanded.xreplace(point)) == 0  # exact: rational numbers, and sin of them
+
+
+def test_the_whole_text_is_python(derivation: Derivation) -> None:
+    compile(text_report(derivation.model, derivation.equations.values()), "derivation", "exec")
+
+
+def test_text_names_every_equation_with_its_number_meaning_and_unit(derivation: Derivation) -> None:
+    lines = text_report(derivation.model, derivation.equations.values()).splitlines()
+    for equation in derivation.equations.values():
+        place = next(k for k, line in enumerate(lines) if line.startswith(f"{equation.name} = "))
+        said = lines[place - 1] + lines[place]
+        assert equation.number in said
+        assert equation.meaning in said
+        assert equation.unit is None or str(equation.unit) == "1" or f"[{equation.unit}]" in said
+
+
+def test_sections_stand_in_a_readers_order(derivation: Derivation) -> None:
+    text = text_report(derivation.model, derivation.equations.values())
+    order = [
+        "Plant",
+        "Filters",
+        "Estimate",
+        "Compensator",
+        "Reference",
+        "Backstepping",
+        "Certificate",
+        "Closed loop",
+    ]
+    places = [text.index(f"# {section}\n") for section in order]
+    assert places == sorted(places)
+
+
+@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="no pdflatex")
+def test_latex_compiles_without_a_line_that_is_too_wide(derivation: Derivation, tmp_path: Path) -> None:
+    source = latex_report(derivation.model, derivation.equations.values())
+    (tmp_path / "derivation.tex").write_text(source, encoding="utf-8")
+    run = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "derivation.tex"]
+    done = subprocess.run(run, cwd=tmp_path, capture_output=True, text=True, errors="replace", check=False)
+    assert done.returncode == 0, done.stdout[-2000:]
+    assert "Overfull" not in done.stdout
+    assert "undefined" not in done.stdout
+
+
+def test_latex_environments_and_braces_are_balanced(derivation: Derivation) -> None:
+    source = latex_report(derivation.model, derivation.equations.values())
+    for environment in ("equation", "equation*", "aligned", "document", "tabular"):
+        assert source.count(rf"\begin{{{environment}}}") == source.count(rf"\end{{{environment}}}")
+    plain = source.replace(r"\{", "").replace(r"\}", "")
+    assert plain.count("{") == plain.count("}")
+
+
+def test_record_holds_every_equation_as_expressions_that_parse_back(derivation: Derivation) -> None:
+    record = json.loads(json.dumps(derivation_record(derivation.model, derivation.equations.values())))
+    assert record["relative_degree"] == derivation.plant.rho
+    assert [item["name"] for item in record["equations"]] == list(derivation.equations)
+    for item in record["equations"]:
+        equation = derivation.equations[item["name"]]
+        names = {symbol.name: symbol for symbol in equation.expression.free_symbols}
+        text = item["expression"].replace("max(", "Max(").replace("min(", "Min(")
+        assert sp.simplify(sp.sympify(text, locals=names) - equation.expression) == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "latex"),
+    [
+        ("xi2", r"\xi_2"),
+        ("Xi21", r"\Xi_{21}"),
+        ("lambda1", r"\lambda_1"),
+        ("lambda1_dot", r"\dot{\lambda}_1"),
+        ("alpha1", r"\alpha_1"),
+        ("dalpha1_dy", r"\frac{\partial \alpha_1}{\partial y}"),
+        ("dalpha1_dXi21", r"\frac{\partial \alpha_1}{\partial \Xi_{21}}"),
+        ("dalpha2_ddy_r", r"\frac{\partial \alpha_2}{\partial \dot{y}_r}"),
+        ("x_hat2", r"\hat{x}_2"),
+        ("d2y_r", r"\ddot{y}_r"),
+        ("d3y_r", "y_r^{(3)}"),
+        ("du", r"\Delta u"),
+        ("ck1", "c_{k1}"),
+        ("v0_2", "v_{0,2}"),
+        ("d1", "d_1"),
+        ("u_max", r"u_{\max}"),
+        ("eps0", r"\varepsilon_0"),
+        ("k_u", "k_u"),
+        ("Omega", r"\Omega"),
+        ("Inertia", r"\mathrm{Inertia}"),
+    ],
+)
+def test_names_follow_the_papers_notation(name: str, latex: str) -> None:
+    assert latex_name(name) == latex
+
+
+def test_a_power_does_not_stick_to_a_partial_derivative() -> None:
+    squared = parameter_symbol("dalpha1_dy") ** 2
+    assert latex_expression(squared) == r"\left(\frac{\partial \alpha_1}{\partial y}\right)^{2}"
+    assert latex_expression(parameter_symbol("d3y_r") ** 2) == r"\left(y_r^{(3)}\right)^{2}"
+
+
+def test_minus_signs_come_after_plus_signs() -> None:
+    a, b = parameter_symbol("a"), parameter_symbol("b")
+    assert text_expression(b - a) == "b - a"
+
+
+def test_escaped_text_survives_latex() -> None:
+    assert escape("50 % of θ & ϑ_1 ≤ 2²") == r"50 \% of $\theta$ \& ?\_1 $\le$ 2²"
+    assert latex_prose("rate of x1 by y_r, a unit") == "rate of $x_1$ by $y_r$, a unit"
