@@ -38,10 +38,12 @@ def command(model: str, form: str) -> None:
         from pmjoint_codegen.report.latex import latex_report
         from pmjoint_codegen.report.record import derivation_record
         from pmjoint_codegen.report.text import text_report
-        from pmjoint_codegen.spec import load_model
+        from pmjoint_codegen.spec import model_of
+        from pmjoint_codegen.spec.reader import read_document
         from pmjoint_codegen.workspace import find_model
 
-        source = load_model(find_model(model)).model
+        path = find_model(model)
+        source = model_of(read_document(path), str(path))
         equations = tuple(derive(source).equations.values())
     if form == "json":
         document(derivation_record(source, equations))

@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Any
+
 import click
 
+if TYPE_CHECKING:
+    _Kind = click.ParamType[Any]  # generic in newer releases of click, to the type checker alone
+else:
+    _Kind = click.ParamType
 
-class Assignment(click.ParamType):
+
+class Assignment(_Kind):
     """``NAME=VALUE`` with a number for VALUE."""
 
     name = "NAME=VALUE"
@@ -22,7 +29,7 @@ class Assignment(click.ParamType):
         return name.strip(), number_of(number, self, param, ctx)
 
 
-class Numbers(click.ParamType):
+class Numbers(_Kind):
     """Numbers separated by commas, such as ``1.5,0``."""
 
     name = "A,B,..."
@@ -36,9 +43,7 @@ class Numbers(click.ParamType):
         return tuple(number_of(text, self, param, ctx) for text in str(value).split(","))
 
 
-def number_of(
-    text: str, kind: click.ParamType, param: click.Parameter | None, ctx: click.Context | None
-) -> float:
+def number_of(text: str, kind: _Kind, param: click.Parameter | None, ctx: click.Context | None) -> float:
     """Read a number, or fail as click does."""
     try:
         return float(text)

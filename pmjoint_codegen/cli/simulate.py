@@ -84,8 +84,8 @@ def command(
 ) -> int:
     """Integrate the closed loop of MODEL.
 
-    Writes trajectory.csv, summary.json and figures into a folder and prints a short table. What is not given is
-    as the model file says. A run that fails still writes what it has, and exits with 3.
+    Writes trajectory.csv, summary.json and figures into a folder and prints a short table. What is not given
+    is as the model file says. A run that fails still writes what it has, and exits with 3.
     """
     settings["compensator"] = False if no_compensator else None
     if out:

@@ -11,7 +11,7 @@ import re
 from collections.abc import Callable, Sequence
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final, cast
 
 from pmjoint_codegen import storage
 from pmjoint_codegen.simulate.sheets import (
@@ -41,7 +41,7 @@ CAPTION_LINE = 0.165  # inches
 CAPTION_CHARACTERS = 124  # printed ones in a line
 DPI = 220
 SHADE = {-1: "#d9e3ee", 1: "#f3dcd6"}  # saturated below, above
-_STYLE: dict[str, Any] = {
+_STYLE: Final = {
     "font.family": ["STIXGeneral", "DejaVu Serif"],  # by name: a text keeps it wherever it is drawn
     "mathtext.fontset": "stix",
     "font.size": 9.5,
@@ -109,7 +109,7 @@ def draw(run: Run, sheet: Sheet, *, detail: Run | None = None, notes: Sequence[s
     import matplotlib as mpl
 
     window = transient_window(run)
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(cast("Any", _STYLE)):  # matplotlib types the keys as literals
         lines = wrapped(caption(run, sheet, notes))
         height = 1.75 if len(sheet.panels) == 1 else 1.3
         figure, grid = _canvas(len(sheet.panels), (1.0, 1.9) if window else (1.0,), height, len(lines))
@@ -129,7 +129,7 @@ def overview(run: Run, *, notes: Sequence[str] = ()) -> Figure:
     """Draw the whole run on one page."""
     import matplotlib as mpl
 
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(cast("Any", _STYLE)):  # matplotlib types the keys as literals
         lines = wrapped(overview_caption(run, notes))
         figure, grid = _canvas(3, (1.0, 1.0), 1.25, len(lines), gap=LEFT)
         for axes, panel in zip((axes for row in grid for axes in row), overview_panels(run), strict=True):
@@ -197,9 +197,15 @@ def _name_limits(axes: Axes, run: Run, until: float) -> None:
 def _legend(axes: Axes, panel: Panel) -> None:
     """Name the curves above the panel, on its right, where no curve can run through."""
     if panel.needs_legend:
-        place: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.0}
-        tight = {"borderpad": 0.1, "handlelength": 1.8, "columnspacing": 1.2, "handletextpad": 0.5}
-        axes.legend(ncols=len(panel.lines), **place, **tight)
+        tight: dict[str, Any] = {
+            "borderaxespad": 0.0,
+            "borderpad": 0.1,
+            "handlelength": 1.8,
+            "handletextpad": 0.5,
+        }
+        axes.legend(
+            loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(panel.lines), columnspacing=1.2, **tight
+        )
 
 
 def _finish(figure: Figure, grid: list[list[Axes]], caption_lines: Sequence[str]) -> None:

@@ -82,7 +82,9 @@ def sheets(run: Run) -> tuple[Sheet, ...]:
     """Plan the figures of a run: tracking, the states from x2 on, the compensator, v and u, the estimate."""
     manifest = run.manifest
     tracking = "Tracking: output $y$ and reference $y_r$; error $e = y - y_r = z_1 + r_1$ and its two parts."
-    plans = [("tracking_error", (output_panel(manifest), error_panel(manifest)), tracking)]
+    plans: list[tuple[str, tuple[Panel, ...], str]] = [
+        ("tracking_error", (output_panel(manifest), error_panel(manifest)), tracking)
+    ]
     for i in range(2, manifest.n + 1):
         plans.append((f"x{i}", (_single(manifest, f"x{i}", f"$x_{i}$"),), f"State $x_{i}$."))
     for i in range(1, manifest.rho + 1):
