@@ -7,7 +7,7 @@ at the step's end, and the next step begins there in the neighbouring mode. Outp
 polynomial.
 
 Three rules keep it honest. The rates are continuous across a switch, since w is continuous in v, so the
-polynomial's slope at its end must agree with the right-hand side there; if not, the step is halved. A step
+polynomial must agree at its end with the kernels evaluated there; if not, the step is halved. A step
 that starts on a threshold goes to the side that the first non-zero derivative of v points to. And where
 rounding alone would decide between two modes, so that time stands still, one short step leaves the thresholds
 alone.
@@ -33,9 +33,7 @@ from pmjoint_codegen.simulate.polynomial import (
 from pmjoint_codegen.simulate.problem import Memory, Problem, Progress
 from pmjoint_codegen.simulate.status import Status
 
-DEFECT: Final = (
-    64.0  # a step's polynomial may miss the right-hand side at its end by this multiple of the tolerance
-)
+DEFECT: Final = 64.0  # a step's polynomial may miss the kernels at its end by this multiple of the tolerance
 SMALLEST_STEP: Final = 1e-14  # relative to max(1 s, t): below it, time does not move
 UNDECIDED_STEP: Final = 1e-7  # s; the step that leaves the thresholds alone
 
@@ -98,7 +96,7 @@ class _Loop:
             note_value(value, 0.0, i, self.memory.peaks, self.memory.peak_times)
 
     def step(self) -> None:
-        """One step to the first threshold at most; halved until its end agrees with the right-hand side."""
+        """One step to the first threshold at most; halved until its end agrees with the kernels there."""
         progress, problem = self.progress, self.problem
         remaining = problem.horizon - progress.t
         smallest = SMALLEST_STEP * max(progress.t, 1.0)
@@ -158,10 +156,17 @@ class _Loop:
         return first_crossing(q[zeros:], h)
 
     def defect(self, following: Array, tau: float) -> float:
-        """How far the polynomial's slope at its end is from the rates there, over what is allowed."""
-        scale = np.maximum(np.maximum(np.abs(self.c[0]), 1.0), np.abs(following[0]))
-        error = tau * np.abs(differentiate(self.c, tau) - following[1]) / scale
-        worst = float(np.max(error))
+        """How far the polynomial is from the kernels at its end, over what the tolerance allows.
+
+        Compared are the slopes of the states and the value of v. High gains leave more rounding in v than its
+        present value tells, so that its scale is its largest value so far.
+        """
+        c, states = self.c[:, :-1], following[:, :-1]
+        v = float(evaluate(self.c[:, -1:], tau)[0])
+        scale = np.maximum(np.maximum(np.abs(c[0]), 1.0), np.abs(states[0]))
+        slopes = tau * np.abs(differentiate(c, tau) - states[1]) / scale
+        value = abs(v - float(following[0, -1])) / max(float(self.memory.peaks[-1]), 1.0)
+        worst = float(np.max(np.append(slopes, value)))  # NaN if any is
         return worst / (DEFECT * self.problem.tolerance) if math.isfinite(worst) else math.inf
 
     def accept(self, trial: Array, following: Array, tau: float, end: float) -> None:

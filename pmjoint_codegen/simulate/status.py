@@ -24,8 +24,8 @@ _SENTENCES: Final = {
     Status.DONE: "reached the horizon, {t:.6g} s",
     Status.DIVERGED: "diverged: a state passed {divergence:g} at t = {t:.6g} s",
     Status.NON_FINITE: "a state or the control stopped being a finite number after t = {t:.6g} s",
-    Status.STALLED: "stalled at t = {t:.6g} s: the step fell below what time can resolve; the model is not smooth "
-    "there, or a state grows without bound",
+    Status.STALLED: "stalled at t = {t:.6g} s: the step fell below what time can resolve, as where the model "
+    "is not smooth or a state grows without bound",
     Status.TOO_MANY_STEPS: "used up {max_steps} steps at t = {t:.6g} s",
     Status.TOO_MANY_SWITCHES: "used up {max_switches} saturation switches at t = {t:.6g} s",
     Status.KERNEL_FAILED: "a generated kernel reported a failure at t = {t:.6g} s",

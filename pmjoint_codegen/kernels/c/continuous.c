@@ -3,7 +3,7 @@
 #include <float.h>
 #include <math.h>
 
-/* A step's polynomial may miss the right-hand side at its end by this multiple of the tolerance. */
+/* A step's polynomial may miss the kernels at its end by this multiple of the tolerance. */
 #define DEFECT 64.0
 /* A threshold on which rounding alone decides the side is left alone for this long, s. */
 #define UNDECIDED_STEP 1e-7
@@ -112,22 +112,27 @@ static long long first_passage(const pmj_problem *problem, const pmj_progress *p
     return found;
 }
 
-/* How far the polynomial's slope at its end is from the right-hand side there, over what the tolerance allows. */
+/* How far the step's polynomial is from the kernels at its end, over what the tolerance allows: in the slopes of the
+ * states, and in the value of v. High gains leave more rounding in v than its present value tells, so that its
+ * scale is its largest value so far. */
 static double defect(const pmj_problem *problem, const pmj_memory *memory, const double *c, const double *next,
                      double tau)
 {
-    const long long width = problem->n_states + 1;
-    double worst = 0.0;
-    pmj_differentiate(c, width, problem->order, tau, memory->slope, width);
-    for (long long i = 0; i < width; ++i) {
+    const long long n = problem->n_states;
+    double v = 0.0;
+    pmj_evaluate(c + n, n + 1, problem->order, tau, &v, 1);
+    pmj_differentiate(c, n + 1, problem->order, tau, memory->slope, n + 1);
+    double worst = fabs(v - next[n]) / (memory->peaks[n] > 1.0 ? memory->peaks[n] : 1.0);
+    for (long long i = 0; i < n; ++i) {
         double scale = fabs(c[i]) > 1.0 ? fabs(c[i]) : 1.0;
         scale = fabs(next[i]) > scale ? fabs(next[i]) : scale;
-        const double error = tau * fabs(memory->slope[i] - next[width + i]) / scale;
-        if (!(error <= worst)) {
-            worst = error <= DBL_MAX ? error : HUGE_VAL; /* NaN counts as infinite */
+        const double error = tau * fabs(memory->slope[i] - next[n + 1 + i]) / scale;
+        if (!(error <= DBL_MAX)) {
+            return HUGE_VAL; /* NaN too */
         }
+        worst = error > worst ? error : worst;
     }
-    return worst / (DEFECT * problem->tolerance);
+    return worst <= DBL_MAX ? worst / (DEFECT * problem->tolerance) : HUGE_VAL;
 }
 
 /* Write down a change of mode at time t; a touch, there and back at one instant, is none. */
@@ -215,7 +220,7 @@ static void accept(const pmj_problem *problem, const pmj_function *reference, pm
     progress->buffer = 1 - progress->buffer;
 }
 
-/* One step: at most `h`, to the first threshold; halved until the end agrees with the right-hand side. */
+/* One step: at most `h`, to the first threshold; halved until the end agrees with the kernels there. */
 static void step(const pmj_problem *problem, const pmj_function *taylor, const pmj_function *reference,
                  pmj_progress *progress, const pmj_memory *memory)
 {
