@@ -17,7 +17,7 @@ simulate: environment ## the model's closed loop: table, figures and data under 
 	@$(run) pmjoint_codegen simulate $(MODEL) $(ARGS)
 
 test: environment-dev ## the test suite (ARGS="-k taylor")
-	@$(run) pytest -q $(ARGS)
+	@$(run) pytest $(ARGS)
 
 regenerate: environment ## write generated/ anew from the model files
 	@$(run) pmjoint_codegen regenerate $(ARGS)

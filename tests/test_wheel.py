@@ -11,8 +11,6 @@ from pathlib import Path
 
 import pytest
 
-pytestmark = pytest.mark.xdist_group("wheel")
-
 
 def succeed(*command: str, cwd: Path, **env: str) -> str:
     """Run a command, require exit code 0, and return its standard output."""
