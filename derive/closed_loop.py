@@ -8,7 +8,7 @@ from derive.equation import Equation
 from derive.filters import shift_matrix
 from derive.model import Model, Plant, parameter_symbol
 from derive.signals import Signals, Units, derivative_name
-from derive.units import SECOND
+from derive.units import SECOND, parse_unit
 
 
 def disturbance_symbols(plant: Plant) -> tuple[sp.Symbol, ...]:
@@ -64,10 +64,35 @@ def reference_equations(model: Model, signals: Signals, units: Units) -> list[Eq
     ]
 
 
-def actuator_equations(model: Model, signals: Signals, units: Units) -> list[Equation]:
-    """Saturation (10): the applied input."""
-    applied = sp.Max(-model.limit, sp.Min(signals.v, model.limit))
-    return [Equation(signals.u, applied, "Closed loop", "(10)", "applied input sat(v)", units.of(signals.u))]
+def actuator_equations(model: Model, signals: Signals) -> list[Equation]:
+    """Saturation (10): what the actuator delivers, u first."""
+    return [
+        Equation(
+            channel.symbol,
+            sp.Max(channel.lower, sp.Min(channel.offset + channel.slope * signals.v, channel.upper)),
+            "Closed loop",
+            "(10)",
+            channel.about,
+            parse_unit(channel.unit),
+        )
+        for channel in model.actuator
+    ]
+
+
+def extra_equations(model: Model) -> list[Equation]:
+    """Reported signals of the physics, and rates of the states that only the simulated plant has."""
+    rates = [
+        Equation(
+            parameter_symbol(derivative_name(state.symbol)),
+            state.rate,
+            "Plant",
+            "",
+            f"rate of {state.symbol}",
+            parse_unit(state.unit) / SECOND,
+        )
+        for state in model.extras
+    ]
+    return [*model.reported, *rates]
 
 
 def error_equations(signals: Signals, units: Units) -> list[Equation]:

@@ -4,6 +4,7 @@ Stages, each a pure function of what stands before it:
 
     name_constants          plant                 -> plant with named b, theta
     plant_equations         plant                 -> y, D_i, x_i'                     (7), (11), (12)
+    extra_equations         model                 -> what only the simulated plant has
     filter_equations        plant                 -> xi', Xi', lambda', x_hat         (14), (15)
     compensator_equations   plant                 -> du, r'                           (23)
     reference_equations     reference             -> y_r and its derivatives
@@ -20,7 +21,13 @@ from dataclasses import dataclass
 import sympy as sp
 
 from derive.backstepping import backstep, error_rate_equations
-from derive.closed_loop import actuator_equations, error_equations, plant_equations, reference_equations
+from derive.closed_loop import (
+    actuator_equations,
+    error_equations,
+    extra_equations,
+    plant_equations,
+    reference_equations,
+)
 from derive.compensator import compensator_equations
 from derive.constants import name_constants
 from derive.equation import Equation, Equations
@@ -70,14 +77,16 @@ def derive(model: Model) -> Derivation:
     named = name_constants(model.plant)
     plant = named.plant
     continuous: list[Equation] = [
+        *model.constants,
         *named.equations,
         *plant_equations(plant, signals, units),
+        *extra_equations(model),
         *filter_equations(plant, signals, units),
         *reference_equations(model, signals, units),
         *backstep(plant, signals, units),
         *compensator_equations(plant, signals, units),
         *error_rate_equations(plant, signals, units),
-        *actuator_equations(model, signals, units),
+        *actuator_equations(model, signals),
         *error_equations(signals, units),
     ]
     held = sampling_equations(Equations(continuous), signals, units)

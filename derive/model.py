@@ -11,6 +11,8 @@ from dataclasses import dataclass, field
 
 import sympy as sp
 
+from derive.equation import Equation
+
 
 class OutsideClassError(ValueError):
     """The model is outside the class that the design covers.
@@ -194,6 +196,46 @@ class Simulation:
 
 
 @dataclass(frozen=True)
+class Channel:
+    """One thing that the actuator delivers: ``clip(offset + slope v, lower, upper)``, in parameters.
+
+    Attributes:
+        symbol: its name in the plant's equations.
+        offset: value at v = 0.
+        slope: gain on v.
+        lower: least value.
+        upper: greatest value.
+        unit: physical unit.
+        about: one line for the reader.
+    """
+
+    symbol: sp.Symbol
+    offset: sp.Expr
+    slope: sp.Expr
+    lower: sp.Expr
+    upper: sp.Expr
+    unit: str
+    about: str
+
+
+@dataclass(frozen=True)
+class ExtraState:
+    """A state of the simulated plant that the design does not have; it starts at zero.
+
+    Attributes:
+        symbol: ``x_{n+1}`` and so on.
+        rate: its rate, a function of the plant's states, of what the actuator delivers, of t and parameters.
+        unit: physical unit.
+        about: one line for the reader.
+    """
+
+    symbol: sp.Symbol
+    rate: sp.Expr
+    unit: str
+    about: str
+
+
+@dataclass(frozen=True)
 class Model:
     """All that a derivation needs.
 
@@ -210,6 +252,10 @@ class Model:
         disturbance_bound: D_max of (9), or None when it is not known.
         y_unit: unit of the output.
         u_unit: unit of the input.
+        constants: named coefficients that the plant's expressions use, such as d1 and b0 of a joint (8).
+        extras: states of the simulated plant beyond the design's.
+        channels: what the actuator delivers; the first is u. Empty: u alone, within ``limit``.
+        reported: further named signals of the plant, such as muscle pressures.
     """
 
     name: str
@@ -224,3 +270,16 @@ class Model:
     disturbance_bound: float | None = None
     y_unit: str = field(default="rad")
     u_unit: str = field(default="V")
+    constants: tuple[Equation, ...] = ()
+    extras: tuple[ExtraState, ...] = ()
+    channels: tuple[Channel, ...] = ()
+    reported: tuple[Equation, ...] = ()
+
+    @property
+    def actuator(self) -> tuple[Channel, ...]:
+        """What the actuator delivers, u first (10)."""
+        zero, one = sp.Integer(0), sp.Integer(1)
+        u = Channel(
+            parameter_symbol("u"), zero, one, -self.limit, self.limit, self.u_unit, "applied input sat(v)"
+        )
+        return self.channels or (u,)

@@ -130,12 +130,16 @@ class Units:
         plant, s = model.plant, Signals.of(model.plant)
         y, u = parse_unit(model.y_unit), parse_unit(model.u_unit)
         stated = {item.name: parse_unit(item.unit) for item in model.parameters}
+        stated |= {item.name: item.unit or Unit({}) for item in model.constants}
         rho, n = plant.rho, plant.order
         per_second = SECOND**-1
         input_side = [
             u * SECOND ** (rho - i + 1) for i in range(1, rho + 1)
         ]  # of v_{m,i}, z_i and alpha_{i-1}, i >= 2
         table: dict[sp.Symbol, Unit] = {item.symbol: stated[item.name] for item in model.parameters}
+        table |= {item.symbol: item.unit or Unit({}) for item in (*model.constants, *model.reported)}
+        table |= {state.symbol: parse_unit(state.unit) for state in model.extras}
+        table |= {channel.symbol: parse_unit(channel.unit) for channel in model.actuator}
         table |= {s.t: SECOND, s.y: y, s.v: u, s.u: u, s.du: u, s.compensator: Unit({})}
         for block in (s.x, s.xi, s.epsilon, s.r):
             table |= {symbol: y / SECOND**i for i, symbol in enumerate(block)}

@@ -1,7 +1,7 @@
 """``model.json``: everything that the runtime knows of a generated model.
 
-The toolchain writes it, the runtime reads it; neither needs the other. All records are frozen; tuples keep the order in which
-the kernels take and give their vectors.
+The toolchain writes it, the runtime reads it; neither needs the other. All records are frozen; tuples keep
+the order in which the kernels take and give their vectors.
 """
 
 from __future__ import annotations
@@ -202,7 +202,10 @@ class Manifest:
     def to_json(self) -> str:
         """The file's text, with a hash over its own contents."""
         contents = {"schema": SCHEMA, **asdict(self)}
-        return json.dumps({**contents, "contents_hash": canonical_hash(contents)}, indent=1, ensure_ascii=False) + "\n"
+        return (
+            json.dumps({**contents, "contents_hash": canonical_hash(contents)}, indent=1, ensure_ascii=False)
+            + "\n"
+        )
 
     @classmethod
     def from_json(cls, text: str, where: str) -> Manifest:
@@ -219,16 +222,27 @@ class Manifest:
             contents = json.loads(text)
             recorded = contents.pop("contents_hash")
         except (ValueError, KeyError, AttributeError, TypeError):
-            raise StaleError("is not a generated model", where=where, remedy="run pmjoint regenerate") from None
+            raise StaleError(
+                "is not a generated model", where=where, remedy="run pmjoint regenerate"
+            ) from None
         if canonical_hash(contents) != recorded:
-            raise StaleError("was edited by hand", where=where, remedy="run pmjoint regenerate; edit the model file instead")
+            raise StaleError(
+                "was edited by hand",
+                where=where,
+                remedy="run pmjoint regenerate; edit the model file instead",
+            )
         if contents.pop("schema") != SCHEMA:
             raise StaleError("was written by another version", where=where, remedy="run pmjoint regenerate")
         return cls._from_contents(contents)
 
     @classmethod
     def _from_contents(cls, contents: dict[str, Any]) -> Manifest:
-        records = {"states": Variable, "signals": Variable, "parameters": Parameter, "equations": EquationText}
+        records = {
+            "states": Variable,
+            "signals": Variable,
+            "parameters": Parameter,
+            "equations": EquationText,
+        }
         for key, record in records.items():
             contents[key] = tuple(record(**item) for item in contents[key])
         contents["functions"] = tuple(_function(item) for item in contents["functions"])
@@ -251,10 +265,14 @@ class Manifest:
         try:
             text = path.read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError):
-            raise StaleError("is missing or unreadable", where=str(path), remedy="run pmjoint regenerate") from None
+            raise StaleError(
+                "is missing or unreadable", where=str(path), remedy="run pmjoint regenerate"
+            ) from None
         return cls.from_json(text, str(path))
 
 
 def _function(item: dict[str, Any]) -> Function:
-    blocks = {key: tuple((str(label), int(size)) for label, size in item[key]) for key in ("inputs", "outputs")}
+    blocks = {
+        key: tuple((str(label), int(size)) for label, size in item[key]) for key in ("inputs", "outputs")
+    }
     return Function(**{**item, **blocks})

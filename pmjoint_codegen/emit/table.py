@@ -72,16 +72,21 @@ class Vocabulary:
 def vocabulary(derivation: Derivation) -> Vocabulary:
     """The blocks of a derivation."""
     s, n = derivation.signals, derivation.plant.order
-    w = (s.u,)
+    model = derivation.model
+    w = tuple(channel.symbol for channel in model.actuator)
     g = tuple(parameter_symbol(f"g_{kind}{j}") for j in range(1, len(w) + 1) for kind in ("offset", "slope"))
     return Vocabulary(
         p=(*(item.symbol for item in derivation.model.parameters), *s.gains),
-        x=s.x,
+        x=(*s.x, *(state.symbol for state in model.extras)),
         s=s.controller_state,
         w=w,
         g=g,
         h=Hold.of(s).symbols,
-        signals=(s.y, s.y_r[0], parameter_symbol("e"), *s.z, *s.alpha, s.v, s.u, *named("x_hat", n)),
+        signals=(
+            *(s.y, s.y_r[0], parameter_symbol("e"), *s.z, *s.alpha, s.v, s.u, *named("x_hat", n)),
+            *disturbance_symbols(derivation.plant),
+            *(item.symbol for item in model.reported),
+        ),
         partials=tuple(
             item.symbol
             for item in derivation.equations.values()
@@ -96,9 +101,12 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
     t, p, x, state = ("t", (s.t,)), ("p", words.p), ("x", words.x), ("s", words.s)
     y, y_r, u, v, du = ("y", (s.y,)), ("y_r", s.y_r), ("u", (s.u,)), ("v", (s.v,)), ("du", (s.du,))
     X, w, g, h = ("X", (*words.x, *words.s)), ("w", words.w), ("g", words.g), ("h", words.h)
-    limit = derivation.model.limit
     in_mode = {symbol: words.g[2 * j] + words.g[2 * j + 1] * s.v for j, symbol in enumerate(words.w)}
-    limits = (sp.Integer(0), sp.Integer(1), -limit, limit)
+    limits = tuple(
+        entry
+        for channel in derivation.model.actuator
+        for entry in (channel.offset, channel.slope, channel.lower, channel.upper)
+    )
     return (
         Kernel("reference", (t, p), (y_r,), "", "the reference and its derivatives"),
         Kernel(
@@ -119,7 +127,11 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
         Kernel("compensator", (state, du, p), (_rate_block("r", s.r),), "(23)", "rates of the compensator"),
         Kernel("estimate", (state, p), (("x_hat", named("x_hat", len(s.xi))),), "(15)", "state estimate"),
         Kernel(
-            "disturbance", (t, x, p), (("D", disturbance_symbols(derivation.plant)),), "(37)", "disturbance"
+            "disturbance",
+            (t, x, w, p),
+            (("D", disturbance_symbols(derivation.plant)),),
+            "(37)",
+            "disturbance",
         ),
         Kernel("plant", (t, x, w, p), (_rate_block("x", words.x),), "(11)", "rates of the plant"),
         Kernel(

@@ -15,13 +15,12 @@ if TYPE_CHECKING:
 
 
 def csv_columns(manifest: Manifest) -> tuple[str, ...]:
-    """Names and order of the columns: t, y, y_r, e, states, errors, virtual controls, v, u."""
+    """Names and order of the columns: t, y, y_r, e, states, errors, virtual controls, v, u, physics."""
     signals = [item.name for item in manifest.signals]
-    states = [item.name for item in manifest.states]
-    inner = [
-        name for name in signals if name not in {"y", "y_r", "e", "v", "u"} and not name.startswith("x_hat")
-    ]
-    return ("t", "y", "y_r", "e", *states, *inner, "v", "u")
+    first = signals.index("e") + 1
+    errors = signals[first : signals.index("v")]
+    physics = signals[signals.index(f"D{manifest.n}") + 1 :]
+    return ("t", "y", "y_r", "e", *(item.name for item in manifest.states), *errors, "v", "u", *physics)
 
 
 def csv_text(run: Run) -> str:

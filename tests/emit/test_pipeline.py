@@ -81,7 +81,7 @@ def test_states_parameters_and_blocks_agree_with_the_vocabulary(
 
 
 def test_values_do_not_shape_the_kernels(document: dict[str, Any]) -> None:
-    """Another gain or parameter value leaves the structure as it is; another expression, name or size does not."""
+    """Another value leaves the structure as it is; another expression, name or size does not."""
     same = {**document, "design": {**document["design"], "c": [1, 2]}, "title": "another"}
     assert structure_hash(same) == structure_hash(document)
     for other in (

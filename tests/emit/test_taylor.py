@@ -40,7 +40,7 @@ CLOSED_FORMS: dict[str, tuple[Callable[[ca.SX, ca.SX, ca.SX], ca.SX], Callable[[
     "real power": (lambda t, x, p: (p + t) ** 2.5, lambda t: (3 + t) ** mp.mpf("3.5") / mp.mpf("3.5"), 0.3),
     "product of series": (lambda t, x, p: t * ca.exp(t) * p, lambda t: 3 * (t - 1) * mp.exp(t), 0.3),
     "twice and negation": (lambda t, x, p: -(x + x), lambda t: mp.exp(-2 * t), 0.3),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", CLOSED_FORMS)
@@ -49,20 +49,20 @@ def test_coefficients_of_closed_form_solutions(name: str) -> None:
     with mp.workdps(50):
         expected = [float(value) for value in mp.taylor(solution, start, ORDER)]
     found = np.array(scalar_ode(rate)(start, expected[0], 3.0)).ravel()
-    # every coefficient is a sum of at most ORDER products: ORDER^2 roundings, condition 10 for these solutions
+    # every coefficient is a sum of at most ORDER products: ORDER^2 roundings; condition 10 for these
     bound = 10 * ORDER**2 * np.finfo(float).eps * np.maximum(np.abs(expected), 1e-3)
     assert np.all(np.abs(found - expected) <= bound)
 
 
 def test_a_wrong_recurrence_would_be_seen() -> None:
-    rate, solution, start = CLOSED_FORMS["sine of time"]
+    _, solution, start = CLOSED_FORMS["sine of time"]
     expected = [float(value) for value in mp.taylor(solution, start, ORDER)]
     found = np.array(scalar_ode(lambda t, x, p: ca.cos(p * t) * (1 + 1e-12))(start, expected[0], 3.0)).ravel()
     assert not np.allclose(found, expected, rtol=1e-13, atol=0)
 
 
 def test_carried_outputs_follow_the_state() -> None:
-    """A further output's coefficients are those of the output along the solution: here v = x^2 with x = exp(-t)."""
+    """A further output's coefficients are those of the output along the solution: v = x^2, x = exp(-t)."""
     t, x = ca.SX.sym("t"), ca.SX.sym("x")
     f = ca.Function("f", [t, x], [-x, x * x], ["t", "x"], ["x_dot", "v"])
     rows = np.array(taylor_function("taylor", f, 6, state="x")(0.0, 1.0)).reshape(7, 2)

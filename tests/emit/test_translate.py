@@ -25,12 +25,26 @@ def evaluate(expression: sp.Expr, a: float = 0.7, b: float = 1.3) -> float:
 @pytest.mark.parametrize(
     "expression",
     [
-        A + B - 3, A * B / 7, -(A**2) * B, A / B, A**3 - B**-2, sp.sqrt(A) + B ** sp.Rational(-3, 2),
-        A ** sp.Rational(5, 3), sp.exp(A) * sp.log(B), A**B, sp.sin(A) * sp.cos(B) - sp.tan(A), sp.tanh(A * B),
-        sp.Max(A, B) + sp.Min(A, B, 1), sp.pi * A, sp.E**A, (A + B) ** 7, -A - B, sp.Float("0.125") * A,
+        A + B - 3,
+        A * B / 7,
+        -(A**2) * B,
+        A / B,
+        A**3 - B**-2,
+        sp.sqrt(A) + B ** sp.Rational(-3, 2),
+        A ** sp.Rational(5, 3),
+        sp.exp(A) * sp.log(B),
+        A**B,
+        sp.sin(A) * sp.cos(B) - sp.tan(A),
+        sp.tanh(A * B),
+        sp.Max(A, B) + sp.Min(A, B, 1),
+        sp.pi * A,
+        sp.E**A,
+        (A + B) ** 7,
+        -A - B,
+        sp.Float("0.125") * A,
     ],
     ids=str,
-)  # fmt: skip
+)
 def test_values(expression: sp.Expr) -> None:
     expected = float(expression.subs({A: sp.Float(0.7, 40), B: sp.Float(1.3, 40)}).evalf(30))
     assert math.isclose(evaluate(expression), expected, rel_tol=20 * 2**-53)  # at most 20 roundings in each
