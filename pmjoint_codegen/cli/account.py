@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pmjoint_codegen.cli.terminal import table
-from pmjoint_codegen.simulate.assumptions import changes, settings_text, source_is_silent
 
 if TYPE_CHECKING:
     from pmjoint_codegen.simulate.run import Run
@@ -29,6 +28,8 @@ def account(run: Run, notes: Sequence[str], files: Sequence[Path]) -> str:
 
 
 def _head(run: Run, notes: Sequence[str]) -> Iterator[tuple[str, ...]]:
+    from pmjoint_codegen.simulate.assumptions import changes, settings_text, source_is_silent
+
     yield "run", f"{run.settings.controller} controller, {run.evaluator} kernels"
     yield "status", f"{run.summary['status']}: {run.message} ({run.steps} steps in {run.wall_s * 1e3:.3g} ms)"
     silent = source_is_silent(run)
@@ -55,10 +56,9 @@ def _peaks(run: Run) -> Iterator[tuple[str, ...]]:
     units = {item.name: item.unit for item in (*manifest.signals, *manifest.states)}
     names = [f"x{i}" for i in range(2, manifest.n + 1)] + [f"r{i}" for i in range(1, manifest.rho + 1)]
     for label, name in zip(["peaks", *[""] * len(names)], ["v", *names], strict=True):
-        size = abs(run[name])
-        row = int(size.argmax())
+        size, t = run.peaks[name]
         unit = f" {units[name]}" if units[name] not in ("", "1") else ""
-        yield label, f"|{name}| = {size[row]:.6g}{unit} at {run.t[row]:.6g} s"
+        yield label, f"|{name}| = {size:.6g}{unit} at {t:.6g} s"
 
 
 def _tracking(run: Run) -> Iterator[tuple[str, ...]]:

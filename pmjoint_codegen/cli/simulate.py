@@ -12,7 +12,6 @@ from pmjoint_codegen.cli.account import account
 from pmjoint_codegen.cli.options import Assignment, Numbers, assignments
 from pmjoint_codegen.cli.terminal import activity, as_json, document, message, result
 from pmjoint_codegen.errors import SimulationError
-from pmjoint_codegen.storage import ensure_folder, write_text
 
 if TYPE_CHECKING:
     from pmjoint_codegen.closed_loop import ClosedLoop
@@ -87,6 +86,8 @@ def command(
     Writes trajectory.csv, summary.json and figures into a folder and prints a short table. What is not given
     is as the model file says. A run that fails still writes what it has, and exits with 3.
     """
+    from pmjoint_codegen.storage import ensure_folder
+
     settings["compensator"] = False if no_compensator else None
     if out:
         ensure_folder(out)
@@ -140,6 +141,8 @@ def write_results(run: Run, folder: Path) -> tuple[Path, ...]:
     Raises:
         UsageError: a file cannot be written.
     """
+    from pmjoint_codegen.storage import write_text
+
     trajectory, summary = folder / "trajectory.csv", folder / "summary.json"
     run.to_csv(trajectory)
     write_text(summary, as_json(run.summary) + "\n")

@@ -1,0 +1,86 @@
+"""``pmjoint doctor`` on machines with and without compiler, cache, packages and tools."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+
+from pmjoint_codegen.cli import doctor
+from pmjoint_codegen.cli.main import run
+
+
+def found(environment: dict[str, str]) -> dict[str, doctor.Finding]:
+    """Examine a machine and look findings up by name."""
+    return {finding.name: finding for finding in doctor.examine(environment)}
+
+
+def test_json_is_one_document_with_a_meaning_for_each_finding(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["doctor", "--json"]) == 0
+    record = json.loads(capsys.readouterr().out)
+    names = [item["name"] for item in record["findings"]]
+    assert {"python", "C compiler", "cache", "sympy", "casadi", "pydantic", "matplotlib", "clang"} <= set(
+        names
+    )
+    for item in record["findings"]:
+        assert item["state"] in {"ok", "absent", "differs"}
+        assert item["meaning"]
+        assert item["found"] or item["state"] == "absent"
+
+
+def test_the_table_has_a_line_for_each_finding(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["doctor"]) == 0
+    out = capsys.readouterr().out
+    for name in ("python", "C compiler", "cache", "numpy", "cppcheck"):
+        assert f"\n  {name} " in out
+
+
+def test_without_a_compiler_it_says_what_that_means(tmp_path: Path) -> None:
+    finding = found({"PATH": str(tmp_path), "PMJOINT_CACHE": str(tmp_path)})["C compiler"]
+    assert finding.state == "absent"
+    assert "interpreted" in finding.meaning
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+def test_a_compiler_is_shown_with_its_version(tmp_path: Path) -> None:
+    finding = found({"PATH": os.environ["PATH"], "PMJOINT_CACHE": str(tmp_path)})["C compiler"]
+    assert finding.state == "ok"
+    assert any(character.isdigit() for character in finding.found)
+
+
+def test_another_version_than_the_pinned_one_is_noticed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = metadata.version
+    monkeypatch.setattr(metadata, "version", lambda name: "0.0.1" if name == "casadi" else real(name))
+    finding = found({"PATH": str(tmp_path), "PMJOINT_CACHE": str(tmp_path)})["casadi"]
+    assert finding.state == "differs"
+    assert doctor.pinned()["casadi"].removeprefix("==") in finding.meaning
+
+
+def test_an_absent_package_comes_with_the_line_that_installs_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = metadata.version
+
+    def version(name: str) -> str:
+        if name == "sympy":
+            raise metadata.PackageNotFoundError(name)
+        return real(name)
+
+    monkeypatch.setattr(metadata, "version", version)
+    finding = found({"PATH": str(tmp_path), "PMJOINT_CACHE": str(tmp_path)})["sympy"]
+    assert finding.state == "absent"
+    assert f"pip install 'sympy{doctor.pinned()['sympy']}'" in finding.meaning
+
+
+def test_a_program_that_cannot_run_does_not_stop_the_examination(tmp_path: Path) -> None:
+    (tmp_path / "clang").write_text("no program at all")
+    (tmp_path / "clang").chmod(0o755)
+    finding = found({"PATH": str(tmp_path), "PMJOINT_CACHE": str(tmp_path)})["clang"]
+    assert finding.state == "ok"
+    assert finding.found == str(tmp_path / "clang")
