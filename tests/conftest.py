@@ -25,4 +25,5 @@ def cache(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Iterator[
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PMJOINT_CACHE", str(folder))
         patch.setenv("MPLBACKEND", "Agg")
+        patch.setenv("MPLCONFIGDIR", str(folder / "matplotlib"))
         yield folder

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -155,7 +156,10 @@ def _draw(
     """Draw the figures, the saturated transient from a second, short run on a fine grid."""
     from pmjoint_codegen.simulate.figures import write_figures
     from pmjoint_codegen.simulate.sheets import transient_window
+    from pmjoint_codegen.workspace import cache_dir
 
+    # Matplotlib keeps its list of fonts under HOME, and complains at length where that cannot be written.
+    os.environ.setdefault("MPLCONFIGDIR", str(cache_dir(os.environ) / "matplotlib"))
     with activity("drawing figures") as progress:
         window = transient_window(run)
         detail = None
