@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from pmjoint_codegen.simulate.run import Run
 
 _SHOWN = 8  # switches in the table; summary.json holds all of them
-_MODES = {-1: "at -u_max", 0: "inside its limits", 1: "at u_max"}
+_MODES = {-1: "at -{limit}", 0: "inside its limits", 1: "at {limit}"}
 
 
 def account(run: Run, notes: Sequence[str], files: Sequence[Path]) -> str:
@@ -35,7 +35,7 @@ def _head(run: Run, notes: Sequence[str]) -> Iterator[tuple[str, ...]]:
     silent = source_is_silent(run)
     yield (
         ("assumed" if silent else "settings"),
-        settings_text(run) + (" (the paper states neither)" if silent else ""),
+        settings_text(run) + (" (not stated in the paper)" if silent else ""),
     )
     changed = [*changes(run), *notes]
     if changed:
@@ -43,9 +43,9 @@ def _head(run: Run, notes: Sequence[str]) -> Iterator[tuple[str, ...]]:
 
 
 def _saturation(run: Run) -> Iterator[tuple[str, ...]]:
-    yield "u", f"{_MODES[run.initial_mode]} from {0.0:.10f} s"
-    for t, mode in run.switches[:_SHOWN]:
-        yield "", f"{_MODES[mode]} from {t:.10f} s"
+    starts = [(0.0, run.initial_mode), *run.switches[:_SHOWN]]
+    for label, (t, mode) in zip(["u", *[""] * len(starts)], starts, strict=False):
+        yield label, f"{_MODES[mode].format(limit=run.manifest.limit)} from {t:.10f} s"
     if len(run.switches) > _SHOWN:
         yield "", f"and {len(run.switches) - _SHOWN} more switches, in summary.json"
     yield "saturated", f"{run.summary['saturated_s']:.6g} s in all"

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from pmjoint_codegen.values import COMPENSATOR
+
 if TYPE_CHECKING:
     from pmjoint_codegen.simulate.run import Run
 
@@ -29,10 +31,16 @@ def changes(run: Run) -> tuple[str, ...]:
     """List parameters, gains and initial states that differ from the model file's, such as ``c1 = 20``."""
     manifest, settings = run.manifest, run.settings
     defaults = {item.name: item.value for item in manifest.parameters}
-    found = [f"{name} = {value:g}" for name, value in settings.parameters.items() if value != defaults[name]]
+    found = [_said(name, value) for name, value in settings.parameters.items() if value != defaults[name]]
     if tuple(settings.x0.tolist()) != manifest.simulation.x0:
         found.append(f"x(0) = ({', '.join(f'{value:g}' for value in settings.x0)})")
     return tuple(found)
+
+
+def _said(name: str, value: float) -> str:
+    if name == COMPENSATOR:
+        return f"compensator {'on' if value else 'off'}"
+    return f"{name} = {value:g}"
 
 
 def sentence(run: Run, notes: Sequence[str] = ()) -> str:

@@ -50,6 +50,7 @@ _STYLE: Final = {
     "axes.xmargin": 0.0,
     "axes.ymargin": 0.08,
     "axes.formatter.limits": (-4, 5),
+    "axes.formatter.use_mathtext": True,
     "lines.linewidth": 0.9,
     "legend.frameon": False,
     "legend.fontsize": 9.0,
@@ -167,8 +168,7 @@ def _plot(axes: Axes, run: Run, panel: Panel, until: float | None) -> None:
     """Draw the curves of a panel over the time to `until` (all of it for None), on shaded saturation."""
     from matplotlib.ticker import MaxNLocator
 
-    for start, stop, mode in saturated_intervals(run):
-        axes.axvspan(start, stop, color=SHADE[mode], linewidth=0, zorder=0)
+    _shade(axes, run)
     axes.axhline(0.0, color=GREY, linewidth=0.3, zorder=1)
     for level in panel.levels:
         for side in (-level, level):
@@ -183,6 +183,16 @@ def _plot(axes: Axes, run: Run, panel: Panel, until: float | None) -> None:
         axes.set_ylim(-panel.clip, panel.clip)
     axes.xaxis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 2, 5, 10]))
     axes.yaxis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 2, 5, 10]))
+
+
+def _shade(axes: Axes, run: Run) -> None:
+    """Shade where u is at a limit: one shape for each limit, however often the run switches."""
+    for mode, colour in SHADE.items():
+        spans = [(start, stop) for start, stop, which in saturated_intervals(run) if which == mode]
+        corners = [t for start, stop in spans for t in (start, start, stop, stop)]
+        height = [0.0, 1.0, 1.0, 0.0] * len(spans)
+        across = axes.get_xaxis_transform()
+        axes.fill_between(corners, 0.0, height, color=colour, linewidth=0, zorder=0, transform=across)
 
 
 def _name_limits(axes: Axes, run: Run, until: float) -> None:

@@ -162,8 +162,8 @@ def test_without_a_short_transient_there_is_one_column(
 ) -> None:
     run = replace(run, switches=switches, initial_mode=mode)
     assert transient_window(run) is None
-    for sheet in sheets(run):
-        assert len(draw(run, sheet).axes) == len(sheet.panels)
+    sheet = sheets(run)[4]
+    assert len(draw(run, sheet).axes) == len(sheet.panels)
 
 
 def test_captions_say_what_is_assumed_and_what_is_changed(run: Run, manifest: Manifest) -> None:
@@ -178,6 +178,11 @@ def test_captions_say_what_is_assumed_and_what_is_changed(run: Run, manifest: Ma
     printed = " ".join(text.get_text() for text in overview(run).texts)
     assert "Assumed, not stated in the paper" in printed
     assert manifest.title in printed
+
+
+def test_captions_say_that_the_compensator_is_off(run: Run, manifest: Manifest) -> None:
+    settings = make_settings(manifest, compensator=False)
+    assert changes(replace(run, settings=settings)) == ("compensator off",)
 
 
 def test_other_models_captions_do_not_speak_of_the_paper(run: Run, manifest: Manifest) -> None:
@@ -198,7 +203,7 @@ def test_a_run_that_failed_is_drawn_as_far_as_it_went(run: Run, rows: int) -> No
     run.states[-1] = 1e9
     for sheet in sheets(run):
         assert message in caption(run, sheet, ())
-        png(draw(run, sheet))
+    png(draw(run, sheets(run)[4]))
     png(overview(run))
 
 
@@ -223,6 +228,13 @@ def test_captions_wrap_by_printed_length_and_keep_formulas_whole() -> None:
     assert " ".join(lines) == text.strip()
     assert len(lines) > 1
     assert all(line.count("$") % 2 == 0 for line in lines)
+
+
+def test_a_chattering_run_is_drawn_with_two_shapes(run: Run) -> None:
+    instants = np.linspace(0.0, 20.0, 50_001)[1:]
+    switches = tuple((float(t), (0, 1, 0, -1)[k % 4]) for k, t in enumerate(instants))
+    axes = overview(replace(run, switches=switches)).axes[0]
+    assert len(axes.collections) == 2
 
 
 def test_drawing_leaves_matplotlib_as_it_was(run: Run) -> None:
