@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import Final
 
 from pmjoint_codegen.build.compiler import Compiler
-from pmjoint_codegen.errors import BuildError
-from pmjoint_codegen.storage import replace_folder, sha256
+from pmjoint_codegen.errors import BuildError, UsageError
+from pmjoint_codegen.storage import ensure_folder, replace_folder, sha256
 
 # Bits must not depend on the machine or the optimiser: no contraction into fused operations, no native
 # instructions.
@@ -80,25 +80,38 @@ def is_sound(folder: Path) -> bool:
 
 
 def _compile(sources: Mapping[str, bytes], compiler: Compiler, cache: Path) -> bytes:
-    with tempfile.TemporaryDirectory(prefix=".build-", dir=cache) as private:
-        for name, content in sources.items():
-            (Path(private) / name).write_bytes(content)
-        units = sorted(name for name in sources if name.endswith(".c"))
-        command = [*compiler.command, *FLAGS, *units, "-o", LIBRARY, "-lm"]
+    ensure_folder(cache)
+    try:
+        with tempfile.TemporaryDirectory(prefix=".build-", dir=cache) as private:
+            for name, content in sources.items():
+                (Path(private) / name).write_bytes(content)
+            units = sorted(name for name in sources if name.endswith(".c"))
+            _call([*compiler.command, *FLAGS, *units, "-o", LIBRARY, "-lm"], Path(private))
+            return (Path(private) / LIBRARY).read_bytes()
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        remedy = "make room, or set PMJOINT_CACHE to another folder"
+        raise UsageError(f"cannot be used to build in ({reason})", where=str(cache), remedy=remedy) from error
+
+
+def _call(command: list[str], folder: Path) -> None:
+    """Run the compiler in a folder of its own."""
+    try:
         done = subprocess.run(
             command,
-            cwd=private,
+            cwd=folder,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             check=False,
         )
-        library = Path(private) / LIBRARY
-        if done.returncode != 0 or not library.is_file():
-            raise BuildError(
-                f"the C compiler failed (exit code {done.returncode})",
-                where=" ".join(compiler.command),
-                remedy="choose another one with CC=..., or use --evaluator interpreted",
-                output=done.stdout.decode(errors="replace"),
-            )
-        return library.read_bytes()
+        output, code = done.stdout.decode(errors="replace"), done.returncode
+    except OSError as error:  # not a program for this machine, for one
+        output, code = str(error), -1
+    if code != 0 or not (folder / LIBRARY).is_file():
+        raise BuildError(
+            f"the C compiler failed (exit code {code})",
+            where=command[0],
+            remedy="choose another one with CC=..., or use --evaluator interpreted",
+            output=output,
+        )

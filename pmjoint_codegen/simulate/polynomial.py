@@ -197,16 +197,12 @@ def _refine(a: list[float], low: float, high: float, before: int, noise: float) 
         for coefficient in a[-2::-1]:
             slope = slope * s + value
             value = value * s + coefficient
-        if value == 0.0:
+        newton = s - value / slope if slope != 0.0 else math.nan
+        if abs(value) <= noise or abs(newton - s) <= 2.0 * EPSILON * s:
             return s
         if (value > 0.0) == (before > 0):
             low = s
         else:
             high = s
-        following = s - value / slope if slope != 0.0 else math.nan
-        if not low < following < high:
-            following = 0.5 * (low + high)
-        if abs(following - s) <= 2.0 * EPSILON * s or abs(value) <= noise:
-            return following
-        s = following
+        s = newton if low < newton < high else 0.5 * (low + high)
     return s

@@ -131,7 +131,8 @@ static double refine(const double *a, long long degree, double low, double high,
             slope = slope * s + value;
             value = value * s + a[k];
         }
-        if (value == 0.0) {
+        const double newton = slope != 0.0 ? s - value / slope : NAN;
+        if (fabs(value) <= noise || fabs(newton - s) <= 2.0 * DBL_EPSILON * s) {
             return s;
         }
         if ((value > 0.0) == (before > 0)) {
@@ -139,14 +140,7 @@ static double refine(const double *a, long long degree, double low, double high,
         } else {
             high = s;
         }
-        double next = slope != 0.0 ? s - value / slope : NAN;
-        if (!(next > low && next < high)) {
-            next = 0.5 * (low + high);
-        }
-        if (fabs(next - s) <= 2.0 * DBL_EPSILON * s || fabs(value) <= noise) {
-            return next;
-        }
-        s = next;
+        s = newton > low && newton < high ? newton : 0.5 * (low + high);
     }
     return s;
 }

@@ -1,0 +1,137 @@
+from __future__ import annotations
+
+import ctypes
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from pmjoint_codegen.build.compiler import Compiler
+from pmjoint_codegen.build.library import HASHES, LIBRARY, build, build_key, is_sound
+from pmjoint_codegen.errors import BuildError
+
+from .conftest import Counter
+
+SOURCES = {
+    "answer.c": b'#include "answer.h"\nint answer(void) { return ANSWER; }\n',
+    "answer.h": b"#define ANSWER 42\n",
+}
+Make = Callable[..., Counter]
+
+
+def answer(folder: Path) -> int:
+    return int(ctypes.CDLL(str(folder / LIBRARY)).answer())
+
+
+def test_builds_once_and_then_reuses(tmp_path: Path, counting: Make) -> None:
+    counter = counting()
+    folders = {build(SOURCES, counter.compiler, tmp_path) for _ in range(3)}
+    assert len(folders) == 1
+    assert answer(folders.pop()) == 42
+    assert counter.calls == 1
+
+
+def test_extras_are_kept_beside_the_library_and_made_only_with_it(tmp_path: Path, counting: Make) -> None:
+    counter = counting()
+    made = []
+    for _ in range(2):
+        folder = build(SOURCES, counter.compiler, tmp_path, lambda: made.append(1) or {"note": b"text"})  # type: ignore[func-returns-value]
+    assert (folder / "note").read_bytes() == b"text"
+    assert len(made) == 1
+
+
+@pytest.mark.parametrize("name", [LIBRARY, "note", HASHES])
+@pytest.mark.parametrize("harm", ["change", "truncate", "delete"])
+def test_a_damaged_build_is_made_again(tmp_path: Path, counting: Make, name: str, harm: str) -> None:
+    counter = counting()
+    folder = build(SOURCES, counter.compiler, tmp_path, lambda: {"note": b"text"})
+    damaged = folder / name
+    content = damaged.read_bytes()
+    if harm == "delete":
+        damaged.unlink()
+    else:
+        damaged.write_bytes(content[:-1] if harm == "truncate" else content.replace(content[1:2], b"#"))
+    assert not is_sound(folder)
+    assert build(SOURCES, counter.compiler, tmp_path, lambda: {"note": b"text"}) == folder
+    assert is_sound(folder)
+    assert answer(folder) == 42
+    assert counter.calls == 2
+
+
+def test_key_follows_sources_flags_and_compiler(counting: Make) -> None:
+    compiler = counting().compiler
+    changed_source = {**SOURCES, "answer.h": b"#define ANSWER 43\n"}
+    moved = {"answer.c": SOURCES["answer.c"] + SOURCES["answer.h"], "answer.h": b""}
+    keys = {
+        build_key(SOURCES, compiler),
+        build_key(changed_source, compiler),
+        build_key(moved, compiler),
+        build_key(SOURCES, Compiler((*compiler.command, "-g"), compiler.identity)),
+        build_key(SOURCES, Compiler(compiler.command, compiler.identity + "0")),
+    }
+    assert len(keys) == 5
+    assert build_key(dict(reversed(SOURCES.items())), compiler) == build_key(SOURCES, compiler)
+
+
+def test_a_failing_compiler_is_quoted_whole_and_leaves_nothing(tmp_path: Path, counting: Make) -> None:
+    broken = {
+        "broken.c": b"int answer(void) { return first_mistake; }\nint other(void) { return second_mistake; }\n"
+    }
+    with pytest.raises(BuildError) as caught:
+        build(broken, counting().compiler, tmp_path / "cache-that-is-made")
+    assert "first_mistake" in caught.value.output
+    assert "second_mistake" in caught.value.output
+    assert "\n" not in str(caught.value)
+    assert list((tmp_path / "cache-that-is-made").iterdir()) == []
+
+
+def test_a_compiler_that_succeeds_without_a_library_is_a_failure(tmp_path: Path) -> None:
+    with pytest.raises(BuildError):
+        build(SOURCES, Compiler(("/bin/true",), "true"), tmp_path)
+
+
+def _build_in_child(compiler: Compiler, cache: Path, barrier: object, results: object) -> None:
+    barrier.wait()  # type: ignore[attr-defined]
+    results.put(answer(build(SOURCES, compiler, cache)))  # type: ignore[attr-defined]
+
+
+def test_eight_processes_may_build_at_once(tmp_path: Path, counting: Make) -> None:
+    context = multiprocessing.get_context("spawn")
+    barrier, results = context.Barrier(8), context.Queue()
+    arguments = (counting("sleep 0.2").compiler, tmp_path / "cache", barrier, results)
+    children = [context.Process(target=_build_in_child, args=arguments) for _ in range(8)]
+    for child in children:
+        child.start()
+    assert [results.get(timeout=60) for _ in children] == [42] * 8
+    for child in children:
+        child.join(timeout=60)
+        assert child.exitcode == 0
+    left = [path.name for path in (tmp_path / "cache").iterdir()]
+    assert left == [build_key(SOURCES, arguments[0])]
+
+
+def test_a_build_killed_in_the_middle_leaves_no_broken_library(tmp_path: Path, counting: Make) -> None:
+    slow = counting("sleep 30")
+    cache = tmp_path / "cache"
+    script = (
+        "from pathlib import Path; from pmjoint_codegen.build.compiler import Compiler;"
+        "from pmjoint_codegen.build.library import build;"
+        f"build({SOURCES!r}, {slow.compiler!r}, Path({str(cache)!r}))"
+    )
+    child = subprocess.Popen([sys.executable, "-c", script], start_new_session=True)
+    deadline = time.monotonic() + 30
+    while not slow.calls:
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    os.killpg(child.pid, signal.SIGKILL)
+    child.wait()
+    key = build_key(SOURCES, slow.compiler)
+    assert not (cache / key).exists()
+    fast = counting()
+    assert answer(build(SOURCES, fast.compiler, cache)) == 42

@@ -1,0 +1,152 @@
+"""Compiled and interpreted kernels: the same bits, the same refusals."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pmjoint_codegen.build.compiler import find_compiler
+from pmjoint_codegen.errors import StaleError, UsageError
+from pmjoint_codegen.kernels import compiled, interpreted
+from pmjoint_codegen.kernels.declarations import declarations, load_module, to_module
+from pmjoint_codegen.kernels.evaluator import Evaluator
+from pmjoint_codegen.manifest import Manifest
+
+C_SOURCES = Path(compiled.__file__).parent / "c"
+
+
+@pytest.fixture(scope="session")
+def folder(root: Path) -> Path:
+    return root / "generated" / "paper"
+
+
+@pytest.fixture(scope="session")
+def manifest(folder: Path) -> Manifest:
+    return Manifest.read(folder)
+
+
+@pytest.fixture(scope="session")
+def fast(folder: Path, manifest: Manifest, cache: Path) -> compiled.CompiledEvaluator:
+    compiler = find_compiler(os.environ)
+    if compiler is None:
+        pytest.skip("no C compiler")
+    return compiled.load(folder, manifest, compiler, cache)
+
+
+@pytest.fixture(scope="session")
+def slow(folder: Path, manifest: Manifest) -> interpreted.InterpretedEvaluator:
+    pytest.importorskip("casadi")
+    return interpreted.load(folder, manifest)
+
+
+def test_every_kernel_gives_the_same_bits_compiled_and_interpreted(
+    manifest: Manifest, fast: Evaluator, slow: Evaluator
+) -> None:
+    draw = np.random.default_rng(20)
+    for function in manifest.functions:
+        inputs = [draw.normal(scale=3.0, size=(50, size)) for _, size in function.inputs]
+        for one, other in zip(fast.call(function.name, *inputs), slow.call(function.name, *inputs), strict=True):
+            np.testing.assert_array_equal(one, other, err_msg=function.name)
+
+
+@pytest.mark.parametrize("kind", ["fast", "slow"])
+def test_one_point_and_rows_and_broadcasting_agree(kind: str, request: pytest.FixtureRequest) -> None:
+    evaluator: Evaluator = request.getfixturevalue(kind)
+    draw = np.random.default_rng(3)
+    y, s = draw.normal(size=(4, 1, 1)), draw.normal(size=(5, 8))
+    y_r, p = draw.normal(size=3), draw.uniform(1.0, 2.0, size=12)
+    z, alpha, v = evaluator.call("law", y, s, y_r, p)
+    assert (z.shape, alpha.shape, v.shape) == ((4, 5, 2), (4, 5, 1), (4, 5, 1))
+    point = evaluator.kernel("law")
+    for i in range(4):
+        for j in range(5):
+            np.testing.assert_array_equal(v[i, j], point(y[i, 0], s[j], y_r, p)[2])
+    assert evaluator.call("law", np.empty((0, 1)), s[0], y_r, p)[2].shape == (0, 1)
+
+
+@pytest.mark.parametrize("kind", ["fast", "slow"])
+def test_results_of_two_calls_do_not_share_memory(kind: str, request: pytest.FixtureRequest) -> None:
+    evaluator: Evaluator = request.getfixturevalue(kind)
+    point = evaluator.kernel("filter_matrix")
+    p = np.ones(12)
+    (first,) = point(p)
+    kept = first.copy()
+    point(p * 5.0)
+    np.testing.assert_array_equal(first, kept)
+
+
+@pytest.mark.parametrize("kind", ["fast", "slow"])
+@pytest.mark.parametrize(
+    ("name", "shapes", "part"),
+    [
+        ("lew", [], "law"),
+        ("reference", [(1,)], "2 arguments"),
+        ("reference", [(1,), (11,)], "(..., 12)"),
+        ("reference", [(), (12,)], "(..., 1)"),
+        ("reference", [(3, 1), (4, 12)], "broadcast"),
+    ],
+)
+def test_misuse_is_refused(
+    kind: str, name: str, shapes: list[tuple[int, ...]], part: str, request: pytest.FixtureRequest
+) -> None:
+    evaluator: Evaluator = request.getfixturevalue(kind)
+    with pytest.raises(UsageError) as caught:
+        evaluator.call(name, *(np.zeros(shape) for shape in shapes))
+    assert part in str(caught.value)
+
+
+def test_a_missing_or_incomplete_generated_file_is_stale(manifest: Manifest, tmp_path: Path) -> None:
+    compiler = find_compiler(os.environ)
+    if compiler is not None:
+        with pytest.raises(StaleError):
+            compiled.load(tmp_path, manifest, compiler, tmp_path)
+        (tmp_path / "kernels.c").write_text("int law(void);\nint law(void) { return 0; }\n")
+        (tmp_path / "kernels.h").write_text("int law(void);\n")
+        with pytest.raises(StaleError, match="reference"):
+            compiled.load(tmp_path, manifest, compiler, tmp_path / "cache")
+    for text in (None, "{", json.dumps({"law": ""})):
+        if text is not None:
+            (tmp_path / "kernels.casadi").write_text(text)
+        with pytest.raises(StaleError):
+            interpreted.load(tmp_path, manifest)
+
+
+def test_declarations_survive_as_python_text() -> None:
+    kernels = "/* int gone(void); */\n#define X 1\nint law(double *a);\n int law_work(int);\nint plant(int a,\n int b);\n"
+    loops = "#if 1\ntypedef struct { long long n; } thing; /* x */\n#endif\n"
+    text = declarations(kernels, loops, ["plant", "law"])
+    assert "gone" not in text
+    assert "law_work" not in text
+    ffi = load_module(to_module(text))
+    assert ffi.sizeof("thing") == 8
+
+
+def test_to_module_keeps_standard_output_clean(capsys: pytest.CaptureFixture[str]) -> None:
+    to_module("int law(void);")
+    assert capsys.readouterr().out == ""
+
+
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+@pytest.mark.parametrize("source", sorted(path.name for path in C_SOURCES.glob("*.c")))
+def test_the_loops_are_strict_c99(compiler: str, source: str, tmp_path: Path) -> None:
+    if shutil.which(compiler) is None:
+        pytest.skip(f"no {compiler}")
+    warnings = ("all", "extra", "pedantic", "conversion", "shadow", "missing-prototypes", "error")
+    flags = ["-O2", "-std=c99", *(f"-W{name}" for name in warnings)]
+    command = [compiler, *flags, "-c", str(C_SOURCES / source), "-o", str(tmp_path / "unit.o")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_the_loops_neither_allocate_nor_keep_state() -> None:
+    text = "\n".join(path.read_text() for path in C_SOURCES.glob("*.c"))
+    for word in ("malloc", "calloc", "realloc", "alloca", "free("):
+        assert word not in text
+    assert re.findall(r"^\s*static\s[^(]*[;=]", text, re.MULTILINE) == []
