@@ -158,12 +158,11 @@ def _draw(
     from pmjoint_codegen.simulate.sheets import transient_window
     from pmjoint_codegen.workspace import cache_dir
 
-    # Matplotlib keeps its list of fonts under HOME, and complains at length where that cannot be written.
+    # Matplotlib keeps its list of fonts under HOME, and complains where that cannot be written.
     os.environ.setdefault("MPLCONFIGDIR", str(cache_dir(os.environ) / "matplotlib"))
+    window, detail = transient_window(run), None
+    if window is not None:
+        finer = {"horizon": window, "output_step": min(window / _DETAIL_ROWS, run.settings.output_step)}
+        detail, _ = _run(loop, {**settings, **finer})
     with activity("drawing figures") as progress:
-        window = transient_window(run)
-        detail = None
-        if window is not None:
-            finer = {"horizon": window, "output_step": min(window / _DETAIL_ROWS, run.settings.output_step)}
-            detail, _ = _run(loop, {**settings, **finer})
         return write_figures(run, folder, detail=detail, notes=notes, progress=progress)
