@@ -41,13 +41,13 @@ def structure(document: Document) -> dict[str, Any]:
     """The part of a model file that shapes its kernels: expressions, names in their order, and sizes."""
     plant = dict(document.get("plant", {}))
     plant.pop("disturbance_bound", None)
-    joint = {key: value for key, value in document.get("joint", {}).items() if key == "keep"}
+    joint = document.get("joint", {})
     design = document.get("design", {})
     return {
         "schema": document.get("schema"),
         "parameters": list(document.get("parameters", {})),
         "plant": plant,
-        "joint": [sorted(document.get("joint", {})), joint],
+        "joint": [sorted(joint), joint.get("keep"), joint.get("disturbance")],
         "limit": document.get("actuator", {}).get("limit"),
         "gains": {key: len(value) for key, value in design.items() if isinstance(value, (list, tuple))},
         "reference": document.get("simulation", {}).get("reference"),

@@ -13,7 +13,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from pmjoint_codegen.errors import MissingToolError, StaleError
+from pmjoint_codegen.errors import MissingToolError, StaleError, UsageError
 from pmjoint_codegen.identity import canonical_hash, model_hash
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.spec.reader import read_document
@@ -98,8 +98,21 @@ def _changed(
     if reference is not None:
         changed["simulation"] = {**changed.get("simulation", {}), "reference": reference}
     if disturbance is not None:
-        changed["plant"] = {**changed.get("plant", {}), "disturbance": list(disturbance)}
+        changed |= _disturbed(changed, disturbance)
     return changed
+
+
+def _disturbed(document: Mapping[str, Any], disturbance: Sequence[str]) -> dict[str, Any]:
+    """The physics of a model under another disturbance: one expression a state, or the torque on a joint."""
+    if "joint" not in document:
+        return {"plant": {**document.get("plant", {}), "disturbance": list(disturbance)}}
+    if len(disturbance) != 1:
+        raise UsageError(
+            f"has {len(disturbance)} expressions",
+            where="--disturbance",
+            remedy="a joint has one disturbance: the torque in N m",
+        )
+    return {"joint": {**document["joint"], "disturbance": disturbance[0]}}
 
 
 def _derived(
@@ -128,6 +141,7 @@ def _derived(
 def _toolchain_key() -> str:
     """Changes whenever the tools or the sources that shape generated text do."""
     package = Path(__file__).resolve().parent
-    sources = [*sorted((package.parent / "derive").glob("*.py")), *sorted((package / "emit").glob("*.py"))]
+    folders = (package.parent / "derive", package / "spec", package / "emit", package / "report")
+    sources = [path for folder in folders for path in sorted(folder.glob("*.py"))]
     versions = [metadata.version(name) for name in ("pmjoint-codegen", "sympy", "casadi")]
     return canonical_hash([versions, [sha256_file(path) for path in sources]])

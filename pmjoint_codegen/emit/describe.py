@@ -90,7 +90,7 @@ def describe(
         simulation=Simulation(
             reference=str(model.reference),
             disturbance=tuple(str(entry) for entry in model.plant.disturbance),
-            x0=simulation.x0,
+            x0=(*simulation.x0, *(0.0 for _ in model.extras)),
             horizon=simulation.horizon,
             output_step=simulation.output_step,
             sample_time=simulation.sample_time,

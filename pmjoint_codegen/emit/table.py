@@ -124,7 +124,13 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
             "partial derivatives of alpha",
         ),
         Kernel("filters", (y, state, u, p), _rates(s.xi, s.Xi, s.lambda_), "(14)", "rates of the K-filters"),
-        Kernel("compensator", (state, du, p), (_rate_block("r", s.r),), "(23)", "rates of the compensator"),
+        Kernel(
+            "compensator",
+            (y, state, du, p),
+            (_rate_block("r", s.r),),
+            "(23)",
+            "rates of the compensator",
+        ),
         Kernel("estimate", (state, p), (("x_hat", named("x_hat", len(s.xi))),), "(15)", "state estimate"),
         Kernel(
             "disturbance",

@@ -5,6 +5,7 @@
     complaints   what pydantic found -> one line that names file, key, what is wrong and what is allowed
     names        which names a parameter may bear
     expressions  text -> SymPy             a whitelist; nothing in a model file is ever executed
+    bounds       how large a power SymPy may be asked for
     points       the value of an expression at one point, in bounded time
     soundness    what the plant class demands of a model's numbers
     model        ModelSpec -> derive.Model the driver: parse, check, hand over

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Sequence
-from typing import Any, get_args, get_origin
+from types import UnionType
+from typing import Annotated, Any, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
@@ -79,8 +80,15 @@ def _schema_at(path: Sequence[int | str], schema: type[BaseModel]) -> tuple[Any,
             here = get_args(here)[1]
         elif isinstance(part, str) and part in (fields := _fields(here)):
             field = fields[part]
-            here = field.annotation
+            here = _inner(field.annotation)
     return here, field
+
+
+def _inner(annotation: Any) -> Any:
+    """The table in an annotation: what is left when None, and what `Annotated` adds, are taken away."""
+    if get_origin(annotation) in (Union, UnionType):
+        (annotation,) = (kind for kind in get_args(annotation) if kind is not type(None))
+    return get_args(annotation)[0] if get_origin(annotation) is Annotated else annotation
 
 
 def _fields(table: Any) -> dict[str, FieldInfo]:

@@ -21,13 +21,19 @@ from typing import Any
 import sympy as sp
 
 from pmjoint_codegen.errors import ModelError, quoted
+from pmjoint_codegen.spec.bounds import (
+    LARGEST_EXPONENT,
+    exponential_too_large,
+    exponents_too_long,
+    power_too_large,
+    tanh_too_large,
+)
 from pmjoint_codegen.spec.names import FUNCTIONS
+from pmjoint_codegen.spec.points import NotFiniteError, value_at
 
 _LONGEST = 2000  # characters
 _DEEPEST = 60  # brackets or operators inside each other
 _MOST_NODES = 2000
-_LARGEST_EXPONENT = 64
-_MOST_BITS = 4096  # of an exact number raised to a power
 
 _OPERATORS: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = MappingProxyType(
     {
@@ -38,8 +44,8 @@ _OPERATORS: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = MappingProx
         ast.Pow: operator.pow,
     }
 )
+_NOT_REAL = (sp.zoo, sp.oo, -sp.oo, sp.nan, sp.I)
 _RULE = f"allowed: numbers, names, brackets, + - * / ** and {' '.join(FUNCTIONS)}"
-_POWERS = f"allowed: exponents up to {_LARGEST_EXPONENT}"
 
 
 @dataclass(frozen=True)
@@ -171,66 +177,66 @@ def _name(name: str, symbols: Mapping[str, sp.Symbol]) -> _Term:
 
 
 def _call(name: str, argument: _Term) -> _Term:
-    if name == "exp":
-        _check_exponent(argument.expression)
+    judge = {"exp": exponential_too_large, "tanh": tanh_too_large}.get(name)
+    _bound(judge(argument.expression) if judge else None)
     return _apply(getattr(math, name), getattr(sp, name), argument)
 
 
 def _power(base: _Term, exponent: _Term) -> _Term:
-    if exponent.value is not None:
-        _check_growth(base.expression, abs(exponent.value))
-    _check_exponent(exponent.expression)
+    _bound(power_too_large(base.expression, exponent.expression, exponent.value))
     return _apply(operator.pow, operator.pow, base, exponent)
 
 
-def _check_exponent(exponent: sp.Expr) -> None:
-    """Refuse what SymPy would turn into a large power: ``exp(1e8*log(y))`` is y**1e8."""
-    if not exponent.has(sp.log):
-        return
-    for term in sp.Add.make_args(exponent):
-        factor, rest = term.as_coeff_Mul()
-        if rest.has(sp.log):
-            _check_growth(rest, abs(factor))
-
-
-def _check_growth(base: sp.Expr, exponent: float | sp.Number) -> None:
-    """Bound a power before it is taken."""
-    if exponent > _LARGEST_EXPONENT:
-        raise _Refused("has a power that is too large", _POWERS)
-    longest = max((abs(n.p).bit_length() + n.q.bit_length() for n in base.atoms(sp.Rational)), default=0)
-    if longest * exponent > _MOST_BITS:
-        raise _Refused("has a power of too long a number", _POWERS)
+def _bound(reason: str | None) -> None:
+    if reason is not None:
+        raise _Refused(
+            reason, f"allowed: exponents up to {LARGEST_EXPONENT} of few digits, or make it a parameter"
+        )
 
 
 def _apply(numeric: Callable[..., Any], symbolic: Callable[..., Any], *terms: _Term) -> _Term:
     """Apply an operation, to the numbers first: they show whether SymPy may be asked at all."""
     values = [term.value for term in terms]
     value = None if None in values else _number(numeric, *values)
-    return _Term(symbolic(*(term.expression for term in terms)), value)
+    try:
+        expression = symbolic(*(term.expression for term in terms))
+    except (
+        Exception
+    ):  # SymPy's own slips over extreme numbers, of many kinds, are the expression's fault here
+        raise _not_finite() from None
+    if expression.has(*_NOT_REAL):
+        raise _not_finite()
+    _bound(exponents_too_long(expression))
+    if value is None and not expression.free_symbols:  # y/y and 1**y are constants that only SymPy sees
+        value = _collapsed(expression)
+    return _Term(expression, value)
 
 
 def _number(numeric: Callable[..., Any], *values: float | None) -> float:
     try:
         value = numeric(*values)
     except (ArithmeticError, ValueError):
-        value = math.nan
-    if not isinstance(value, float) or not math.isfinite(
-        value
-    ):  # complex where a root of a negative number is taken
-        raise _Refused(
-            "has a constant part that is no finite real number", "numbers up to 1.8e308 can be computed with"
-        )
-    return value
+        raise _not_finite() from None
+    if isinstance(value, float) and math.isfinite(value):
+        return value
+    raise _not_finite()  # complex, where a root of a negative number is taken
+
+
+def _collapsed(expression: sp.Expr) -> float:
+    try:
+        return value_at(expression, {})
+    except NotFiniteError:
+        raise _not_finite() from None
+
+
+def _not_finite() -> _Refused:
+    return _Refused("has a part without a finite real value", "check divisions, roots and logarithms")
 
 
 def _checked(expression: sp.Expr) -> sp.Expr:
-    """Refuse what only the whole shows: a division by y - y, a root of -1 - y**2, powers grown together."""
-    if expression.has(sp.zoo, sp.oo, -sp.oo, sp.nan, sp.I) or expression.is_extended_real is False:
-        raise _Refused("has no finite real value", "check divisions, roots and logarithms")
+    """Refuse numbers that have grown together beyond what a double holds."""
     for number in expression.atoms(sp.Rational):
         _number(operator.truediv, number.p, number.q)
-    if any(abs(power.exp) > _LARGEST_EXPONENT for power in expression.atoms(sp.Pow) if power.exp.is_Rational):
-        raise _Refused("has a power that is too large", _POWERS)
     return expression
 
 
@@ -246,7 +252,5 @@ def _refused_node(node: ast.expr, source: str, symbols: Mapping[str, sp.Symbol])
             guess = f"did you mean {close[0]!r}? " if close else ""
             return _Refused(f"unknown function {quoted(name)}", f"{guess}allowed: {' '.join(FUNCTIONS)}")
         case ast.Call(func=ast.Constant() | ast.BinOp()):
-            return _Refused(
-                "something stands before a bracket that is not a function", "write * for a product"
-            )
+            return _Refused("no function stands before a bracket", "write * for a product")
     return _Refused(f"{quoted(source[node.col_offset : node.end_col_offset])} is not allowed")

@@ -7,12 +7,14 @@ and of the plant class.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from typing import Any
 
 import sympy as sp
 
 from derive import Gains, Model, OutsideClassError, Parameter, Plant, Simulation, parameter_symbol
 from pmjoint_codegen.errors import ModelError
 from pmjoint_codegen.spec.expressions import parse
+from pmjoint_codegen.spec.joint import to_joint
 from pmjoint_codegen.spec.schema import DesignSpec, ModelSpec, PlantSpec
 from pmjoint_codegen.spec.soundness import check_model
 from pmjoint_codegen.values import COMPENSATOR, check_values, gain_names
@@ -32,7 +34,7 @@ def to_derive(spec: ModelSpec, where: str = "") -> Model:
     """
     where = where or f"model {spec.name}"
     parameters = tuple(
-        Parameter(name, line.value, line.unit, line.about) for name, line in spec.parameters.items()
+        Parameter(name, line.value, line.unit, line.about) for name, line in spec.all_parameters.items()
     )
     known = {item.name: item.symbol for item in parameters}
     _check_values(spec, where)
@@ -42,19 +44,38 @@ def to_derive(spec: ModelSpec, where: str = "") -> Model:
             title=spec.title,
             source=spec.source,
             parameters=parameters,
-            plant=_plant(spec.plant, known, where),
             limit=known[spec.actuator.limit],
             reference=parse(spec.simulation.reference, _with(known, "t"), f"{where}: simulation.reference"),
             gains=_gains(spec.design),
             simulation=_simulation(spec),
-            disturbance_bound=spec.plant.disturbance_bound,
             y_unit=spec.units.y,
             u_unit=spec.units.u,
+            **_physics(spec, parameters, where),
         )
     except OutsideClassError as error:
         raise ModelError(error.what, where=f"{where}: {error.key}", remedy=error.remedy) from error
     check_model(model, where)
     return model
+
+
+def _physics(spec: ModelSpec, parameters: tuple[Parameter, ...], where: str) -> dict[str, Any]:
+    """The plant as ``[plant]`` states it, or as ``[joint]`` reduces to it with what the design leaves out."""
+    known = {item.name: item.symbol for item in parameters}
+    if spec.plant is not None:
+        return {
+            "plant": _plant(spec.plant, known, where),
+            "disturbance_bound": spec.plant.disturbance_bound,
+        }
+    assert spec.joint is not None  # `validate` demands one of the two
+    joint = to_joint(spec.joint, parameters, known[spec.actuator.limit], where)
+    return {
+        "plant": joint.plant,
+        "disturbance_bound": spec.joint.disturbance_bound,
+        "constants": joint.constants,
+        "extras": joint.extras,
+        "channels": joint.channels,
+        "reported": joint.pressures,
+    }
 
 
 def _with(known: Symbols, *names: str) -> Symbols:
@@ -97,9 +118,10 @@ def _simulation(spec: ModelSpec) -> Simulation:
 
 def _check_values(spec: ModelSpec, where: str) -> None:
     """Hold the file's numbers to the rules that values set for one run obey as well."""
-    design, plant = spec.design, spec.plant
-    values = {name: line.value for name, line in spec.parameters.items()}
-    keys = {name: f"parameters.{name}.value" for name in values} | {
+    design = spec.design
+    values = {name: line.value for name, line in spec.all_parameters.items()}
+    keys = {name: f"joint.{name}" for name in values}
+    keys |= {name: f"parameters.{name}.value" for name in spec.parameters} | {
         "k": "design.k",
         COMPENSATOR: "design.compensator",
     }
@@ -108,10 +130,10 @@ def _check_values(spec: ModelSpec, where: str) -> None:
         values |= dict(zip(names, gains, strict=True))
         keys |= {name: f"design.{kind}, entry {i}" for i, name in enumerate(names, start=1)}
     values[COMPENSATOR] = float(design.compensator)
-    leading = plant.b[0].strip()
+    leading = spec.plant.b[0].strip() if spec.plant else ""
     check_values(
         values,
-        n=plant.order,
+        n=spec.order,
         rho=len(design.c),
         limit=spec.actuator.limit,
         leading=leading if leading in spec.parameters else None,

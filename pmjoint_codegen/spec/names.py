@@ -11,6 +11,8 @@ from pmjoint_codegen.errors import quoted
 FUNCTIONS = ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh")
 CONSTANTS = ("pi",)
 
+MODEL_NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]{0,63}$"  # it names a folder
+
 _SHAPE = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,39}")
 _WORDS = frozenset(
     (

@@ -11,7 +11,7 @@ from typing import Any
 from pmjoint_codegen.errors import ModelError, quoted
 from pmjoint_codegen.spec.names import key_path
 
-# Far above any honest model file; they bound the time of a hostile one: a dotted key costs its length squared
+# Far above any honest model file, to bound the time of a hostile one: a dotted key costs its length squared.
 _MOST_BYTES = 64 * 1024
 _LONGEST_LINE = 4096
 _DEEPEST = 8

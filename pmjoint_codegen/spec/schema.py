@@ -5,51 +5,27 @@ Lengths that span tables (n, m, p, rho) are checked after the single keys; what 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sized
-from typing import Annotated, Any
+from collections.abc import Mapping, Sized
+from typing import Any
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from pmjoint_codegen.errors import ModelError, quoted
 from pmjoint_codegen.spec.complaints import first_complaint
-from pmjoint_codegen.spec.names import key_path, why_not
+from pmjoint_codegen.spec.joint import JointSpec, check_joint, joint_parameters
+from pmjoint_codegen.spec.names import MODEL_NAME, key_path, why_not
+from pmjoint_codegen.spec.tables import (
+    Expression,
+    Expressions,
+    Line,
+    Numbers,
+    ParameterSpec,
+    Positive,
+    Table,
+    Unit,
+)
 
 LARGEST_ORDER = 9  # beyond it, names such as Xi111 would be ambiguous
-
-
-def _as_text(value: object) -> object:
-    """Take a bare number for an expression: ``sigma = 1``."""
-    return repr(value) if isinstance(value, int | float) and not isinstance(value, bool) else value
-
-
-def _printable(text: str) -> str:
-    """Refuse line ends and control characters: these texts go into comments, tables and terminals."""
-    if not text.isprintable():
-        raise ValueError
-    return text
-
-
-Expression = Annotated[str, BeforeValidator(_as_text)]
-Expressions = tuple[Expression, ...]
-Number = Annotated[float, Field(allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Numbers = tuple[Number, ...]
-Line = Annotated[str, Field(max_length=400), AfterValidator(_printable)]
-Unit = Annotated[str, Field(max_length=60), AfterValidator(_printable)]
-
-
-class Table(BaseModel):
-    """A table of a model file: no unknown keys, no silent conversions, no change once it is read."""
-
-    model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
-
-
-class ParameterSpec(Table):
-    """One line of ``[parameters]``."""
-
-    value: Number = Field(description="a finite number")
-    unit: Unit = Field(default="1", description='text such as "rad/s", 60 characters at most')
-    about: Line = Field(default="", description="one line of text, 400 characters at most")
 
 
 class PlantSpec(Table):
@@ -115,7 +91,7 @@ class ModelSpec(Table):
 
     schema_: int = Field(alias="schema", ge=1, le=1, description="1, the only schema there is")
     name: str = Field(
-        pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,63}$",
+        pattern=MODEL_NAME,
         description="letters, digits, - and _, beginning with a letter or digit, 64 at most",
     )
     title: Line = Field(default="", description="one line of text, 400 characters at most")
@@ -123,11 +99,27 @@ class ModelSpec(Table):
     parameters: dict[str, ParameterSpec] = Field(
         description='lines such as b0 = { value = 2.0, unit = "rad/(s^2 V)" }'
     )
-    plant: PlantSpec = Field(description="the table [plant]")
+    plant: PlantSpec | None = Field(default=None, description="the table [plant]")
+    joint: JointSpec | None = Field(default=None, description="the table [joint], in place of [plant]")
     actuator: ActuatorSpec = Field(description='the table [actuator] with limit = "..."')
     design: DesignSpec = Field(description="the table [design] with c, e, ck and k")
     simulation: SimulationSpec = Field(description="the table [simulation] with reference, x0 and horizon")
     units: UnitsSpec = Field(default=UnitsSpec(), description="the table [units] with y and u")
+
+    @property
+    def all_parameters(self) -> dict[str, ParameterSpec]:
+        """The joint's numbers, then ``[parameters]``."""
+        return {**(joint_parameters(self.joint) if self.joint else {}), **self.parameters}
+
+    @property
+    def order(self) -> int:
+        """Order n of the design's plant."""
+        return self.plant.order if self.plant else self.joint.order if self.joint else 0
+
+    @property
+    def relative_degree(self) -> int:
+        """Relative degree rho of the design's plant."""
+        return self.order + 1 - (len(self.plant.b) if self.plant else 1)
 
 
 def validate(document: Mapping[str, Any], where: str) -> ModelSpec:
@@ -144,7 +136,14 @@ def validate(document: Mapping[str, Any], where: str) -> ModelSpec:
         spec = ModelSpec.model_validate(_tuples(document))
     except ValidationError as error:
         raise first_complaint(error, ModelSpec, where) from None
+    if (spec.plant is None) == (spec.joint is None):
+        found = "both stand there" if spec.plant else "is missing, and so is [joint]"
+        raise ModelError(found, where=f"{where}: plant", remedy="allowed: one of [plant] and [joint]")
     _check_names(spec, where)
+    if spec.joint is not None:
+        check_joint(spec.joint, where)
+    if spec.plant is not None:
+        _check_plant(spec.plant, where)
     _check_lengths(spec, where)
     return spec
 
@@ -157,58 +156,51 @@ def _tuples(value: Any) -> Any:
 
 
 def _check_names(spec: ModelSpec, where: str) -> None:
+    names = spec.all_parameters
     for name in spec.parameters:
-        if reason := why_not(name):
+        reason = why_not(name)
+        if spec.joint is not None and name in joint_parameters(spec.joint):
+            reason = "already stands in [joint]"
+        if reason:
             raise ModelError(
                 reason, where=f"{where}: {key_path(('parameters', name))}", remedy="choose another name"
             )
-    if spec.actuator.limit not in spec.parameters:
+    if spec.actuator.limit not in names:
         raise ModelError(
             f"no parameter is called {quoted(spec.actuator.limit)}",
             where=f"{where}: actuator.limit",
-            remedy=f"allowed: {', '.join(spec.parameters)}"
-            if spec.parameters
-            else "declare it in [parameters]",
+            remedy=f"allowed: {', '.join(names)}" if names else "declare it in [parameters]",
         )
 
 
-def _check_lengths(spec: ModelSpec, where: str) -> None:
-    """Compare every list with the order n, the relative degree rho and the length p of theta."""
-    plant, n, p = spec.plant, spec.plant.order, len(spec.plant.theta)
+def _check_plant(plant: PlantSpec, where: str) -> None:
+    """Compare the lists of ``[plant]`` with its order n and the length p of theta."""
+    n, p = plant.order, len(plant.theta)
     if not 1 <= len(plant.b) <= n:
         raise _wrong_length(where, "plant.b", len(plant.b), f"1 to {n} (b_m ... b_0, order = {n})")
     if (plant.Phi is None) != (p == 0) and plant.Phi != ((),) * n:
         raise ModelError(
             "Phi and theta belong together", where=f"{where}: plant", remedy="give both, or neither"
         )
-    rho = n + 1 - len(plant.b)
-    for key, found, wanted, why in (*_of_order(spec, n), *_of_relative_degree(spec, rho)):
-        if found != wanted:
-            raise _wrong_length(where, key, found, f"{wanted} ({why})")
+    lists: dict[str, Sized | None] = {"phi": plant.phi, "Phi": plant.Phi, "disturbance": plant.disturbance}
+    for key, entries in lists.items():
+        if entries is not None and len(entries) != n:
+            raise _wrong_length(where, f"plant.{key}", len(entries), f"{n} (order of the plant)")
     for i, row in enumerate(plant.Phi or (), start=1):
         if len(row) != p:
             raise _wrong_length(where, f"plant.Phi, entry {i}", len(row), f"{p} (as long as theta)")
 
 
-def _of_order(spec: ModelSpec, n: int) -> Iterable[tuple[str, int, int, str]]:
-    plant = spec.plant
-    lists: dict[str, Sized | None] = {
-        "plant.phi": plant.phi,
-        "plant.Phi": plant.Phi,
-        "plant.disturbance": plant.disturbance,
-        "design.k": spec.design.k,
-        "simulation.x0": spec.simulation.x0,
-    }
-    return [
-        (key, len(entries), n, "order of the plant") for key, entries in lists.items() if entries is not None
-    ]
-
-
-def _of_relative_degree(spec: ModelSpec, rho: int) -> Iterable[tuple[str, int, int, str]]:
-    lists = {"design.c": spec.design.c, "design.e": spec.design.e, "design.ck": spec.design.ck}
-    return [
-        (key, len(gains), rho, "relative degree = order + 1 - length of b") for key, gains in lists.items()
-    ]
+def _check_lengths(spec: ModelSpec, where: str) -> None:
+    """Compare gains and initial state with the order n and the relative degree rho."""
+    design, n, rho = spec.design, spec.order, spec.relative_degree
+    of_order = {"design.k": design.k, "simulation.x0": spec.simulation.x0}
+    of_degree = {"design.c": design.c, "design.e": design.e, "design.ck": design.ck}
+    degree = "relative degree = order + 1 - length of b" if spec.plant else "relative degree of the joint"
+    for lists, wanted, why in ((of_order, n, "order of the plant"), (of_degree, rho, degree)):
+        for key, entries in lists.items():
+            if len(entries) != wanted:
+                raise _wrong_length(where, key, len(entries), f"{wanted} ({why})")
 
 
 def _wrong_length(where: str, key: str, found: int, allowed: str) -> ModelError:

@@ -25,8 +25,13 @@ def check_model(model: Model, where: str) -> None:
     Raises:
         ModelError: an expression without finite value, ``b_m = 0``, ``sigma = 0``, unstable zero dynamics.
     """
-    values = {item.symbol: item.value for item in model.parameters}
+    values: dict[sp.Symbol, float] = {item.symbol: item.value for item in model.parameters}
+    for constant in model.constants:
+        _finite(constant.expression, values, f"{where}: joint, coefficient {constant.name}")
+        values[constant.symbol] = value_at(constant.expression, values)
     start = values | _initial_point(model)
+    for reported in model.reported:
+        start[reported.symbol] = value_at(reported.expression, start)
     for key, expression in _entries(model.plant):
         _finite(expression, start, f"{where}: {key}")
     _finite(model.reference, start, f"{where}: simulation.reference")
@@ -40,9 +45,10 @@ def check_model(model: Model, where: str) -> None:
 
 
 def _initial_point(model: Model) -> dict[sp.Symbol, float]:
-    """Where a run starts: t = 0, x = x0, y = x1."""
+    """Where a run starts: t = 0, x = x0, y = x1, nothing delivered yet."""
     x0 = model.simulation.x0
     states = {parameter_symbol(f"x{i}"): value for i, value in enumerate(x0, start=1)}
+    states |= {state.symbol: 0.0 for state in model.extras} | {item.symbol: 0.0 for item in model.actuator}
     return states | {parameter_symbol("y"): x0[0], parameter_symbol("t"): 0.0}
 
 
