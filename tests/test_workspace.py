@@ -75,11 +75,15 @@ def test_an_unknown_name_is_answered_with_the_close_one_and_with_all(here: Path,
 
 
 def test_a_missing_file_is_answered_with_its_neighbour(here: Path) -> None:
-    with pytest.raises(ModelError, match=r"models/min\.toml: no such model file; did you mean '.*models/mine\.toml'"):
+    with pytest.raises(
+        ModelError, match=r"models/min\.toml: no such model file; did you mean '.*models/mine\.toml'"
+    ):
         find_model("models/min.toml", cwd=here)
 
 
-@pytest.mark.parametrize("name", ["", ".", "..", "a\0b", "a\0b.toml", "x" * 10_000, "x" * 10_000 + ".toml", "/", "\udc80"])
+@pytest.mark.parametrize(
+    "name", ["", ".", "..", "a\0b", "a\0b.toml", "x" * 10_000, "x" * 10_000 + ".toml", "/", "\udc80"]
+)
 def test_an_impossible_name_is_one_clear_line(name: str, here: Path) -> None:
     with pytest.raises(ModelError) as caught:
         find_model(name, cwd=here)
@@ -87,7 +91,9 @@ def test_an_impossible_name_is_one_clear_line(name: str, here: Path) -> None:
     assert len(str(caught.value)) < 1000
 
 
-def test_generated_stands_beside_models_or_beside_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_generated_stands_beside_models_or_beside_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert generated_root(tmp_path / "models" / "a.toml") == tmp_path / "generated"
     assert generated_root(tmp_path / "a.toml") == tmp_path / "generated"
     (tmp_path / "models").mkdir()
@@ -117,7 +123,9 @@ def test_an_unusable_cache_is_replaced_by_a_private_one_with_one_line(
     assert cache_dir(env) == found  # kept for the next run
 
 
-def test_a_folder_that_others_can_write_is_not_trusted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_folder_that_others_can_write_is_not_trusted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     planted = tmp_path / f"pmjoint-{os.getuid()}"
     planted.mkdir()

@@ -1,7 +1,7 @@
 """How large the powers of an expression may grow, asked before SymPy is made to carry them out.
 
-SymPy raises exact numbers exactly and treats ``y**(p/q)`` and ``exp(p/q*y)`` as polynomials of degree p, so that
-a few characters can cost unbounded time. Each function gives the reason for a refusal, or None.
+SymPy raises exact numbers exactly and treats ``y**(p/q)`` and ``exp(p/q*y)`` as polynomials of degree p, so
+that a few characters can cost unbounded time. Each function gives the reason for a refusal, or None.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ def exponential_too_large(exponent: sp.Expr) -> str | None:
     """Judge ``exp(exponent)`` before it is taken: SymPy turns ``exp(1e8*log(y))`` into y**1e8."""
     for product in exponent.atoms(sp.Mul):
         factor, rest = product.as_coeff_Mul()
-        if any(isinstance(part, sp.log) for part in sp.Mul.make_args(rest)):
-            if found := _growth_too_large(rest, abs(factor)):
-                return found
+        of_log = any(isinstance(part, sp.log) for part in sp.Mul.make_args(rest))
+        if of_log and (found := _growth_too_large(rest, abs(factor))):
+            return found
     return None
 
 

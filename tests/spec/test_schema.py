@@ -25,7 +25,7 @@ def test_the_papers_file_is_read_whole(paper: dict[str, Any]) -> None:
     spec = validate(paper, "m.toml")
     assert list(spec.parameters) == ["d1", "b0", "u_max"]
     assert spec.parameters["b0"].unit == "rad/(s^2 V)"
-    assert spec.plant.Phi == (("0",), ("y",))
+    assert spec.plant is not None and spec.plant.Phi == (("0",), ("y",))
     assert spec.design.c == (15.0, 15.0)
     assert spec.simulation.x0 == (1.5, 0.0)
     assert (spec.units.y, spec.units.u) == ("rad", "V")
@@ -41,11 +41,13 @@ def test_optional_keys_may_be_left_out(edited: Edit) -> None:
     left_out = ["plant.phi", "plant.Phi", "plant.theta", "plant.sigma", "plant.disturbance"]
     left_out += ["plant.disturbance_bound", "design.compensator", "simulation.output_step", "title"]
     spec = validate(edited(dict.fromkeys(left_out)), "m.toml")
-    assert spec.plant.sigma == "1" and spec.plant.theta == () and spec.design.compensator
+    assert spec.plant is not None and spec.plant.sigma == "1"
+    assert spec.plant.theta == () and spec.design.compensator
 
 
 def test_a_bare_number_is_an_expression(edited: Edit) -> None:
-    assert validate(edited({"plant.phi": [0, 0.5]}), "m.toml").plant.phi == ("0", "0.5")
+    plant = validate(edited({"plant.phi": [0, 0.5]}), "m.toml").plant
+    assert plant is not None and plant.phi == ("0", "0.5")
 
 
 NAN, INF = float("nan"), float("inf")
