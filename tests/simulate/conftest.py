@@ -1,4 +1,4 @@
-"""Evaluators for the loops: the paper's kernels, and a model of one state whose v is a given polynomial of t."""
+"""Evaluators: the paper's kernels, and a model of one state whose v is a given polynomial of t."""
 
 from __future__ import annotations
 
@@ -93,17 +93,20 @@ class PolynomialEvaluator:
         self.manifest = manifest
 
     def kernel(self, name: str) -> Kernel:
-        return {
+        kernels: dict[str, Kernel] = {
             "reference": lambda t, p: (np.zeros(2),),
             "actuation": lambda p: (np.array([0.0, 1.0, -p[0], p[0]]),),
             "signals": _signals,
             "taylor": _taylor,
-        }[name]
+        }
+        return kernels[name]
 
     def call(self, name: str, *arrays: npt.ArrayLike) -> tuple[Array, ...]:
         given = [np.asarray(array, dtype=np.float64) for array in arrays]
         shape = np.broadcast_shapes(*(array.shape[:-1] for array in given))
-        rows = [np.broadcast_to(array, (*shape, array.shape[-1])).reshape(-1, array.shape[-1]) for array in given]
+        rows = [
+            np.broadcast_to(array, (*shape, array.shape[-1])).reshape(-1, array.shape[-1]) for array in given
+        ]
         found = np.array([self.kernel(name)(*row)[0] for row in zip(*rows, strict=True)])
         return (found.reshape(*shape, -1),)
 

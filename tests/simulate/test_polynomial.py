@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -63,7 +64,9 @@ def test_known_roots(first_crossing: Find, roots: tuple[float, ...], first: floa
 
 
 @pytest.mark.parametrize("gap", [1e-2, 1e-4, 1e-6])
-def test_two_crossings_close_together_inside_one_step_are_not_missed(first_crossing: Find, gap: float) -> None:
+def test_two_crossings_close_together_inside_one_step_are_not_missed(
+    first_crossing: Find, gap: float
+) -> None:
     roots = (0.3, 0.3 + gap)
     found = first_crossing(with_roots(*roots), 1.0)
     # A root of a quadratic moves by the coefficients' rounding over the slope there, which is the gap.
@@ -113,8 +116,12 @@ def test_agrees_with_the_eigenvalues_of_the_companion_matrix(
         assert abs(value(found)) < noise
         return
     roots = np.roots(q[::-1])
-    real = [float(root.real) for root in roots if abs(root.imag) < 1e-9 and 1e-6 * h < root.real < (1 - 1e-6) * h]
-    for root in real:  # a root that was passed over is a touch: both sides have one sign, or rounding hides it
+    real = [
+        float(root.real) for root in roots if abs(root.imag) < 1e-9 and 1e-6 * h < root.real < (1 - 1e-6) * h
+    ]
+    for (
+        root
+    ) in real:  # a root that was passed over is a touch: both sides have one sign, or rounding hides it
         assert sign * value(root * (1 + 1e-5)) > -noise or sign * value(root * (1 - 1e-5)) > -noise
 
 
@@ -127,7 +134,7 @@ def test_finds_the_first_of_well_separated_roots(
     compiled_paper: CompiledEvaluator, roots: list[float], outside: list[float]
 ) -> None:
     roots.sort()
-    assume(all(b - a > 0.02 for a, b in zip(roots, roots[1:], strict=False)))
+    assume(all(b - a > 0.02 for a, b in pairwise(roots)))
     q = with_roots(*roots, *outside)
     found = polynomial.first_crossing(q, 1.0)
     assert c_first_crossing(compiled_paper)(q, 1.0) == found
@@ -148,9 +155,18 @@ def test_evaluation_and_derivative_follow_numpy(compiled_paper: CompiledEvaluato
             slope = np.polynomial.polynomial.polyval(tau, np.polynomial.polynomial.polyder(c))
             np.testing.assert_allclose(polynomial.evaluate(c, tau), expected, rtol=1e-12, atol=1e-12)
             np.testing.assert_allclose(polynomial.differentiate(c, tau), slope, rtol=1e-12, atol=1e-12)
-            for routine, twin in (("evaluate", polynomial.evaluate), ("differentiate", polynomial.differentiate)):
+            for routine, twin in (
+                ("evaluate", polynomial.evaluate),
+                ("differentiate", polynomial.differentiate),
+            ):
                 out = np.empty(channels)
-                arguments = (ffi.from_buffer("double[]", padded), channels, 11, tau, ffi.from_buffer("double[]", out))
+                arguments = (
+                    ffi.from_buffer("double[]", padded),
+                    channels,
+                    11,
+                    tau,
+                    ffi.from_buffer("double[]", out),
+                )
                 getattr(lib, f"pmj_{routine}")(*arguments, channels)
                 np.testing.assert_array_equal(out, twin(c, tau))
     rows = polynomial.evaluate(c, np.array([[0.1], [0.2]]))
@@ -165,7 +181,9 @@ def test_step_size_is_the_largest_that_keeps_the_last_terms_small(compiled_paper
     scale = np.maximum(np.abs(c[0]), 1.0)
     terms = [np.max(np.abs(c[k]) * h**k / scale) for k in (7, 8)]
     assert max(terms) == pytest.approx(1e-10, rel=1e-9)
-    assert lib.pmj_step_size(ffi.from_buffer("double[]", c), 3, 8, 1e-10, 0.9) == polynomial.step_size(c, 1e-10, 0.9)
+    assert lib.pmj_step_size(ffi.from_buffer("double[]", c), 3, 8, 1e-10, 0.9) == polynomial.step_size(
+        c, 1e-10, 0.9
+    )
     assert polynomial.step_size(np.ones((9, 3)) * (np.arange(9) < 7)[:, np.newaxis], 1e-10, 1.0) == math.inf
 
 

@@ -1,0 +1,91 @@
+"""The front door: what a script does with a model."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pmjoint_codegen import ClosedLoop
+from pmjoint_codegen.errors import BuildError, MissingToolError, SimulationError, UsageError
+
+
+@pytest.fixture(scope="module")
+def model(root: Path) -> Path:
+    return root / "models" / "paper.toml"
+
+
+@pytest.fixture(scope="module", params=["compiled", "interpreted"])
+def loop(request: pytest.FixtureRequest, model: Path, cache: Path) -> ClosedLoop:
+    if request.param == "interpreted":
+        pytest.importorskip("casadi")
+    return ClosedLoop.load(model, request.param)
+
+
+def test_a_run_from_a_script(loop: ClosedLoop) -> None:
+    run = loop.simulate(horizon=2.0, parameters={"c1": 20.0}, x0=[1.0, 0.0])
+    assert run.summary["status"] == "done"
+    assert run.summary["parameters"]["c1"] == 20.0
+    assert run["x1"][0] == 1.0
+    assert run.t[-1] == 2.0
+    assert run.evaluator == loop.evaluator.kind
+
+
+def test_control_is_v_along_the_run_and_broadcasts(loop: ClosedLoop) -> None:
+    run = loop.simulate(horizon=1.0, parameters={"c2": 7.0})
+    reference = np.column_stack([np.sin(run.t), np.cos(run.t), -np.sin(run.t)])
+    for state in (run.states[:, 2:], run.states):
+        v = loop.control(state, run["y"], reference, parameters={"c2": 7.0})
+        np.testing.assert_allclose(v, run["v"], rtol=1e-12, atol=1e-12)
+    assert loop.control(np.zeros(8), 0.0, np.zeros(3)).shape == ()
+    assert loop.control(np.zeros((4, 1, 8)), np.zeros(5), np.zeros(3)).shape == (4, 5)
+    with pytest.raises(UsageError, match="argument s"):
+        loop.control(np.zeros(7), 0.0, np.zeros(3))
+    with pytest.raises(UsageError, match="no parameter"):
+        loop.control(np.zeros(8), 0.0, np.zeros(3), parameters={"zz": 1.0})
+
+
+def test_a_failed_run_is_an_error_that_carries_the_run(loop: ClosedLoop) -> None:
+    with pytest.raises(SimulationError, match="finite") as caught:
+        loop.simulate(parameters={"b0": 1e-300})
+    assert caught.value.run.t.tolist() == [0.0]  # type: ignore[attr-defined]
+
+
+def test_an_unknown_evaluator_is_refused(model: Path) -> None:
+    with pytest.raises(UsageError, match="compiled, interpreted"):
+        ClosedLoop.load(model, "fast")
+
+
+def test_without_a_compiler_one_line_says_so(model: Path, tmp_path: Path) -> None:
+    pytest.importorskip("casadi")
+    bare = {"PATH": str(tmp_path), "PMJOINT_CACHE": str(tmp_path)}
+    lines: list[str] = []
+    loop = ClosedLoop.load(model, environment=bare, notify=lines.append)
+    assert loop.evaluator.kind == "interpreted"
+    assert len(lines) == 1
+    assert "apt-get install gcc" in lines[0]
+    ClosedLoop.load(model, "interpreted", environment=bare, notify=lines.append)
+    assert len(lines) == 1
+    with pytest.raises(MissingToolError, match="apt-get install gcc"):
+        ClosedLoop.load(model, "compiled", environment=bare, notify=lines.append)
+
+
+def test_a_compiler_that_fails_is_an_error_not_a_fallback(model: Path, tmp_path: Path) -> None:
+    failing = tmp_path / "cc"
+    failing.write_text("#!/bin/sh\necho out of order >&2\nexit 4\n")
+    failing.chmod(0o755)
+    environment = {"PATH": f"{tmp_path}:{os.environ['PATH']}", "PMJOINT_CACHE": str(tmp_path / "cache")}
+    with pytest.raises(BuildError, match="exit code 4") as caught:
+        ClosedLoop.load(model, environment=environment)
+    assert caught.value.output == "out of order\n"
+
+
+def test_another_reference_is_followed(model: Path) -> None:
+    pytest.importorskip("sympy")
+    pytest.importorskip("casadi")
+    loop = ClosedLoop.load(model, reference="cos(2*t)/2", notify=lambda line: None)
+    run = loop.simulate(horizon=12.0, x0=[0.5, 0.0])
+    np.testing.assert_allclose(run["y_r"], np.cos(2 * run.t) / 2, rtol=0, atol=1e-15)
+    assert abs(run.summary["final_e"]) < 0.02

@@ -1,0 +1,110 @@
+"""A run as a record: columns, summary, files, and how failures show."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import pickle
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pmjoint_codegen.errors import SimulationError, UsageError
+from pmjoint_codegen.kernels.evaluator import Evaluator
+from pmjoint_codegen.simulate.run import Run, run
+from pmjoint_codegen.simulate.settings import make_settings
+from pmjoint_codegen.simulate.status import Status, sentence
+from pmjoint_codegen.simulate.summary import settling_time
+from pmjoint_codegen.simulate.trajectory import csv_text
+
+COLUMNS = "t,y,y_r,e,x1,x2,xi1,xi2,Xi11,Xi21,lambda1,lambda2,r1,r2,z1,z2,alpha1,v,u"
+KEYS = {
+    *("model", "model_hash", "parameters", "controller", "evaluator", "status", "message", "steps", "wall_s"),
+    *("saturation_switches", "saturated_s", "max_abs_v", "ise", "max_abs_e", "settling_s", "final_e"),
+}
+
+
+@pytest.fixture(scope="module")
+def short(compiled_paper: Evaluator) -> Run:
+    return run(compiled_paper, make_settings(compiled_paper.manifest, horizon=0.5))
+
+
+def test_columns_are_views_by_name(short: Run) -> None:
+    assert short.columns[0] == "t"
+    assert set(COLUMNS.split(",")) < set(short.columns)
+    for name in short.columns:
+        assert short[name].shape == (51,)
+        assert short[name].base is not None
+    np.testing.assert_array_equal(short["y"], short["x1"])
+    with pytest.raises(KeyError, match="x_hat1"):
+        short["x9"]
+
+
+def test_the_csv_keeps_every_double_and_the_agreed_columns(short: Run, tmp_path: Path) -> None:
+    path = tmp_path / "trajectory.csv"
+    short.to_csv(path)
+    text = path.read_text()
+    assert text == csv_text(short)
+    assert text.splitlines()[0] == COLUMNS
+    rows = list(csv.reader(io.StringIO(text)))[1:]
+    for index, name in enumerate(COLUMNS.split(",")):
+        assert [float(row[index]) for row in rows] == short[name].tolist()
+    with pytest.raises(UsageError):
+        short.to_csv(path / "below-a-file.csv")
+
+
+def test_the_summary_is_json_with_the_agreed_keys(short: Run) -> None:
+    summary = json.loads(json.dumps(short.summary, allow_nan=False))
+    assert set(summary) >= KEYS
+    assert summary["parameters"]["c1"] == 15.0
+    assert summary["saturation_switches"] == [[t, mode] for t, mode in short.switches]
+    assert summary["final_e"] == short["e"][-1]
+    assert summary["wall_s"] > 0.0
+
+
+def test_settling_is_the_last_time_outside_two_percent() -> None:
+    t = np.array([0.0, 1.0, 2.0, 3.0])
+    assert settling_time(t, np.array([-1.0, 0.5, -0.021, 0.02])) == 2.0
+    assert settling_time(t, np.array([1.0, 0.01, 0.01, 5.0])) == 3.0
+    assert settling_time(t, np.array([0.0, 1.0, 1.0, 1.0])) is None
+
+
+@pytest.mark.parametrize("controller", ["continuous", "sampled"])
+def test_a_diverging_run_keeps_its_trajectory_and_says_why(paper: Evaluator, controller: str) -> None:
+    settings = make_settings(
+        paper.manifest,
+        x0=[105.0, 0.0],
+        horizon=40.0,
+        controller=controller,
+        sample_time=0.01,
+        output_step=0.5,
+    )
+    found = run(paper, replace(settings, divergence=1e4))
+    assert found.status == Status.DIVERGED
+    assert "10000" in found.message
+    assert 2 < len(found.t) < settings.rows
+    assert np.all(np.isfinite(found.states))
+    assert found.summary["status"] == "diverged"
+    # Beyond 100 no |u| <= 10 holds the joint: x1 grows by exp(sqrt(d1) t) and faster than any bound allows.
+    assert found.peaks["x1"][0] > 105.0
+
+
+@pytest.mark.parametrize("controller", ["continuous", "sampled"])
+def test_numbers_beyond_floating_point_end_the_run_not_in_silence(paper: Evaluator, controller: str) -> None:
+    found = run(paper, make_settings(paper.manifest, parameters={"b0": 1e-300}, controller=controller))
+    assert found.status == Status.NON_FINITE
+    assert found.t.tolist() == [0.0]
+    assert "finite" in found.message
+
+
+def test_every_status_has_a_sentence() -> None:
+    lines = {sentence(status, t=1.0, divergence=1e9, max_steps=5, max_switches=6) for status in Status}
+    assert len(lines) == len(Status)
+
+
+def test_a_run_survives_the_way_between_processes(short: Run) -> None:
+    error = pickle.loads(pickle.dumps(SimulationError("ended", run=short)))
+    np.testing.assert_array_equal(error.run["x1"], short["x1"])

@@ -1,0 +1,106 @@
+"""What a run accepts: each refusal is one clear line that names the setting and what is allowed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pmjoint_codegen.errors import UsageError
+from pmjoint_codegen.manifest import Manifest
+from pmjoint_codegen.simulate.settings import make_settings
+
+
+@pytest.fixture(scope="module")
+def manifest(root: Path) -> Manifest:
+    return Manifest.read(root / "generated" / "paper")
+
+
+def test_defaults_are_the_models(manifest: Manifest) -> None:
+    settings = make_settings(manifest)
+    assert settings.p.tolist() == [item.value for item in manifest.parameters]
+    assert settings.x0.tolist() == [1.5, 0.0]
+    assert (settings.horizon, settings.output_step, settings.sample_time) == (20.0, 0.01, 0.001)
+    assert (settings.controller, settings.tolerance) == ("continuous", 1e-10)
+
+
+def test_overrides_take_their_place(manifest: Manifest) -> None:
+    settings = make_settings(manifest, parameters={"c1": 20, "u_max": 5.5}, compensator=False, x0=(1, 2))
+    changed = dict(zip(manifest.parameter_names, settings.p.tolist(), strict=True))
+    assert changed == {
+        **{p.name: p.value for p in manifest.parameters},
+        "c1": 20.0,
+        "u_max": 5.5,
+        "compensator": 0.0,
+    }
+    assert settings.x0.tolist() == [1.0, 2.0]
+
+
+@pytest.mark.parametrize(
+    ("asked", "parts"),
+    [
+        ({"parameters": {"u_mx": 1.0}}, ("'u_mx'", "did you mean u_max?", "d1, b0")),
+        ({"parameters": {"zzzz": 1.0}}, ("'zzzz'", "names: d1")),
+        ({"parameters": {"c1": float("nan")}}, ("c1", "nan", "finite")),
+        ({"parameters": {"c1": float("inf")}}, ("c1", "inf", "finite")),
+        ({"parameters": {"c1": "fast"}}, ("c1", "fast", "finite")),
+        ({"parameters": {"c1": 0.0}}, ("c1", "greater than 0")),
+        ({"parameters": {"ck2": -1.0}}, ("ck2", "greater than 0")),
+        ({"parameters": {"u_max": 0.0}}, ("u_max", "greater than 0")),
+        ({"parameters": {"b0": 0.0}}, ("b0", "b_m = 0")),
+        ({"parameters": {"k1": -6.0}}, ("k", "unstable")),
+        ({"parameters": {"compensator": 0.5}}, ("compensator", "1 (on) or 0 (off)")),
+        ({"x0": [1.0]}, ("x0", "1 entries", "x1, x2")),
+        ({"x0": [1.0, 2.0, 3.0]}, ("x0", "3 entries")),
+        ({"x0": [1.0, float("nan")]}, ("x0, entry 2", "finite")),
+        ({"x0": 1.0}, ("x0", "1 entries")),
+        ({"horizon": 0.0}, ("horizon", "greater than 0")),
+        ({"horizon": -1.0}, ("horizon", "greater than 0")),
+        ({"horizon": float("inf")}, ("horizon", "finite")),
+        ({"output_step": 0.0}, ("output step", "greater than 0")),
+        ({"output_step": 21.0}, ("output step", "at most 20 s")),
+        ({"output_step": 1e-6}, ("output step", "20000001 rows", "10000000")),
+        ({"sample_time": 0.0}, ("sample time", "greater than 0")),
+        ({"controller": "analog"}, ("controller", "continuous, sampled")),
+        ({"tolerance": 1e-15}, ("tolerance", "1e-14", "0.001")),
+        ({"tolerance": 0.1}, ("tolerance", "1e-14", "0.001")),
+        ({"tolerance": float("nan")}, ("tolerance", "finite")),
+    ],
+)
+def test_what_cannot_be_is_refused(manifest: Manifest, asked: dict[str, Any], parts: tuple[str, ...]) -> None:
+    with pytest.raises(UsageError) as caught:
+        make_settings(manifest, **asked)
+    line = str(caught.value)
+    assert "\n" not in line
+    for part in parts:
+        assert part in line
+
+
+@pytest.mark.parametrize(
+    ("horizon", "step", "expected"),
+    [
+        (20.0, 0.01, 2001),
+        (1.0, 0.1, 11),
+        (0.3, 0.1, 4),
+        (1.0, 0.3, 5),
+        (1.0, 1.0, 2),
+        (1e-9, 1e-9, 2),
+        (1000.0, 0.001, 1_000_001),
+    ],
+)
+def test_output_instants_end_at_the_horizon_once(
+    manifest: Manifest, horizon: float, step: float, expected: int
+) -> None:
+    times = make_settings(manifest, horizon=horizon, output_step=step).times()
+    assert len(times) == expected
+    assert times[0] == 0.0
+    assert times[-1] == horizon
+    assert np.all(np.diff(times) > 1e-9 * step)
+
+
+def test_a_short_horizon_shortens_the_default_step_only(manifest: Manifest) -> None:
+    assert make_settings(manifest, horizon=0.005).output_step == 0.005
+    with pytest.raises(UsageError):
+        make_settings(manifest, horizon=0.005, output_step=0.01)
