@@ -1,8 +1,8 @@
 """Files and folders that appear whole or not at all.
 
 A file is written beside its place under another name and renamed onto it. A folder is staged beside its place
-and exchanged with it in one system call: a process killed at any moment leaves the old folder or the new, never
-a mixture. Where the file system knows no exchange, two renames do it, and the next `replace_folder` or
+and exchanged with it in one system call: a process killed at any moment leaves the old folder or the new,
+never a mixture. Where the file system knows no exchange, two renames do it, and the next `replace_folder` or
 `recover_folder` undoes what a kill between them left.
 
 What cannot be written is the user's to mend: every function raises `UsageError` with the path and a remedy.
@@ -132,7 +132,8 @@ def _explained(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        reason = (error.strerror or str(error)).lower()
+        in_the_way = isinstance(error, FileExistsError)
+        reason = "a file is in the way" if in_the_way else (error.strerror or str(error)).lower()
         raise UsageError(
             f"cannot be written ({reason})", where=str(path), remedy="choose a folder that you can write to"
         ) from error

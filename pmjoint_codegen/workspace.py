@@ -141,7 +141,7 @@ def _usable(folder: Path) -> bool:
 
 
 def _private_temporary() -> Path:
-    """Give a temporary folder of this user's alone; libraries are loaded from it, so nobody else may write."""
+    """Give a temporary folder of this user's alone: libraries are loaded from it, so no other may write."""
     folder = Path(tempfile.gettempdir()) / f"pmjoint-{os.getuid()}"
     try:
         folder.mkdir(mode=0o700, exist_ok=True)
