@@ -27,11 +27,12 @@ def check_model(model: Model, where: str) -> None:
     """
     values: dict[sp.Symbol, float] = {item.symbol: item.value for item in model.parameters}
     for constant in model.constants:
-        _finite(constant.expression, values, f"{where}: joint, coefficient {constant.name}")
-        values[constant.symbol] = value_at(constant.expression, values)
+        key = f"{where}: joint, coefficient {constant.name}"
+        values[constant.symbol] = _finite(constant.expression, values, key)
     start = values | _initial_point(model)
     for reported in model.reported:
-        start[reported.symbol] = value_at(reported.expression, start)
+        key = f"{where}: joint, {reported.name}"
+        start[reported.symbol] = _finite(reported.expression, start, key)
     for key, expression in _entries(model.plant):
         _finite(expression, start, f"{where}: {key}")
     _finite(model.reference, start, f"{where}: simulation.reference")
@@ -61,9 +62,10 @@ def _entries(plant: Plant) -> Iterable[tuple[str, sp.Expr]]:
     yield "plant.sigma", plant.sigma
 
 
-def _finite(expression: sp.Expr, point: Point, where: str) -> None:
+def _finite(expression: sp.Expr, point: Point, where: str) -> float:
+    """Give an expression's value; refuse one that has none."""
     try:
-        value_at(expression, point)
+        return value_at(expression, point)
     except NotFiniteError:
         raise ModelError(
             f"{quoted(str(expression))} has no finite real value at the given parameters, t = 0 and x = x0",
