@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import numpy.typing as npt
+
+from pmjoint_codegen.kernels.interpreted import rebuild
+from pmjoint_codegen.kernels.tape import read_tapes
+from pmjoint_codegen.manifest import Manifest
 
 Array = npt.NDArray[np.float64]
 
@@ -34,13 +37,9 @@ def closed_loop(folder: Path, limit: float, p: Array) -> dict[str, Any]:
         limit: u_max, V.
         p: parameters, in the kernels' order.
     """
-    kernels = json.loads((folder / "kernels.casadi").read_text(encoding="utf-8"))
-    names = [
-        signal["name"]
-        for signal in json.loads((folder / "model.json").read_text(encoding="utf-8"))["signals"]
-    ]
-    field = ca.Function.deserialize(kernels["closed_loop"])
-    signals = ca.Function.deserialize(kernels["signals"])
+    tapes = read_tapes((folder / "kernels.tape").read_text(encoding="utf-8"))
+    names = [signal.name for signal in Manifest.read(folder).signals]
+    field, signals = rebuild(tapes["closed_loop"]), rebuild(tapes["signals"])
     t, state = ca.SX.sym("t"), ca.SX.sym("X", field.numel_in(1))
     v = signals(t, state, p)[names.index("v")]
     u = ca.fmin(ca.fmax(v, -limit), limit)

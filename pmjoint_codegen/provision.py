@@ -29,7 +29,7 @@ class Provided:
 
     Attributes:
         manifest: what the kernels are.
-        folder: where ``kernels.c``, ``kernels.h`` and ``kernels.casadi`` stand.
+        folder: where ``kernels.c``, ``kernels.h`` and ``kernels.tape`` stand.
         committed: whether that is ``generated/<name>/``.
     """
 

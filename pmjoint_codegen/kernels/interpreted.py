@@ -5,7 +5,8 @@ Alone in the runtime, this module imports CasADi, inside functions.
 
 from __future__ import annotations
 
-import json
+import operator
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,8 @@ import numpy.typing as npt
 
 from pmjoint_codegen.errors import MissingToolError, StaleError
 from pmjoint_codegen.kernels.evaluator import Array, Kernel, Kind, as_rows, find_function
+from pmjoint_codegen.kernels.tape import FILE_NAME, Tape, read_tapes
 from pmjoint_codegen.manifest import Manifest
-
-FILE_NAME = "kernels.casadi"
 
 
 class InterpretedEvaluator:
@@ -29,9 +29,9 @@ class InterpretedEvaluator:
 
     kind: Kind = "interpreted"
 
-    def __init__(self, manifest: Manifest, serialised: dict[str, str]) -> None:
+    def __init__(self, manifest: Manifest, tapes: Mapping[str, Tape]) -> None:
         self.manifest = manifest
-        self._serialised = serialised
+        self._tapes = tapes
         self._functions: dict[str, Any] = {}
 
     def kernel(self, name: str) -> Kernel:
@@ -67,18 +67,55 @@ class InterpretedEvaluator:
         return tuple(np.asarray(result.full().T).reshape(*shape, -1) for result in results)
 
     def _function(self, name: str) -> Any:
-        import casadi
-
         if name not in self._functions:
-            self._functions[name] = casadi.Function.deserialize(self._serialised[name])
+            self._functions[name] = rebuild(self._tapes[name])
         return self._functions[name]
 
 
+def rebuild(tape: Tape) -> Any:
+    """The CasADi function that a tape was made from: the same operations in the same order."""
+    import casadi
+
+    arguments = [casadi.SX.sym(label, size) for label, size in tape.inputs]
+    results = [casadi.SX.zeros(size) for _, size in tape.outputs]
+    apply = _operations(casadi)
+    values: list[Any] = []
+    for item in tape.instructions:
+        if item.operation == "output":
+            result, entry, value = item.operands
+            results[result][entry] = values[value]
+        elif item.operation == "input":
+            values.append(arguments[item.operands[0]][item.operands[1]])
+        elif item.operation == "const":
+            values.append(casadi.SX(item.value))
+        else:
+            values.append(apply[item.operation](*(values[operand] for operand in item.operands)))
+    names_in, names_out = ([label for label, _ in side] for side in (tape.inputs, tape.outputs))
+    return casadi.Function(tape.name, arguments, results, names_in, names_out)
+
+
+def _operations(casadi: Any) -> Mapping[str, Callable[..., Any]]:
+    """What each operation of a tape is in CasADi."""
+    named = ("sqrt", "sin", "cos", "tan", "tanh", "exp", "log", "fmin", "fmax")
+    arithmetic: dict[str, Callable[..., Any]] = {
+        "neg": operator.neg,
+        "sq": lambda a: a * a,
+        "twice": lambda a: 2 * a,
+        "inv": lambda a: 1 / a,
+        "add": operator.add,
+        "sub": operator.sub,
+        "mul": operator.mul,
+        "div": operator.truediv,
+        "pow": operator.pow,
+    }
+    return arithmetic | {name: getattr(casadi, name) for name in named}
+
+
 def load(folder: Path, manifest: Manifest) -> InterpretedEvaluator:
-    """Load the serialised kernels of a model.
+    """Load the tapes of a model's kernels.
 
     Args:
-        folder: holds ``kernels.casadi``.
+        folder: holds ``kernels.tape``.
         manifest: the model.
 
     Raises:
@@ -94,9 +131,9 @@ def load(folder: Path, manifest: Manifest) -> InterpretedEvaluator:
         ) from None
     path = folder / FILE_NAME
     try:
-        serialised = json.loads(path.read_text(encoding="utf-8"))
-        lacking = [function.name for function in manifest.functions if function.name not in serialised]
-    except (OSError, ValueError, TypeError):
+        tapes = read_tapes(path.read_text(encoding="utf-8"))
+        lacking = [function.name for function in manifest.functions if function.name not in tapes]
+    except (OSError, ValueError, IndexError):
         raise StaleError(
             "is missing or unreadable", where=str(path), remedy="run pmjoint regenerate"
         ) from None
@@ -104,4 +141,4 @@ def load(folder: Path, manifest: Manifest) -> InterpretedEvaluator:
         raise StaleError(
             f"lacks the kernels {', '.join(lacking)}", where=str(path), remedy="run pmjoint regenerate"
         )
-    return InterpretedEvaluator(manifest, serialised)
+    return InterpretedEvaluator(manifest, tapes)

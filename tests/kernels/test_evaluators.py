@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import shutil
@@ -113,17 +112,15 @@ def test_a_missing_or_incomplete_generated_file_is_stale(manifest: Manifest, tmp
         (tmp_path / "kernels.h").write_text("int law(void);\n")
         with pytest.raises(StaleError, match="reference"):
             compiled.load(tmp_path, manifest, compiler, tmp_path / "cache")
-    for text in (None, "{", json.dumps({"law": ""})):
+    for text in (None, "law y[1] -> v[1]\n0 input", "law y[1] -> v[1]\n0 input 0 0\noutput 0 0 0\n"):
         if text is not None:
-            (tmp_path / "kernels.casadi").write_text(text)
+            (tmp_path / "kernels.tape").write_text(text)
         with pytest.raises(StaleError):
             interpreted.load(tmp_path, manifest)
 
 
 def test_declarations_survive_as_python_text() -> None:
-    kernels = (
-        "/* int gone(void); */\n#define X 1\nint law(int a);\n int law_work(int);\nint plant(int\n b);\n"
-    )
+    kernels = "/* int gone(void); */\n#define X 1\nint law(int);\n int law_work(int);\nint plant(int\n b);\n"
     loops = "#if 1\ntypedef struct { long long n; } thing; /* x */\n#endif\n"
     text = declarations(kernels, loops, ["plant", "law"])
     assert "gone" not in text
