@@ -110,8 +110,8 @@ def note_peaks(
 
 
 def note_value(value: float, t: float, i: int, peaks: Array, peak_times: Array) -> None:
-    """Keep the largest magnitude of channel i and its time."""
-    if abs(value) > peaks[i]:
+    """Keep the largest magnitude of channel i and its time; NaN counts as larger than anything."""
+    if not abs(value) <= peaks[i]:
         peaks[i] = abs(value)
         peak_times[i] = t
 

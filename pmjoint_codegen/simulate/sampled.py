@@ -73,13 +73,13 @@ class _Loop:
         end = (progress.sample + 1) * problem.sample_time
         rows_until = end - self.slack
         v = self.control(t)
+        self.note_sample(t, float(v[0]))
         if not math.isfinite(v[0]):
             progress.status = Status.NON_FINITE
             return
         self.actuate(float(v[0]))
         self.note_mode(t, float(v[0]))
         progress.t = t
-        self.note_sample(t, float(v[0]))
         while progress.row < problem.n_rows and self.times[progress.row] <= t + self.slack:
             self.next_row(t)
         if progress.row == problem.n_rows:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from pmjoint_codegen.kernels.evaluator import Array
+from pmjoint_codegen.simulate.disturbance import disturbance_summary
 
 if TYPE_CHECKING:
     from pmjoint_codegen.simulate.run import Run
@@ -42,12 +44,13 @@ def summarise(run: Run) -> dict[str, Any]:
         "initial_mode": run.initial_mode,
         "saturation_switches": [[t, label] for t, label in run.switches],
         "saturated_s": saturated_time(run),
-        "max_abs_v": run.peaks["v"][0],
-        "ise": run.ise,
-        "max_abs_e": largest(run["e"]),
+        "max_abs_v": finite(run.peaks["v"][0]),
+        "ise": finite(run.ise),
+        "max_abs_e": finite(float(np.max(np.abs(run["e"])))),
         "settling_s": settling_time(run.t, run["e"]),
-        "final_e": float(run["e"][-1]),
-        "peaks": {name: list(peak) for name, peak in run.peaks.items()},
+        "final_e": finite(float(run["e"][-1])),
+        **disturbance_summary(run),
+        "peaks": {name: [finite(value), t] for name, (value, t) in run.peaks.items()},
     }
 
 
@@ -70,6 +73,6 @@ def settling_time(t: Array, e: Array) -> float | None:
     return float(t[np.flatnonzero(size > SETTLED * size[0])[-1]])
 
 
-def largest(values: Array) -> float:
-    """Largest magnitude of a column."""
-    return float(np.max(np.abs(values)))
+def finite(value: float) -> float | None:
+    """A number that JSON can hold, or None: a failed run may end in infinities."""
+    return value if math.isfinite(value) else None

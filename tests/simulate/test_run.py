@@ -98,6 +98,7 @@ def test_numbers_beyond_floating_point_end_the_run_not_in_silence(paper: Evaluat
     assert found.status == Status.NON_FINITE
     assert found.t.tolist() == [0.0]
     assert "finite" in found.message
+    assert json.loads(json.dumps(found.summary, allow_nan=False))["max_abs_v"] is None
 
 
 def test_every_status_has_a_sentence() -> None:

@@ -216,10 +216,10 @@ int pmj_first_crossing(const double *q, long long degree, double h, double *root
     return 1;
 }
 
-/* Keep the largest magnitude and its time. */
+/* Keep the largest magnitude and its time; NaN counts as larger than anything. */
 void pmj_note_value(double value, double t, double *peak, double *peak_time)
 {
-    if (fabs(value) > *peak) {
+    if (!(fabs(value) <= *peak)) {
         *peak = fabs(value);
         *peak_time = t;
     }

@@ -220,6 +220,10 @@ static void sample(const pmj_problem *problem, const pmj_function *plant_taylor,
         progress->status = PMJ_KERNEL_FAILED;
         return;
     }
+    for (long long i = 0; i < problem->n_states; ++i) {
+        pmj_note_value(memory->sample[i], t, memory->peaks + i, memory->peak_times + i);
+    }
+    pmj_note_value(v, t, memory->peaks + problem->n_states, memory->peak_times + problem->n_states);
     if (!(fabs(v) <= DBL_MAX)) {
         progress->status = PMJ_NON_FINITE;
         return;
@@ -227,10 +231,6 @@ static void sample(const pmj_problem *problem, const pmj_function *plant_taylor,
     actuate(problem, v, memory->w);
     note_mode(problem, progress, memory, t, v);
     progress->t = t;
-    for (long long i = 0; i < problem->n_states; ++i) {
-        pmj_note_value(memory->sample[i], t, memory->peaks + i, memory->peak_times + i);
-    }
-    pmj_note_value(v, t, memory->peaks + problem->n_states, memory->peak_times + problem->n_states);
     while (progress->row < problem->n_rows && problem->times[progress->row] <= t + slack) {
         next_row(problem, progress, memory, t);
     }
