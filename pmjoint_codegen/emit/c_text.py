@@ -21,7 +21,8 @@ _CONVENTION = """\
 
 def banner(lines: list[str]) -> str:
     """What stands at the head of a generated file, as a C comment."""
-    return "/* " + "\n * ".join(lines) + "\n */\n"
+    text = "\n * ".join(line.replace("*/", "* /") for line in lines)  # a title may hold what ends a comment
+    return f"/* {text}\n */\n"
 
 
 def kernels_source(functions: Mapping[str, ca.Function], head: str) -> str:

@@ -14,6 +14,7 @@ import pytest
 import sympy as sp
 
 from derive import Derivation
+from pmjoint_codegen.emit.c_text import banner
 from pmjoint_codegen.emit.functions import build_functions
 from pmjoint_codegen.emit.pipeline import TAYLOR_ORDER, Artifacts
 from pmjoint_codegen.emit.table import kernel_table, vocabulary
@@ -50,6 +51,10 @@ def test_neither_clock_nor_path(artifacts: Artifacts, root: Path) -> None:
     for text in artifacts.files.values():
         assert str(root) not in text and str(Path.home()) not in text
         assert not re.search(r"\b20\d\d-\d\d-\d\d\b|\d\d:\d\d:\d\d", text)
+
+
+def test_a_title_cannot_end_the_comment_that_it_stands_in() -> None:
+    assert banner(["a */ int x; /*"]).count("*/") == 1
 
 
 def test_manifest_survives_its_file(artifacts: Artifacts) -> None:
