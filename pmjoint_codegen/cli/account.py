@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from pmjoint_codegen.simulate.run import Run
 
 _SHOWN = 8  # switches in the table; summary.json holds all of them
+_PASCALS = 1e5  # in a bar
 _MODES = {-1: "at -{limit}", 0: "inside its limits", 1: "at {limit}"}
 
 
@@ -23,7 +24,8 @@ def account(run: Run, notes: Sequence[str], files: Sequence[Path]) -> str:
         notes: changes that the run itself does not know to be changes.
         files: what was written, all of it in one folder.
     """
-    rows = [*_head(run, notes), *_saturation(run), *_peaks(run), *_tracking(run), *_files(files)]
+    told = (_head(run, notes), _saturation(run), _peaks(run), _tracking(run), _disturbance(run))
+    rows = [*(row for part in told for row in part), *_pressures(run), *_files(files)]
     return f"{run.manifest.name}: {run.manifest.title}\n{table(rows)}"
 
 
@@ -72,6 +74,38 @@ def _tracking(run: Run) -> Iterator[tuple[str, ...]]:
     yield "ISE", f"{summary['ise']:.6g} {unit}^2 s"
     yield "max |e|", f"{summary['max_abs_e']:.6g} {unit}"
     yield "final e", f"{summary['final_e']:.6g} {unit}"
+
+
+def _disturbance(run: Run) -> Iterator[tuple[str, ...]]:
+    """Say how large D of (12) was, what it is, and whether it kept to the bound that the proof presumes."""
+    summary, bound = run.summary, run.manifest.disturbance_bound
+    largest, parts = summary["disturbance_max"], summary["disturbance_max_components"]
+    if largest == 0.0 and bound is None:
+        return
+    of_joint = bool(summary["pressures"])
+    what = "all that the design leaves out of the joint" if of_joint else "unknown to the controller"
+    size = "beyond floating point" if largest is None else f"{largest:.6g}"
+    held = bound is None or (largest is not None and largest <= bound)
+    presumed = "" if bound is None else f"; D_max = {bound:g}{'' if held else ' is exceeded'}"
+    yield "max |D|", f"{size}: {what}{presumed}"
+    units = {item.name: item.unit for item in run.manifest.signals}
+    shown = [f"|{name}| = {part:.6g} {units[name]}" for name, part in parts.items() if part]
+    if len(shown) > 1:
+        yield "", ", ".join(shown)
+
+
+def _pressures(run: Run) -> Iterator[tuple[str, ...]]:
+    """Say where the muscle pressures went, and plainly when a command went beyond what there is."""
+    muscles = run.summary["pressures"] or {}
+    for label, (name, item) in zip(("pressures", ""), muscles.items(), strict=False):
+        least, greatest, limit = (item[key] / _PASCALS for key in ("min", "max", "P_max"))
+        yield label, f"{name} = {least:.4g} to {greatest:.4g} bar, limits 0 and {limit:.4g} bar"
+        if item["clipped"]:
+            low, high = (value / _PASCALS for value in item["commanded"])
+            yield (
+                "",
+                f"{name} is clipped: {low:.4g} to {high:.4g} bar was commanded; what is missing is part of D",
+            )
 
 
 def _files(files: Sequence[Path]) -> Iterator[tuple[str, ...]]:

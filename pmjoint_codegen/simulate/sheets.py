@@ -9,12 +9,15 @@ from typing import TYPE_CHECKING
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.assumptions import sentence
+from pmjoint_codegen.simulate.disturbance import disturbance_names, disturbance_norm, pressures
 from pmjoint_codegen.simulate.status import Status
 
 if TYPE_CHECKING:
     from pmjoint_codegen.simulate.run import Run
 
 BLACK, BLUE, RED, GREY = "#111111", "#1f4e79", "#b03a2e", "#777777"
+NORM = "|D|"
+PASCALS_IN_BAR = 1e5
 _COLOURS = (BLACK, BLUE, RED, GREY)
 _LIMITS = {-1: "$-u_{\\max}$", 1: "$u_{\\max}$"}
 
@@ -24,19 +27,25 @@ class Line:
     """One curve.
 
     Attributes:
-        column: name of the signal in the run; two names joined by ``-`` are a difference.
+        column: name of the signal in the run; ``a-b`` is a difference of two, ``|D|`` the norm of D.
         label: text in the legend.
         colour: of the line.
         dash: matplotlib's line style.
+        unit: what one unit of the axis is in the signal's unit.
     """
 
     column: str
     label: str
     colour: str = BLACK
     dash: str = "-"
+    unit: float = 1.0
 
     def values(self, run: Run) -> Array:
         """Give the curve at the run's output instants, shape (rows,)."""
+        if self.column == NORM:
+            return disturbance_norm(run)
+        if self.unit != 1.0:
+            return run[self.column] / self.unit
         first, _, second = self.column.partition("-")
         return run[first] - run[second] if second else run[first]
 
@@ -50,12 +59,14 @@ class Panel:
         label: what the vertical axis shows.
         clip: largest magnitude that the whole-run panel shows, or None for all.
         levels: magnitudes to mark by horizontal lines on both sides of zero.
+        marks: values to mark by horizontal lines.
     """
 
     lines: tuple[Line, ...]
     label: str
     clip: float | None = None
     levels: tuple[float, ...] = ()
+    marks: tuple[float, ...] = ()
 
     @property
     def needs_legend(self) -> bool:
@@ -95,6 +106,8 @@ def sheets(run: Run) -> tuple[Sheet, ...]:
     plans.append(("v_u", _input_panels(run), law))
     estimate = "States, their estimates $\\hat{x}$ (15), and what the estimates miss."
     plans.append(("estimate", (*_estimate_panels(manifest), miss_panel(manifest)), estimate))
+    if pressures(run):
+        plans.append(("pressures", _pressure_panels(run), _pressure_text(run)))
     return tuple(
         Sheet(f"figure{k}_{stem}", panels, text) for k, (stem, panels, text) in enumerate(plans, start=1)
     )
@@ -206,6 +219,28 @@ def _estimate_panels(manifest: Manifest) -> tuple[Panel, ...]:
             f"$x_{i}$" + unit_text(manifest, f"x{i}"),
         )
         for i in range(1, manifest.n + 1)
+    )
+
+
+def _pressure_panels(run: Run) -> tuple[Panel, ...]:
+    """Show both muscles' pressures between empty and full, and |D| with its presumed bound."""
+    limit, bound = pressures(run)["P1"].limit / PASCALS_IN_BAR, run.manifest.disturbance_bound
+    lines = (
+        Line("P1", "$P_1$", BLUE, unit=PASCALS_IN_BAR),
+        Line("P2", "$P_2$", RED, "--", unit=PASCALS_IN_BAR),
+    )
+    left_out = Panel((Line(NORM, "$|D|$"),), "$|D|$", marks=() if bound is None else (bound,))
+    return Panel(lines, "$P_1,\\ P_2$ (bar)", marks=(0.0, limit)), left_out
+
+
+def _pressure_text(run: Run) -> str:
+    """Say which pressures were clipped, and what |D| is."""
+    clipped = [f"${name[0]}_{name[1]}$" for name, item in pressures(run).items() if item.clipped]
+    cut = f" ({' and '.join(clipped)} clipped)" if clipped else ""
+    units = ", ".join(unit_text(run.manifest, name).strip(" ()") for name in disturbance_names(run))
+    return (
+        f"Muscle pressures between empty and $P_{{\\max}}${cut}; norm of $D$ (12): all that the design "
+        f"leaves out of the joint, components in {units}."
     )
 
 

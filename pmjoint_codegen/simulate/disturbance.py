@@ -1,0 +1,112 @@
+"""What a run left to the disturbance: D of (12) along it, and the muscle pressures against their limits.
+
+D is everything that the simulated plant does and the design's model does not: what ``[plant]`` states as
+disturbance, or, for a joint, all physics that the design does not keep. The design presumes |D| <= D_max (9).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from pmjoint_codegen.kernels.evaluator import Array
+
+if TYPE_CHECKING:
+    from pmjoint_codegen.simulate.run import Run
+
+MUSCLES: Final = ("P1", "P2")
+ROUNDING: Final = 1e-9  # of P_max: a pressure that only touches a limit, to rounding, is not clipped
+
+
+@dataclass(frozen=True)
+class Pressure:
+    """One muscle's pressure along a run, at the output instants.
+
+    Attributes:
+        least: Pa.
+        greatest: Pa.
+        wanted_least: least command ``P_0 -+ k_u u``, Pa; below 0 it is clipped.
+        wanted_greatest: greatest command, Pa; above `limit` it is clipped.
+        limit: P_max, Pa.
+    """
+
+    least: float
+    greatest: float
+    wanted_least: float
+    wanted_greatest: float
+    limit: float
+
+    @property
+    def clipped(self) -> bool:
+        """Whether the command went beyond what the muscle or the supply can give."""
+        return (
+            self.wanted_least < -ROUNDING * self.limit or self.wanted_greatest > (1 + ROUNDING) * self.limit
+        )
+
+
+def disturbance_names(run: Run) -> tuple[str, ...]:
+    """Columns D1 ... Dn of a run."""
+    known = {item.name for item in run.manifest.signals}
+    return tuple(name for name in (f"D{i}" for i in range(1, run.manifest.n + 1)) if name in known)
+
+
+def disturbance_norm(run: Run) -> Array:
+    """|D|, the Euclidean norm over the components, at the output instants, shape (rows,)."""
+    columns = [run[name] for name in disturbance_names(run)]
+    with np.errstate(over="ignore"):  # a run that failed may end beyond floating point
+        norm: Array = np.sqrt(sum((column**2 for column in columns), np.zeros(len(run.t))))
+    return norm
+
+
+def pressures(run: Run) -> Mapping[str, Pressure]:
+    """Pressures of the two muscles; empty where the model is no joint."""
+    known = {item.name for item in run.manifest.signals}
+    values = run.settings.parameters
+    if not known.issuperset(MUSCLES) or not len(run.t):
+        return {}
+    base, limit = values["k0"] * values["u0"], values["P_max"]
+    return {
+        name: Pressure(
+            least=float(run[name].min()),
+            greatest=float(run[name].max()),
+            wanted_least=float((base + side * values["k_u"] * run["u"]).min()),
+            wanted_greatest=float((base + side * values["k_u"] * run["u"]).max()),
+            limit=limit,
+        )
+        for name, side in zip(MUSCLES, (1, -1), strict=True)
+    }
+
+
+def disturbance_summary(run: Run) -> dict[str, Any]:
+    """What ``summary.json`` says of D and the pressures, all of it at the output instants.
+
+    ``disturbance_max`` is the largest |D|, ``disturbance_max_components`` the largest magnitude of each
+    component, ``disturbance_bound`` the D_max that the model file presumes (null where it presumes none);
+    ``pressures`` holds least, greatest, the range commanded, and whether that was clipped, in Pa (null where
+    the model is no joint).
+    """
+    muscles = {
+        name: {
+            "min": item.least,
+            "max": item.greatest,
+            "commanded": [item.wanted_least, item.wanted_greatest],
+            "P_max": item.limit,
+            "clipped": item.clipped,
+        }
+        for name, item in pressures(run).items()
+    }
+    return {
+        "disturbance_max": _largest(disturbance_norm(run)),
+        "disturbance_max_components": {name: _largest(run[name]) for name in disturbance_names(run)},
+        "disturbance_bound": run.manifest.disturbance_bound,
+        "pressures": muscles or None,
+    }
+
+
+def _largest(values: Array) -> float | None:
+    """Largest magnitude; None where it is no number that JSON can hold."""
+    size = float(np.max(np.abs(values), initial=0.0))
+    return size if np.isfinite(size) else None
