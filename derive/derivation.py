@@ -32,7 +32,7 @@ from derive.compensator import compensator_equations
 from derive.constants import name_constants
 from derive.equation import Equation, Equations
 from derive.filters import filter_equations
-from derive.model import Model, Plant
+from derive.model import Model, OutsideClassError, Plant
 from derive.sampling import sampling_equations
 from derive.signals import Signals, Units
 
@@ -71,7 +71,8 @@ def derive(model: Model) -> Derivation:
     """Derive filters, compensator, virtual controls, partial derivatives and the law for a model.
 
     Raises:
-        OutsideClassError: when the model is outside the class (raised when its plant is made).
+        OutsideClassError: when a parameter bears the name of an equation; what else is outside the class was
+            refused when the plant was made.
     """
     signals, units = Signals.of(model.plant), Units(model)
     named = name_constants(model.plant)
@@ -90,4 +91,17 @@ def derive(model: Model) -> Derivation:
         *error_equations(signals, units),
     ]
     held = sampling_equations(Equations(continuous), signals, units)
-    return Derivation(model, plant, signals, units, Equations([*continuous, *held]))
+    equations = Equations([*continuous, *held])
+    _check_names(model, equations)
+    return Derivation(model, plant, signals, units, equations)
+
+
+def _check_names(model: Model, equations: Equations) -> None:
+    """Refuse a parameter that shares its name, and so its symbol, with what the derivation defines."""
+    for item in model.parameters:
+        if item.name in equations:
+            raise OutsideClassError(
+                f"parameters.{item.name}",
+                f"already names an equation of the derivation ({equations[item.name].meaning})",
+                "choose another name",
+            )

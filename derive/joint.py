@@ -32,6 +32,9 @@ Q1, Q2, P1, P2 = (
     parameter_symbol(name) for name in ("q1", "q2", "p1", "p2")
 )  # pressures' distance from P_0, and their commands
 
+# what no parameter of a joint may be called: physical states, commands, pressures, coefficients (8)
+TAKEN = ("theta", "theta_dot", "q1", "q2", "p1", "p2", "P1", "P2", "d1", "b0", "a", "kappa", "s")
+
 
 @dataclass(frozen=True)
 class Joint:

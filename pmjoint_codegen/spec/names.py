@@ -38,6 +38,8 @@ _WORDS = frozenset(
 _NUMBERED = re.compile(
     r"(x|x_hat|xi|Xi|lambda|r|z|alpha|epsilon|c|e|ck|k|D)[1-9]\d*"  # states, signals, gains
     r"|d\d*y_r|dalpha\d+_d\w+|[A-Za-z]+\d+_dot"  # derivatives
+    r"|Omega|theta_\d+|b_\d+|v\d+_\d+"  # steps and coefficients that the derivation names
+    r"|[A-Za-z]+\d+_next|[FG][0r]_\d+|g_(offset|slope)\d+"  # of the sampled controller and the kernels
 )
 _C_KEYWORDS = frozenset(
     (
@@ -86,7 +88,7 @@ def why_not(name: str) -> str | None:
     if name in _C_KEYWORDS or keyword.iskeyword(name):
         return "is a word of C or Python"
     if name in _WORDS or _NUMBERED.fullmatch(name):
-        return "already names a signal, gain, state or function"
+        return "already names a signal, gain, state, function or step of the derivation"
     return None
 
 

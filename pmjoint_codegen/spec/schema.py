@@ -10,6 +10,7 @@ from typing import Any
 
 from pydantic import Field, ValidationError
 
+from derive.joint import TAKEN
 from pmjoint_codegen.errors import ModelError, quoted
 from pmjoint_codegen.spec.complaints import first_complaint
 from pmjoint_codegen.spec.joint import JointSpec, check_joint, joint_parameters
@@ -161,6 +162,8 @@ def _check_names(spec: ModelSpec, where: str) -> None:
         reason = why_not(name)
         if spec.joint is not None and name in joint_parameters(spec.joint):
             reason = "already stands in [joint]"
+        elif spec.joint is not None and name in TAKEN:
+            reason = "already names a coefficient, pressure or state of the joint"
         if reason:
             raise ModelError(
                 reason, where=f"{where}: {key_path(('parameters', name))}", remedy="choose another name"
