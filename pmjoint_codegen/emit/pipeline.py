@@ -17,11 +17,12 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from derive import Derivation, Model, derive
+from derive import Derivation, Model, OutsideClassError, derive
 from pmjoint_codegen.emit.c_text import banner, kernels_header, kernels_source
 from pmjoint_codegen.emit.describe import describe, describe_functions, tool_versions
 from pmjoint_codegen.emit.functions import build_functions
 from pmjoint_codegen.emit.tape import tapes_of
+from pmjoint_codegen.errors import ModelError
 from pmjoint_codegen.identity import Document, structure_hash
 from pmjoint_codegen.kernels.tape import FILE_NAME as TAPE
 from pmjoint_codegen.kernels.tape import write_tapes
@@ -29,6 +30,8 @@ from pmjoint_codegen.manifest import FILE_NAME, Function, Manifest
 from pmjoint_codegen.storage import sha256
 
 TAYLOR_ORDER = 16  # least time to 1e-9 for the paper's loop; see docs/design.md
+LOWEST_ORDER = 8
+MOST_OPERATIONS = 24_000  # of `taylor`: some 0.8 MB of C, compiled in well under half a minute
 
 
 @dataclass(frozen=True)
@@ -44,24 +47,47 @@ class Artifacts:
     files: Mapping[str, str]
 
 
-def generate(document: Document, model: Model, order: int = TAYLOR_ORDER) -> Artifacts:
+def generate(document: Document, model: Model, order: int | None = None) -> Artifacts:
     """Everything that ``generated/<name>/`` holds for a model.
 
     Args:
         document: the parsed model file, for the hashes.
         model: the same, as the derivation takes it.
-        order: highest Taylor coefficient N of the continuous integrator.
+        order: highest Taylor coefficient N of the continuous integrator; by default `affordable_functions`
+            chooses.
 
     Raises:
-        ModelError: when the model needs what no kernel can hold.
+        ModelError: when the model needs what no kernel can hold, or is outside the class.
     """
-    derivation = derive(model)
-    functions = build_functions(derivation, order)
+    try:
+        derivation = derive(model)
+    except OutsideClassError as error:
+        raise ModelError(error.what, where=f"{model.name}: {error.key}", remedy=error.remedy) from error
+    if order is None:
+        order, functions = affordable_functions(derivation)
+    else:
+        functions = build_functions(derivation, order)
     records = describe_functions(derivation, functions)
     texts = _kernel_files(document, derivation, functions, records)
     hashes = {name: sha256(text.encode()) for name, text in texts.items()}
     manifest = describe(document, derivation, records, order, hashes)
     return Artifacts(manifest, {**texts, FILE_NAME: manifest.to_json()})
+
+
+def affordable_functions(derivation: Derivation) -> tuple[int, dict[str, ca.Function]]:
+    """The kernels, with Taylor coefficients up to an order that C compilers can afford, and that order.
+
+    Straight-line Taylor code of order N has about (N + 1)(N + 2)/2 terms for each product of the loop. Where
+    order 16 takes more than `MOST_OPERATIONS`, the order is lowered to what this law allows, but not below 8;
+    steps are then shorter, at the same tolerance.
+    """
+    functions = build_functions(derivation, TAYLOR_ORDER)
+    operations = functions["taylor"].n_instructions()
+    if operations <= MOST_OPERATIONS:
+        return TAYLOR_ORDER, functions
+    allowed = (TAYLOR_ORDER + 1) * (TAYLOR_ORDER + 2) * MOST_OPERATIONS // operations
+    order = next(n for n in range(TAYLOR_ORDER, 0, -1) if n == LOWEST_ORDER or (n + 1) * (n + 2) <= allowed)
+    return order, build_functions(derivation, order)
 
 
 def _kernel_files(
