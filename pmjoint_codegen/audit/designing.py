@@ -1,0 +1,120 @@
+"""The auxiliary system, the errors and the law: (23)-(29)."""
+
+from __future__ import annotations
+
+from pmjoint_codegen.audit.findings import Case, Evidence, Finding, Remedy, derived_text, design
+from pmjoint_codegen.audit.ground import Ground
+from pmjoint_codegen.audit.judgement import Verdict
+from pmjoint_codegen.audit.notation import names
+
+_UNDEFINED = "v_0_3"
+
+
+def auxiliary_system(ground: Ground) -> Finding:
+    """(23)."""
+    return Case(
+        ground,
+        "(23)",
+        calm="the compensator that is derived and generated",
+        otherwise=Verdict.DEFINITION,
+        derived=derived_text(ground, "r1_dot", "r2_dot"),
+    ).judged()
+
+
+def lost_input(ground: Ground) -> Finding:
+    """The input of (23)."""
+    return Case(
+        ground,
+        "Delta u",
+        calm="what saturation takes away; it needs the applied input u",
+        otherwise=Verdict.DEFINITION,
+    ).judged()
+
+
+def errors(ground: Ground) -> Finding:
+    """(24)."""
+    return Case(
+        ground,
+        "(24)",
+        calm="the errors that are derived and generated",
+        otherwise=Verdict.DEFINITION,
+        derived=derived_text(ground, "z1", "z2"),
+    ).judged()
+
+
+def first_rate(ground: Ground) -> Finding:
+    """Step 1."""
+    return Case(
+        ground, "step 1", calm="follows from (21), (23) and (24); neither u nor Delta u is in it"
+    ).judged()
+
+
+def virtual_control(ground: Ground) -> Finding:
+    """(25)."""
+    return Case(
+        ground,
+        "(25)",
+        calm="equals the derived virtual control, term by term",
+        derived=derived_text(ground, "alpha1"),
+    ).judged()
+
+
+def first_function(ground: Ground) -> Finding:
+    """(26)."""
+    return Case(ground, "(26)", calm="names a positive function", otherwise=Verdict.DEFINITION).judged()
+
+
+def first_function_rate(ground: Ground) -> Finding:
+    """(27)."""
+    slack = "1/(2*e_1)*norm(epsilon - P*D)**2"
+    young = "e_1*(z_1 - epsilon_2/(2*e_1))**2 + 1/(4*e_1)*epsilon_1**2"
+    return Case(
+        ground,
+        "(27)",
+        calm="follows",
+        corrected="the bound is right; the first sign is an inequality, since (20) is one",
+        proofs={(0, 0): slack, (0, 3): young},
+        remedy=Remedy((("dot(V_1) =", "dot(V_1) <="),)),
+    ).judged(
+        Evidence("what the first relation gives away", slack), Evidence("what the last one gives away", young)
+    )
+
+
+def second_rate(ground: Ground) -> Finding:
+    """(28): the print uses v_{0,3}, which it nowhere defines; for two states it is zero."""
+    return Case(
+        ground,
+        "(28)",
+        calm="follows",
+        corrected="follows with v_0,3 = 0; u and Delta u leave it together: the errors do not see saturation",
+        remedy=Remedy(given=(f"{_UNDEFINED} = 0",)),
+    ).judged(*_undefined(ground))
+
+
+def control_law(ground: Ground) -> Finding:
+    """(29)."""
+    return Case(
+        ground,
+        "(29)",
+        calm="equals the derived law, term by term",
+        corrected="equals the derived law, term by term, with v_0,3 = 0",
+        setting=design(ground, law=True),
+        remedy=Remedy(given=(f"{_UNDEFINED} = 0",)),
+        derived=derived_text(
+            ground, "dalpha1_dy", "dalpha1_dxi2", "dalpha1_dXi21", "dalpha1_dr1", "dalpha1_dy_r", "v"
+        ),
+    ).judged()
+
+
+def _undefined(ground: Ground) -> tuple[Evidence, ...]:
+    """Where v_{0,3} is used, and that no display has it on its left."""
+    used, defined = [], []
+    for number, display in ground.paper.items():
+        if any(_UNDEFINED in names(line) for line in display.lines):
+            used.append(number)
+        if any(line.startswith(f"{_UNDEFINED} =") for line in display.lines):
+            defined.append(number)
+    return (
+        Evidence("v_0,3 is used in", ", ".join(used)),
+        Evidence("and defined in", ", ".join(defined) or "no display"),
+    )

@@ -1,0 +1,145 @@
+"""The filters and what they say of the state: (12)-(22)."""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from pmjoint_codegen.audit.findings import Case, Evidence, Finding, Remedy, derived_text, yes
+from pmjoint_codegen.audit.ground import Ground
+from pmjoint_codegen.audit.judgement import Verdict
+from pmjoint_codegen.audit.notation import value
+from pmjoint_codegen.audit.paper import DESIGN
+
+
+def system_in_matrices(ground: Ground) -> Finding:
+    """(12)."""
+    return Case(ground, "(12)", calm="(11) in matrices").judged()
+
+
+def matrices(ground: Ground) -> Finding:
+    """(13)."""
+    return Case(
+        ground, "(13)", calm="the matrices that make (12) equal to (11)", otherwise=Verdict.DEFINITION
+    ).judged()
+
+
+def filters(ground: Ground) -> Finding:
+    """(14)."""
+    names = [f"{state}_dot" for state in ground.signals.controller_state[:6]]
+    return Case(
+        ground,
+        "(14)",
+        calm="the filters that are derived and generated; the third needs the applied input u",
+        otherwise=Verdict.DEFINITION,
+        derived=derived_text(ground, *names),
+    ).judged()
+
+
+def lyapunov_equation(ground: Ground) -> Finding:
+    """A_0 and P, with the example's numbers."""
+    scope, numbers = ground.scope(DESIGN), dict(ground.numbers())
+    poles = [float(sp.re(pole)) for pole in scope["A_0"].xreplace(numbers).eigenvals()]
+    P = ground.P.xreplace(numbers)
+    return Case(
+        ground,
+        "A_0, P",
+        calm="P exists, is unique, and is positive for the example's gains",
+        derived=(f"P = {ground.P.tolist()}",),
+    ).judged(
+        Evidence("eigenvalues of A_0 for k = (6, 8)", str(sorted(poles)), "1/s"),
+        Evidence("P", str([[float(entry) for entry in P.row(i)] for i in range(P.rows)])),
+        Evidence("P is positive definite", yes(P.is_positive_definite)),
+    )
+
+
+def state_estimate(ground: Ground) -> Finding:
+    """(15)."""
+    return Case(
+        ground,
+        "(15)",
+        calm="the estimate that is derived and generated",
+        otherwise=Verdict.DEFINITION,
+        derived=derived_text(ground, "x_hat1", "x_hat2"),
+    ).judged()
+
+
+def estimate_rate(ground: Ground) -> Finding:
+    """(16)."""
+    return Case(ground, "(16)", calm="follows from (14) and (15), step by step").judged()
+
+
+def estimation_error(ground: Ground) -> Finding:
+    """(17)."""
+    return Case(ground, "(17)", calm="names the error", otherwise=Verdict.DEFINITION).judged()
+
+
+def error_dynamics(ground: Ground) -> Finding:
+    """(18)."""
+    return Case(
+        ground,
+        "(18)",
+        calm="the error obeys its own stable dynamics, whatever u is",
+        corrected="the result is right, whatever u is; the first line lacks a dot over the estimate",
+        remedy=Remedy((("= dot(x) - hat(x) =", "= dot(x) - dot(hat(x)) ="),)),
+        reading="doubtful: the dot may have been lost in the copy that was read; nothing below depends on it",
+    ).judged()
+
+
+def error_function(ground: Ground) -> Finding:
+    """(19)."""
+    return Case(
+        ground, "(19)", calm="names a positive function of the error", otherwise=Verdict.DEFINITION
+    ).judged()
+
+
+def error_function_rate(ground: Ground) -> Finding:
+    """(20), by completing a square, and Remark 3's bound."""
+    numbers = dict(ground.numbers())
+    largest = sp.N(max(ground.P.xreplace(numbers).eigenvals(), key=sp.N))
+    bound = largest**3 * (ground.derivation.model.disturbance_bound or 0.0) ** 2
+    square = "norm(epsilon - P*D)**2"
+    return Case(
+        ground,
+        "(20)",
+        calm="follows; the inequality is Young's, with a square left over",
+        proofs={(0, 3): square},
+    ).judged(
+        Evidence("what the inequality gives away", square),
+        Evidence("bound on V_epsilon, as Remark 3 says (example, from rest)", float(bound)),
+    )
+
+
+def output_rate(ground: Ground) -> Finding:
+    """(21)."""
+    return Case(
+        ground,
+        "(21)",
+        calm="the output's rate, as the law uses it",
+        corrected="the result is right; the scalar x_hat_1 and the vector epsilon are added for epsilon_1",
+        remedy=Remedy((("dot(epsilon) =", "dot(epsilon_1) ="),)),
+        derived=derived_text(ground, "Omega"),
+        reading="doubtful: an index that may have been lost in the copy that was read",
+    ).judged()
+
+
+def regressors(ground: Ground) -> Finding:
+    """(22), and that both regressors say the same of the output's rate."""
+    scope = ground.scope(DESIGN)
+    same = value("T(omega)*Theta - b_0*v_0_2 - T(bar(omega))*Theta", scope)
+    return Case(ground, "(22)", calm="names the regressors", otherwise=Verdict.DEFINITION).judged(
+        Evidence("omega' Theta - b_0 v_0,2 - bar(omega)' Theta", str(sp.expand(same)))
+    )
+
+
+def input_filter_entries(ground: Ground) -> Finding:
+    """The sentence below (22), from which v_{0,3} can be read."""
+    entry = value("T(E_2)*A*v_0", ground.scope(DESIGN))
+    return Case(
+        ground,
+        "below (22)",
+        calm="names the entries",
+        corrected="v_0,2 is said twice, as two different things; the second sentence gives v_0,3 = 0",
+        otherwise=Verdict.DEFINITION,
+        remedy=Remedy((("v_0_2 = T(E_2)*A", "v_0_3 = T(E_2)*A"),), ("v_0_3 = 0",)),
+        reading="doubtful: that the second sentence means v_0,3, which (28) uses and nothing defines",
+    ).judged(Evidence("second entry of A v_0", str(entry)))
