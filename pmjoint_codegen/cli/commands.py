@@ -33,6 +33,11 @@ COMMANDS = (
         "Write generated/<model>/, or with --check say what is stale.",
     ),
     Entry(
+        "audit",
+        "pmjoint_codegen.cli.audit",
+        "Hold the paper's printed equations against what follows from its model.",
+    ),
+    Entry(
         "doctor",
         "pmjoint_codegen.cli.doctor",
         "Say what this machine has (compiler, tools) and what that means.",

@@ -1,0 +1,72 @@
+"""``pmjoint audit``: the paper's printed equations against what follows from its model."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from pmjoint_codegen.cli.terminal import activity, as_json, message, result
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from pmjoint_codegen.audit.findings import Finding
+
+FORMATS = ("table", "markdown", "json")
+
+_EXAMPLES = """\b
+Examples
+  pmjoint audit
+  pmjoint audit --json | jq '.findings[] | select(.verdict == "does not follow")'
+  pmjoint audit --format markdown --out docs/audit.md
+"""
+
+
+@click.command(epilog=_EXAMPLES)
+@click.option(
+    "--format",
+    "form",
+    type=click.Choice(FORMATS),
+    help="What to print; markdown has formulas. [default: table]",
+)
+@click.option("--json", "json_wanted", is_flag=True, help="Print one JSON document, as --format json does.")
+@click.option("--out", type=click.Path(dir_okay=False, path_type=Path), help="Write to a file instead.")
+def command(form: str | None, json_wanted: bool, out: Path | None) -> None:
+    """Hold every printed equation of the paper against what follows from its model.
+
+    Each of (1)-(37), and each claim made in words, gets a verdict: follows, definition, assumption, follows
+    with a correction, does not follow. Verdicts are computed: differences expand to zero, remainders are sums
+    of squares, and claims about the closed loop are tried on it.
+    """
+    if json_wanted and form not in (None, "json"):
+        raise click.UsageError(f"--json and --format {form} exclude each other")
+    text = _written(_findings(), "json" if json_wanted else form or "table")
+    if out is None:
+        result(text.rstrip("\n"))
+        return
+    from pmjoint_codegen.storage import write_text
+
+    write_text(out, text if text.endswith("\n") else f"{text}\n")
+    message(f"wrote {out}")
+
+
+def _findings() -> tuple[Finding, ...]:
+    with activity("auditing the paper") as progress:
+        try:
+            from pmjoint_codegen.audit.examination import audit
+        except ModuleNotFoundError as error:
+            from pmjoint_codegen.errors import MissingToolError
+
+            remedy = "install it: pip install 'pmjoint-codegen[derive]'"
+            raise MissingToolError(f"{error.name} is needed to audit", where="audit", remedy=remedy) from None
+        return audit(progress, message)
+
+
+def _written(findings: Sequence[Finding], form: str) -> str:
+    from pmjoint_codegen.audit import report
+
+    if form == "json":
+        return as_json(report.record(findings))
+    return report.markdown_report(findings) if form == "markdown" else report.table_report(findings)
