@@ -128,11 +128,9 @@ class Plant:
         }
         for key, entries in known.items():
             for symbol in sorted(set().union(*(entry.free_symbols for entry in entries)) & hidden, key=str):
-                raise OutsideClassError(
-                    key,
-                    f"depends on {symbol}, which the controller does not measure",
-                    "use y and parameters only",
-                )
+                measured = symbol == parameter_symbol("x1")
+                why = "which is y here" if measured else "which the controller does not measure"
+                raise OutsideClassError(key, f"depends on {symbol}, {why}", "use y and parameters only")
         measured = hidden | {parameter_symbol("y")}
         for key, entries in {"plant.theta": self.theta, "plant.b": self.b}.items():
             for symbol in sorted(set().union(*(entry.free_symbols for entry in entries)) & measured, key=str):
@@ -250,6 +248,7 @@ class Model:
         gains: default gains.
         simulation: default run.
         disturbance_bound: D_max of (9), or None when it is not known.
+        y_range: least and greatest y for which sigma is known not to vanish, or None where nobody said.
         y_unit: unit of the output.
         u_unit: unit of the input.
         constants: named coefficients that the plant's expressions use, such as d1 and b0 of a joint (8).
@@ -268,6 +267,7 @@ class Model:
     gains: Gains
     simulation: Simulation
     disturbance_bound: float | None = None
+    y_range: tuple[float, float] | None = None
     y_unit: str = field(default="rad")
     u_unit: str = field(default="V")
     constants: tuple[Equation, ...] = ()

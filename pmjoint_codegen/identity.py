@@ -37,17 +37,25 @@ def model_hash(document: Document) -> str:
     return canonical_hash(document)
 
 
+_REMARKS = {"disturbance_bound", "range"}  # said of the plant, not part of it
+
+
 def structure(document: Document) -> dict[str, Any]:
     """The part of a model file that shapes its kernels: expressions, names in their order, and sizes."""
     plant = dict(document.get("plant", {}))
-    plant.pop("disturbance_bound", None)
+    for key in _REMARKS:
+        plant.pop(key, None)
     joint = document.get("joint", {})
     design = document.get("design", {})
     return {
         "schema": document.get("schema"),
         "parameters": list(document.get("parameters", {})),
         "plant": plant,
-        "joint": [sorted(joint), joint.get("keep"), joint.get("disturbance")],
+        "joint": [
+            sorted({*joint} - _REMARKS),
+            joint.get("keep"),
+            joint.get("disturbance"),
+        ],
         "limit": document.get("actuator", {}).get("limit"),
         "gains": {key: len(value) for key, value in design.items() if isinstance(value, (list, tuple))},
         "reference": document.get("simulation", {}).get("reference"),

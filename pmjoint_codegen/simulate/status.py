@@ -25,7 +25,7 @@ _SENTENCES: Final = {
     Status.DIVERGED: "diverged: a state passed {divergence:g} at t = {t:.6g} s",
     Status.NON_FINITE: "a state or the control stopped being a finite number after t = {t:.6g} s",
     Status.STALLED: "stalled at t = {t:.6g} s: the step fell below what time can resolve, as where the model "
-    "is not smooth or a state grows without bound",
+    "is not smooth, sigma(y) vanishes or a state grows without bound",
     Status.TOO_MANY_STEPS: "used up {max_steps} steps at t = {t:.6g} s",
     Status.TOO_MANY_SWITCHES: "used up {max_switches} saturation switches at t = {t:.6g} s",
     Status.KERNEL_FAILED: "a generated kernel reported a failure at t = {t:.6g} s",

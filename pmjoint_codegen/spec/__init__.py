@@ -7,6 +7,7 @@
     expressions  text -> SymPy             a whitelist; nothing in a model file is ever executed
     bounds       how large a power SymPy may be asked for
     points       the value of an expression at one point, in bounded time
+    zeros        whether sigma vanishes in the stated range, by interval arithmetic
     soundness    what the plant class demands of a model's numbers
     model        ModelSpec -> derive.Model the driver: parse, check, hand over
 

@@ -16,7 +16,7 @@ from derive import Parameter, parameter_symbol
 from derive.joint import KEEP, LAG, Joint, reduce_joint
 from pmjoint_codegen.errors import ModelError
 from pmjoint_codegen.spec.expressions import parse
-from pmjoint_codegen.spec.tables import Expression, ParameterSpec, Table
+from pmjoint_codegen.spec.tables import Expression, ParameterSpec, Range, Table
 
 # name -> unit and meaning where the file gives a bare number
 SYMBOLS: Mapping[str, tuple[str, str]] = {
@@ -72,6 +72,9 @@ class JointSpec(Table):
     )
     disturbance_bound: float | None = Field(
         default=None, ge=0, allow_inf_nan=False, description="a finite number, 0 or greater"
+    )
+    range: Range | None = Field(
+        default=None, description="a list of two finite numbers, least and greatest y of the design"
     )
 
     @property

@@ -7,6 +7,7 @@ and of the plant class.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from typing import Any
 
 import sympy as sp
@@ -50,6 +51,7 @@ def to_derive(spec: ModelSpec, where: str = "") -> Model:
             simulation=_simulation(spec),
             y_unit=spec.units.y,
             u_unit=spec.units.u,
+            y_range=spec.y_range,
             **_physics(spec, parameters, where),
         )
     except OutsideClassError as error:
@@ -89,7 +91,8 @@ def _plant(spec: PlantSpec, known: Symbols, where: str) -> Plant:
 
     def column(key: str, texts: Iterable[str], symbols: Symbols) -> tuple[sp.Expr, ...]:
         return tuple(
-            parse(text, symbols, f"{where}: plant.{key}, entry {i}") for i, text in enumerate(texts, start=1)
+            _parse(text, symbols, of_state, f"{where}: plant.{key}, entry {i}")
+            for i, text in enumerate(texts, start=1)
         )
 
     return Plant(
@@ -100,9 +103,19 @@ def _plant(spec: PlantSpec, known: Symbols, where: str) -> Plant:
         ),
         theta=column("theta", spec.theta, known),
         b=column("b", spec.b, known),
-        sigma=parse(spec.sigma, of_output, f"{where}: plant.sigma"),
+        sigma=_parse(spec.sigma, of_output, of_state, f"{where}: plant.sigma"),
         disturbance=column("disturbance", spec.disturbance or ("0",) * n, of_state),
     )
+
+
+def _parse(text: str, allowed: Symbols, known: Symbols, where: str) -> sp.Expr:
+    """Parse over `allowed`; what speaks of the plant's states goes on to `Plant`, which knows the reason."""
+    try:
+        return parse(text, allowed, where)
+    except ModelError:
+        with suppress(ModelError):
+            return parse(text, {**known, **allowed}, where)
+        raise
 
 
 def _gains(spec: DesignSpec) -> Gains:

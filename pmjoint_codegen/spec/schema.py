@@ -22,6 +22,7 @@ from pmjoint_codegen.spec.tables import (
     Numbers,
     ParameterSpec,
     Positive,
+    Range,
     Table,
     Unit,
 )
@@ -51,6 +52,9 @@ class PlantSpec(Table):
     )
     disturbance_bound: float | None = Field(
         default=None, ge=0, allow_inf_nan=False, description="a finite number, 0 or greater"
+    )
+    range: Range | None = Field(
+        default=None, description="a list of two finite numbers, least and greatest y of the design"
     )
 
 
@@ -113,6 +117,12 @@ class ModelSpec(Table):
         return {**(joint_parameters(self.joint) if self.joint else {}), **self.parameters}
 
     @property
+    def y_range(self) -> tuple[float, float] | None:
+        """Least and greatest y of the design, where the file states them."""
+        table = self.plant or self.joint
+        return table.range if table else None
+
+    @property
     def order(self) -> int:
         """Order n of the design's plant."""
         return self.plant.order if self.plant else self.joint.order if self.joint else 0
@@ -145,6 +155,12 @@ def validate(document: Mapping[str, Any], where: str) -> ModelSpec:
         check_joint(spec.joint, where)
     if spec.plant is not None:
         _check_plant(spec.plant, where)
+    if spec.y_range is not None and not spec.y_range[0] < spec.y_range[1]:
+        raise ModelError(
+            f"is {list(spec.y_range)}",
+            where=f"{where}: {'plant' if spec.plant else 'joint'}.range",
+            remedy="allowed: [least y, greatest y]",
+        )
     _check_lengths(spec, where)
     return spec
 

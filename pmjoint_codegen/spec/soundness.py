@@ -12,6 +12,7 @@ import sympy as sp
 from derive import Model, Plant, parameter_symbol
 from pmjoint_codegen.errors import ModelError, quoted
 from pmjoint_codegen.spec.points import NotFiniteError, Point, value_at
+from pmjoint_codegen.spec.zeros import find_zero
 from pmjoint_codegen.values import is_hurwitz, roots_text
 
 
@@ -42,6 +43,21 @@ def check_model(model: Model, where: str) -> None:
             "sigma is 0 at the initial state, so no input acts there",
             where=f"{where}: plant.sigma",
             remedy="allowed: a function of y that is never 0",
+        )
+    _check_range(model, values, where)
+
+
+def _check_range(model: Model, values: Point, where: str) -> None:
+    """Hold sigma to being other than 0 wherever the design is meant to work."""
+    if model.y_range is None:
+        return
+    low, high = model.y_range
+    place = find_zero(model.plant.sigma, parameter_symbol("y"), values, low, high)
+    if place is not None:
+        raise ModelError(
+            f"sigma vanishes, or is not finite, near y = {place:.6g}, within the range {low:g} to {high:g}",
+            where=f"{where}: plant.sigma",
+            remedy="allowed: a sigma that is never 0 there, or a smaller range",
         )
 
 

@@ -24,6 +24,7 @@ Expressions = tuple[Expression, ...]
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Numbers = tuple[Number, ...]
+Range = Annotated[tuple[Number, Number], Field(description="a list of two finite numbers, least y first")]
 Line = Annotated[str, Field(max_length=400), AfterValidator(_printable)]
 Unit = Annotated[str, Field(max_length=60), AfterValidator(_printable)]
 

@@ -48,11 +48,14 @@ MISTAKES = [
     ),
     (
         {"plant.phi": ["0", "x2"]},
-        "plant.phi, entry 2: 'x2': unknown symbol 'x2'; allowed here: y, d1, b0, u_max, pi",
+        "plant.phi: depends on x2, which the controller does not measure; use y and parameters only",
     ),
+    ({"plant.phi": ["0", "x1"]}, "plant.phi: depends on x1, which is y here; use y"),
+    ({"plant.Phi": [["0"], ["t"]]}, "plant.Phi: depends on t, which the controller does not measure"),
+    ({"plant.sigma": "1 + x2**2"}, "plant.sigma: depends on x2, which the controller does not measure"),
     (
-        {"plant.Phi": [["0"], ["t"]]},
-        "plant.Phi, entry 2, entry 1: 't': unknown symbol 't'; allowed here: y, d1",
+        {"plant.phi": ["0", "x3"]},
+        "plant.phi, entry 2: 'x3': unknown symbol 'x3'; allowed here: y, d1, b0, u_max, pi",
     ),
     (
         {"plant.sigma": "1 + b_0*y"},
@@ -76,7 +79,10 @@ MISTAKES = [
         "parameters.b0.value: is 0, so b_m = 0 and no input acts; allowed: a number other",
     ),
     ({"plant.sigma": "0"}, "plant.sigma: sigma is zero, so no input acts"),
-    ({"plant.sigma": "sin(y)**2 + cos(y)**2 - 1"}, "plant.sigma: sigma is zero, so no input acts"),
+    (
+        {"plant.sigma": "sin(y)**2 + cos(y)**2 - 1"},
+        "plant.sigma: sigma is 0 at the initial state",
+    ),
     ({"plant.sigma": "d1", "parameters.d1.value": 0.0}, "plant.sigma: sigma is 0 at the initial state"),
     ({"plant.sigma": "y", "simulation.x0": [0, 0]}, "plant.sigma: sigma is 0 at the initial state"),
     (

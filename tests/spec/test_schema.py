@@ -75,7 +75,7 @@ MISTAKES = [
     ({"parameters.d1.value": NAN}, "parameters.d1.value: is nan; allowed: a finite number"),
     ({"parameters.d1.value": -INF}, "parameters.d1.value: is -inf; allowed: a finite number"),
     ({"parameters.d1.value": True}, "parameters.d1.value: is true; allowed: a finite number"),
-    ({"parameters.c1": {"value": 1}}, "parameters.c1: already names a signal, gain, state or function"),
+    ({"parameters.c1": {"value": 1}}, "parameters.c1: already names a signal, gain, state, function or step"),
     ({"parameters.a b": {"value": 1}}, "parameters.'a b': is not a name: a letter, then letters"),
     ({"plant.order": 2.0}, "plant.order: is 2.0; allowed: a whole number from 1 to 9"),
     ({"plant.order": 0}, "plant.order: is 0; allowed: a whole number from 1 to 9"),
