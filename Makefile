@@ -37,8 +37,9 @@ format: environment-dev ## put the source into the project's layout
 bench: environment-dev ## ratios to public tools, side by side in one run
 	@$(run) benchmarks $(ARGS)
 
-docs: environment ## draw docs/figures anew
+docs: environment ## draw docs/figures and write docs/audit.md anew
 	@$(run) docs.draw
+	@$(run) pmjoint_codegen audit --format markdown --out docs/audit.md
 
 # UPGRADE=--upgrade takes the newest versions that pyproject.toml allows; without it, pins stay where they can.
 compile = UV_CUSTOM_COMPILE_COMMAND="make lock" $(run) uv pip compile --quiet --universal --python-version 3.11 \

@@ -98,6 +98,15 @@ def within(module: str, packages: Iterable[str]) -> bool:
     return any(module == package or module.startswith(f"{package}.") for package in packages)
 
 
+def test_every_module_has_a_layer() -> None:
+    files = [
+        *(ROOT / PACKAGE).glob("*.py"),
+        *(file.parent for file in (ROOT / PACKAGE).glob("*/__init__.py")),
+    ]
+    layered = {*GROUND_FLOOR, *RUNTIME, *FACADE, *(name.rpartition(".")[2] for name in TOOLCHAIN), "cli"}
+    assert {file.stem for file in files} - layered == {"__init__", "__main__"}
+
+
 def test_derive_is_mathematics_alone() -> None:
     allowed = {"sympy", "derive", *sys.stdlib_module_names}
     assert faults(sorted((ROOT / "derive").rglob("*.py")), lambda found: found.top in allowed) == []
