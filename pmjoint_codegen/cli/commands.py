@@ -35,8 +35,9 @@ COMMANDS = (
     Entry(
         "audit",
         "pmjoint_codegen.cli.audit",
-        "Hold the paper's printed equations against what follows from its model.",
+        "Hold the paper's equations against what follows from its model.",
     ),
+    Entry("new", "pmjoint_codegen.cli.new", "Write a commented model file that simulates at once."),
     Entry(
         "doctor",
         "pmjoint_codegen.cli.doctor",

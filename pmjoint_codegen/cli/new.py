@@ -1,0 +1,70 @@
+"""``pmjoint new``: a commented model file that simulates at once."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import click
+
+from pmjoint_codegen.cli.terminal import result
+
+TEMPLATES = Path(__file__).resolve().with_name("templates")
+
+_EXAMPLES = """\b
+Examples
+  pmjoint new elbow                    models/elbow.toml, a joint with two muscles
+  pmjoint new oscillator --plant       models/oscillator.toml, any plant of the class
+  pmjoint new elbow --out designs      designs/elbow.toml
+"""
+
+
+@click.command(epilog=_EXAMPLES)
+@click.argument("name")
+@click.option("--joint", "kind", flag_value="joint", default=True, help="Two muscles on a pulley [default].")
+@click.option(
+    "--plant", "kind", flag_value="plant", help="A plant in output-feedback form, by its equations."
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    default=Path("models"),
+    help="Folder [default: models].",
+)
+def command(name: str, kind: str | None, out: Path) -> None:
+    """Write a model file for a new model called NAME, with a comment beside each entry.
+
+    It simulates as it stands; change it from there. A file that exists is never overwritten.
+    """
+    path = create(name, kind or "joint", out)
+    result(f"{path}\nnext: pmjoint simulate {path}")
+
+
+def create(name: str, kind: str, folder: Path) -> Path:
+    """Write ``<folder>/<name>.toml``.
+
+    Args:
+        name: of the model; it also names its folder under ``generated/``.
+        kind: ``joint`` or ``plant``.
+        folder: made if need be.
+
+    Raises:
+        UsageError: a name that is none, a file that exists, a folder that cannot be written.
+    """
+    from pmjoint_codegen.errors import UsageError, quoted
+    from pmjoint_codegen.spec.names import MODEL_NAME
+    from pmjoint_codegen.storage import ensure_folder, write_text
+
+    if not re.fullmatch(MODEL_NAME, name):
+        remedy = "allowed: letters, digits, - and _, beginning with a letter or digit, 64 at most"
+        raise UsageError(f"{quoted(name)} is no name for a model", remedy=remedy)
+    path = folder / f"{name}.toml"
+    if path.exists() or path.is_symlink():
+        raise UsageError(
+            "is there already", where=str(path), remedy="choose another name, or delete it first"
+        )
+    ensure_folder(folder)
+    template = (TEMPLATES / f"{kind}.toml").read_text(encoding="utf-8")
+    write_text(path, template.replace('"NAME"', f'"{name}"', 1))
+    return path
