@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from pmjoint_codegen.errors import StaleError
-from pmjoint_codegen.identity import canonical_hash
+from pmjoint_codegen.storage import sha256
 
 FILE_NAME: Final = "model.json"
 SCHEMA: Final = 1
@@ -200,12 +200,10 @@ class Manifest:
         raise KeyError(name)
 
     def to_json(self) -> str:
-        """The file's text, with a hash over its own contents."""
-        contents = {"schema": SCHEMA, **asdict(self)}
-        return (
-            json.dumps({**contents, "contents_hash": canonical_hash(contents)}, indent=1, ensure_ascii=False)
-            + "\n"
-        )
+        """The file's text, with a hash over itself."""
+        contents = {"schema": SCHEMA, **asdict(self), "contents_hash": ""}
+        text = json.dumps(contents, indent=1, ensure_ascii=False) + "\n"
+        return _with_hash(text, "", sha256(text.encode()))
 
     @classmethod
     def from_json(cls, text: str, where: str) -> Manifest:
@@ -220,12 +218,12 @@ class Manifest:
         """
         try:
             contents = json.loads(text)
-            recorded = contents.pop("contents_hash")
+            recorded = str(contents.pop("contents_hash"))
         except (ValueError, KeyError, AttributeError, TypeError):
             raise StaleError(
                 "is not a generated model", where=where, remedy="run pmjoint regenerate"
             ) from None
-        if canonical_hash(contents) != recorded:
+        if sha256(_with_hash(text, recorded, "").encode()) != recorded:
             raise StaleError(
                 "was edited by hand",
                 where=where,
@@ -269,6 +267,11 @@ class Manifest:
                 "is missing or unreadable", where=str(path), remedy="run pmjoint regenerate"
             ) from None
         return cls.from_json(text, str(path))
+
+
+def _with_hash(text: str, old: str, new: str) -> str:
+    """The file's text with another hash; quotes inside strings are escaped, so only the key itself matches."""
+    return text.replace(f'"contents_hash": "{old}"', f'"contents_hash": "{new}"')
 
 
 def _function(item: dict[str, Any]) -> Function:
