@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from pmjoint_codegen import ClosedLoop
+from pmjoint_codegen.build.compiler import find_compiler
 from pmjoint_codegen.errors import BuildError, MissingToolError, SimulationError, UsageError
 
 
@@ -21,6 +22,8 @@ def model(root: Path) -> Path:
 def loop(request: pytest.FixtureRequest, model: Path, cache: Path) -> ClosedLoop:
     if request.param == "interpreted":
         pytest.importorskip("casadi")
+    elif find_compiler(os.environ) is None:
+        pytest.skip("no C compiler")
     return ClosedLoop.load(model, request.param)
 
 
