@@ -68,7 +68,12 @@ def _all_models() -> list[Path]:
 
 def _one(file: Path, *, check: bool, notify: Callable[[str], None]) -> Report:
     notify(file.stem)
-    artifacts = artifacts_of(file)
+    try:
+        artifacts = artifacts_of(file)
+    except ArithmeticError as error:  # a derivation that contradicts itself, not a bad model
+        if not check:
+            raise
+        return _failed(file, error)
     folder = generated_root(file) / artifacts.manifest.name
     if not check:
         recover_folder(folder)
@@ -77,6 +82,12 @@ def _one(file: Path, *, check: bool, notify: Callable[[str], None]) -> Report:
     if write:
         replace_folder(folder, {name: text.encode() for name, text in artifacts.files.items()})
     return Report(artifacts.manifest.name, folder, comparison, written=write)
+
+
+def _failed(file: Path, error: ArithmeticError) -> Report:
+    name = str(read_document(file)["name"])
+    found = Comparison(Verdict.GENERATOR_CHANGED, (f"the derivation fails: {error}",))
+    return Report(name, generated_root(file) / name, found, written=False)
 
 
 def artifacts_of(file: Path) -> Artifacts:

@@ -11,7 +11,7 @@ orphan             the folder has no model file
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import StrEnum
 from pathlib import Path
 
@@ -140,11 +140,26 @@ def equation_changes(
 
 
 def _value_changes(before: Manifest, after: Manifest) -> tuple[str, ...]:
-    old, new = ({item.name: item.value for item in side.parameters} for side in (before, after))
-    names = dict.fromkeys((*new, *old))
-    values = [
-        f"{name}: {old.get(name)} -> {new.get(name)}" for name in names if old.get(name) != new.get(name)
+    """Numbers, default run and descriptions that differ, one line each."""
+    old, new = (_said(manifest) for manifest in (before, after))
+    lines = [
+        f"{name}: {old.get(name)} -> {new.get(name)}"
+        for name in dict.fromkeys((*new, *old))
+        if old.get(name) != new.get(name)
     ]
-    if before.simulation != after.simulation:
-        values.append("the default simulation differs")
-    return tuple(values) or ("the model file says something else",)
+    return tuple(lines) or ("the model file says something else",)
+
+
+def _said(manifest: Manifest) -> dict[str, object]:
+    """What a model file says besides its equations, by name."""
+    said: dict[str, object] = {item.name: item.value for item in manifest.parameters}
+    said |= {f"unit of {item.name}": item.unit for item in manifest.parameters}
+    said |= {f"meaning of {item.name}": item.about for item in manifest.parameters}
+    said |= {item.name: getattr(manifest.simulation, item.name) for item in fields(manifest.simulation)}
+    return {
+        **said,
+        "D_max": manifest.disturbance_bound,
+        "limit": manifest.limit,
+        "title": manifest.title,
+        "source": manifest.source,
+    }
