@@ -270,7 +270,7 @@ class Manifest:
 
 
 def _with_hash(text: str, old: str, new: str) -> str:
-    """The file's text with another hash; quotes inside strings are escaped, so only the key itself matches."""
+    """The file with another hash; quotes inside strings are escaped, so only the key itself matches."""
     return text.replace(f'"contents_hash": "{old}"', f'"contents_hash": "{new}"')
 
 
