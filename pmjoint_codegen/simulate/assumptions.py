@@ -8,26 +8,26 @@ from typing import TYPE_CHECKING
 from pmjoint_codegen.values import COMPENSATOR
 
 if TYPE_CHECKING:
-    from pmjoint_codegen.simulate.run import Run
+    from pmjoint_codegen.simulate.record import Record
 
 _SILENT_SOURCES = (
     "paper",
 )  # models whose source states neither the reference nor the horizon of its figures
 
 
-def source_is_silent(run: Run) -> bool:
+def source_is_silent(run: Record) -> bool:
     """Say whether reference and horizon are assumptions, since the model's source states neither."""
     return run.manifest.name in _SILENT_SOURCES
 
 
-def settings_text(run: Run) -> str:
+def settings_text(run: Record) -> str:
     """Give the reference, the horizon and, for a sampled controller, the sample time."""
     settings = run.settings
     text = f"y_r = {run.manifest.simulation.reference}, horizon {settings.horizon:g} s"
     return f"{text}, sample time {settings.sample_time:g} s" if settings.controller == "sampled" else text
 
 
-def changes(run: Run) -> tuple[str, ...]:
+def changes(run: Record) -> tuple[str, ...]:
     """List parameters, gains and initial states that differ from the model file's, such as ``c1 = 20``."""
     manifest, settings = run.manifest, run.settings
     defaults = {item.name: item.value for item in manifest.parameters}
@@ -43,7 +43,7 @@ def _said(name: str, value: float) -> str:
     return f"{name} = {value:g}"
 
 
-def sentence(run: Run, notes: Sequence[str] = ()) -> str:
+def sentence(run: Record, notes: Sequence[str] = ()) -> str:
     """Say all of it in a sentence or two, for a caption.
 
     Args:

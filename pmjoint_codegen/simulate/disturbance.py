@@ -15,7 +15,7 @@ import numpy as np
 from pmjoint_codegen.kernels.evaluator import Array
 
 if TYPE_CHECKING:
-    from pmjoint_codegen.simulate.run import Run
+    from pmjoint_codegen.simulate.record import Record
 
 MUSCLES: Final = ("P1", "P2")
 ROUNDING: Final = 1e-9  # of P_max: a pressure that only touches a limit, to rounding, is not clipped
@@ -47,13 +47,13 @@ class Pressure:
         )
 
 
-def disturbance_names(run: Run) -> tuple[str, ...]:
+def disturbance_names(run: Record) -> tuple[str, ...]:
     """Columns D1 ... Dn of a run."""
     known = {item.name for item in run.manifest.signals}
     return tuple(name for name in (f"D{i}" for i in range(1, run.manifest.n + 1)) if name in known)
 
 
-def disturbance_norm(run: Run) -> Array:
+def disturbance_norm(run: Record) -> Array:
     """|D|, the Euclidean norm over the components, at the output instants, shape (rows,)."""
     columns = [run[name] for name in disturbance_names(run)]
     with np.errstate(over="ignore"):  # a run that failed may end beyond floating point
@@ -61,7 +61,7 @@ def disturbance_norm(run: Run) -> Array:
     return norm
 
 
-def pressures(run: Run) -> Mapping[str, Pressure]:
+def pressures(run: Record) -> Mapping[str, Pressure]:
     """Pressures of the two muscles; empty where the model is no joint."""
     known = {item.name for item in run.manifest.signals}
     values = run.settings.parameters
@@ -80,7 +80,7 @@ def pressures(run: Run) -> Mapping[str, Pressure]:
     }
 
 
-def disturbance_summary(run: Run) -> dict[str, Any]:
+def disturbance_summary(run: Record) -> dict[str, Any]:
     """What ``summary.json`` says of D and the pressures, all of it at the output instants.
 
     ``disturbance_max`` is the largest |D|, ``disturbance_max_components`` the largest magnitude of each

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from pmjoint_codegen.simulate.run import Run
+    from pmjoint_codegen.simulate.record import Record
 
 WIDTH = 6.3  # inches, the text width of a printed page
 LEFT, RIGHT, TOP, BOTTOM = 0.62, 0.16, 0.24, 0.42  # inches around the panels
@@ -68,10 +68,10 @@ _STYLE: Final = {
 
 
 def write_figures(
-    run: Run,
+    run: Record,
     folder: Path,
     *,
-    detail: Run | None = None,
+    detail: Record | None = None,
     notes: Sequence[str] = (),
     progress: Callable[[float], None] = lambda fraction: None,
 ) -> tuple[Path, ...]:
@@ -105,7 +105,7 @@ def png(figure: Figure) -> bytes:
     return stream.getvalue()
 
 
-def draw(run: Run, sheet: Sheet, *, detail: Run | None = None, notes: Sequence[str] = ()) -> Figure:
+def draw(run: Record, sheet: Sheet, *, detail: Record | None = None, notes: Sequence[str] = ()) -> Figure:
     """Draw one figure: the whole run on the right, the saturated transient, if there is one, on the left."""
     import matplotlib as mpl
 
@@ -126,7 +126,7 @@ def draw(run: Run, sheet: Sheet, *, detail: Run | None = None, notes: Sequence[s
     return figure
 
 
-def overview(run: Run, *, notes: Sequence[str] = ()) -> Figure:
+def overview(run: Record, *, notes: Sequence[str] = ()) -> Figure:
     """Draw the whole run on one page."""
     import matplotlib as mpl
 
@@ -164,7 +164,7 @@ def _canvas(
     return figure, grid
 
 
-def _plot(axes: Axes, run: Run, panel: Panel, until: float | None) -> None:
+def _plot(axes: Axes, run: Record, panel: Panel, until: float | None) -> None:
     """Draw the curves of a panel over the time to `until` (all of it for None), on shaded saturation."""
     from matplotlib.ticker import MaxNLocator
 
@@ -184,7 +184,7 @@ def _plot(axes: Axes, run: Run, panel: Panel, until: float | None) -> None:
     axes.yaxis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 2, 5, 10]))
 
 
-def _shade(axes: Axes, run: Run) -> None:
+def _shade(axes: Axes, run: Record) -> None:
     """Shade where u is at a limit: one shape for each limit, however often the run switches."""
     for mode, colour in SHADE.items():
         spans = [(start, stop) for start, stop, which in saturated_intervals(run) if which == mode]
@@ -194,7 +194,7 @@ def _shade(axes: Axes, run: Run) -> None:
         axes.fill_between(corners, 0.0, height, color=colour, linewidth=0, zorder=0, transform=across)
 
 
-def _name_limits(axes: Axes, run: Run, until: float) -> None:
+def _name_limits(axes: Axes, run: Record, until: float) -> None:
     """Name the limit above each shaded interval of the transient that is wide enough."""
     above = axes.get_xaxis_transform()
     style: dict[str, Any] = {"ha": "center", "va": "bottom", "fontsize": 8, "color": GREY}

@@ -13,7 +13,7 @@ from pmjoint_codegen.simulate.disturbance import disturbance_names, disturbance_
 from pmjoint_codegen.simulate.status import Status
 
 if TYPE_CHECKING:
-    from pmjoint_codegen.simulate.run import Run
+    from pmjoint_codegen.simulate.record import Record
 
 BLACK, BLUE, RED, GREY = "#111111", "#1f4e79", "#b03a2e", "#777777"
 NORM = "|D|"
@@ -40,7 +40,7 @@ class Line:
     dash: str = "-"
     unit: float = 1.0
 
-    def values(self, run: Run) -> Array:
+    def values(self, run: Record) -> Array:
         """Give the curve at the run's output instants, shape (rows,)."""
         if self.column == NORM:
             return disturbance_norm(run)
@@ -89,7 +89,7 @@ class Sheet:
     caption: str
 
 
-def sheets(run: Run) -> tuple[Sheet, ...]:
+def sheets(run: Record) -> tuple[Sheet, ...]:
     """Plan the figures of a run: tracking, the states from x2 on, the compensator, v and u, the estimate."""
     manifest = run.manifest
     tracking = "Tracking: output $y$ and reference $y_r$; error $e = y - y_r = z_1 + r_1$ and its two parts."
@@ -113,7 +113,7 @@ def sheets(run: Run) -> tuple[Sheet, ...]:
     )
 
 
-def overview_panels(run: Run) -> tuple[Panel, ...]:
+def overview_panels(run: Record) -> tuple[Panel, ...]:
     """Choose six panels that show a whole run: output, error, states, compensator, input, estimate."""
     manifest = run.manifest
     both = (Line("v", "$v$", BLUE), Line("u", "$u$"))
@@ -124,7 +124,7 @@ def overview_panels(run: Run) -> tuple[Panel, ...]:
     return output_panel(manifest), error_panel(manifest), states, r, v_u, miss_panel(manifest)
 
 
-def caption(run: Run, sheet: Sheet, notes: Sequence[str]) -> str:
+def caption(run: Record, sheet: Sheet, notes: Sequence[str]) -> str:
     """Give a figure's caption with its number and the run's settings."""
     number = sheet.stem.partition("_")[0].removeprefix("figure")
     left = " Left: the saturated transient." if transient_window(run) else ""
@@ -132,12 +132,12 @@ def caption(run: Run, sheet: Sheet, notes: Sequence[str]) -> str:
     return f"Figure {number}. {sheet.caption}{left}{shaded} {_settings_caption(run, notes)}"
 
 
-def overview_caption(run: Run, notes: Sequence[str]) -> str:
+def overview_caption(run: Record, notes: Sequence[str]) -> str:
     """Give the overview's caption: the model's title and the run's settings."""
     return f"{_plain(run.manifest.title)}. {_settings_caption(run, notes)}"
 
 
-def saturated_intervals(run: Run) -> tuple[tuple[float, float, int], ...]:
+def saturated_intervals(run: Record) -> tuple[tuple[float, float, int], ...]:
     """List the intervals (from, to, mode), in s, in which u is at a limit: mode -1 below, 1 above."""
     marks = [(0.0, run.initial_mode), *run.switches]
     ends = [*(t for t, _ in run.switches), float(run.t[-1])]
@@ -145,7 +145,7 @@ def saturated_intervals(run: Run) -> tuple[tuple[float, float, int], ...]:
     return tuple((start, stop, mode) for (start, mode), stop in spans if mode and stop > start)
 
 
-def transient_window(run: Run) -> float | None:
+def transient_window(run: Record) -> float | None:
     """Give the end of the saturated transient's panel, s; None where it needs no panel of its own."""
     intervals = saturated_intervals(run)
     window = 2.0 * intervals[-1][1] if intervals else 0.0
@@ -204,7 +204,7 @@ def _family(manifest: Manifest, stem: str, indices: range) -> Panel:
     return Panel(lines, f"${stem}$")
 
 
-def _input_panels(run: Run) -> tuple[Panel, ...]:
+def _input_panels(run: Record) -> tuple[Panel, ...]:
     unit, levels = unit_text(run.manifest, "u"), (_limit(run),)
     return (
         Panel((Line("v", "$v$", BLUE),), "$v$" + unit, _clip(run), levels),
@@ -222,7 +222,7 @@ def _estimate_panels(manifest: Manifest) -> tuple[Panel, ...]:
     )
 
 
-def _pressure_panels(run: Run) -> tuple[Panel, ...]:
+def _pressure_panels(run: Record) -> tuple[Panel, ...]:
     """Show both muscles' pressures between empty and full, and |D| with its presumed bound."""
     limit, bound = pressures(run)["P1"].limit / PASCALS_IN_BAR, run.manifest.disturbance_bound
     lines = (
@@ -233,7 +233,7 @@ def _pressure_panels(run: Run) -> tuple[Panel, ...]:
     return Panel(lines, "$P_1,\\ P_2$ (bar)", marks=(0.0, limit)), left_out
 
 
-def _pressure_text(run: Run) -> str:
+def _pressure_text(run: Record) -> str:
     """Say which pressures were clipped, and what |D| is."""
     clipped = [f"${name[0]}_{name[1]}$" for name, item in pressures(run).items() if item.clipped]
     cut = f" ({' and '.join(clipped)} clipped)" if clipped else ""
@@ -244,17 +244,17 @@ def _pressure_text(run: Run) -> str:
     )
 
 
-def _limit(run: Run) -> float:
+def _limit(run: Record) -> float:
     """Give the actuator's limit in this run, in the unit of u."""
     return float(run.settings.parameters[run.manifest.limit])
 
 
-def _clip(run: Run) -> float | None:
+def _clip(run: Record) -> float | None:
     """Clip v in the whole run where the transient has its own panel, so that the rest can be seen."""
     return 1.35 * _limit(run) if transient_window(run) else None
 
 
-def _saturation_text(run: Run) -> str:
+def _saturation_text(run: Record) -> str:
     """Say when the actuator is saturated, up to four intervals."""
     intervals = saturated_intervals(run)
     if not intervals or len(intervals) > 4:
@@ -263,7 +263,7 @@ def _saturation_text(run: Run) -> str:
     return f", {spans}."
 
 
-def _settings_caption(run: Run, notes: Sequence[str]) -> str:
+def _settings_caption(run: Record, notes: Sequence[str]) -> str:
     """Say what is assumed or changed, and how a run that failed ended."""
     failed = "" if run.status == Status.DONE else f" The run {_plain(run.message)}."
     return _plain(sentence(run, notes)).replace("y_r =", "$y_r$ =") + failed

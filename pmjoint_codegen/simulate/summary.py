@@ -11,12 +11,12 @@ from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.simulate.disturbance import disturbance_summary
 
 if TYPE_CHECKING:
-    from pmjoint_codegen.simulate.run import Run
+    from pmjoint_codegen.simulate.record import Record
 
 SETTLED: Final = 0.02  # of the initial |e|
 
 
-def summarise(run: Run) -> dict[str, Any]:
+def summarise(run: Record) -> dict[str, Any]:
     """Sum up a run; keys in the order in which a reader wants them.
 
     ``ise`` is the integral of e^2 by Gauss-Legendre quadrature of the dense output, step by step;
@@ -54,7 +54,7 @@ def summarise(run: Run) -> dict[str, Any]:
     }
 
 
-def saturated_time(run: Run) -> float:
+def saturated_time(run: Record) -> float:
     """Time that u spends at a limit, s, from the located switches."""
     if not run.t.size:
         return 0.0

@@ -11,7 +11,7 @@ from pmjoint_codegen import storage
 from pmjoint_codegen.manifest import Manifest
 
 if TYPE_CHECKING:
-    from pmjoint_codegen.simulate.run import Run
+    from pmjoint_codegen.simulate.record import Record
 
 
 def csv_columns(manifest: Manifest) -> tuple[str, ...]:
@@ -23,7 +23,7 @@ def csv_columns(manifest: Manifest) -> tuple[str, ...]:
     return ("t", "y", "y_r", "e", *(item.name for item in manifest.states), *errors, "v", "u", *physics)
 
 
-def csv_text(run: Run) -> str:
+def csv_text(run: Record) -> str:
     """The file's text."""
     columns = csv_columns(run.manifest)
     form = ",".join(["%.17g"] * len(columns))
@@ -31,7 +31,7 @@ def csv_text(run: Run) -> str:
     return "\n".join([",".join(columns), *(form % tuple(row) for row in table.tolist()), ""])
 
 
-def write_csv(run: Run, path: Path) -> None:
+def write_csv(run: Record, path: Path) -> None:
     """Write a run's trajectory, atomically.
 
     Raises:

@@ -1,0 +1,77 @@
+"""The record of one simulation: data alone, which summaries, tables and figures read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+from pmjoint_codegen.kernels.evaluator import Array
+from pmjoint_codegen.manifest import Manifest
+from pmjoint_codegen.simulate.settings import Settings
+from pmjoint_codegen.simulate.status import Status
+
+
+@dataclass(frozen=True)
+class Record:
+    """A simulated trajectory with what it was made from.
+
+    Columns are read by name, ``run["x1"]``; they are views, not copies.
+
+    Attributes:
+        manifest: the model; units of all columns stand in it.
+        settings: of the run.
+        evaluator: ``compiled`` or ``interpreted``.
+        status: how it ended; anything but `Status.DONE` is a failure, and the trajectory stops there.
+        message: the same as a sentence.
+        t: output instants, s, shape (rows,).
+        states: shape (rows, nX).
+        signals: shape (rows, number of signals).
+        switches: (t, mode label) at every saturation switch, s; -1, 0, 1 for u at its lower limit, inside, at
+            its upper.
+        initial_mode: mode label at t = 0.
+        peaks: name -> (largest magnitude, its instant in s) of every state and of v, on the dense output.
+        ise: integral of e^2 over the time reached.
+        steps: accepted integration steps.
+        wall_s: time that the run took, s.
+    """
+
+    manifest: Manifest
+    settings: Settings
+    evaluator: str
+    status: Status
+    message: str
+    t: Array
+    states: Array
+    signals: Array
+    switches: tuple[tuple[float, int], ...]
+    initial_mode: int
+    peaks: Mapping[str, tuple[float, float]]
+    ise: float
+    steps: int
+    wall_s: float
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of all columns."""
+        return ("t", *self._places)
+
+    def __getitem__(self, column: str) -> Array:
+        """One column, shape (rows,).
+
+        Raises:
+            KeyError: there is no such column; the message lists them.
+        """
+        if column == "t":
+            return self.t
+        try:
+            table, index = self._places[column]
+        except KeyError:
+            raise KeyError(f"no column {column!r}; columns: {', '.join(self.columns)}") from None
+        values: Array = (self.states if table == "states" else self.signals)[:, index]
+        return values
+
+    @cached_property
+    def _places(self) -> Mapping[str, tuple[str, int]]:
+        signals = {item.name: ("signals", i) for i, item in enumerate(self.manifest.signals)}
+        return signals | {item.name: ("states", i) for i, item in enumerate(self.manifest.states)}
