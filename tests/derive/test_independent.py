@@ -1,8 +1,8 @@
-"""The law of THEORY in numbers alone: each alpha_i a function of numbers, differentiated by central differences.
+"""The law of (24) to (29) in numbers alone: each alpha_i a function, differentiated by central differences.
 
 Nothing of the symbolic derivation is used on this side: filters, compensator, errors and virtual controls are
-typed once more, and the total derivative of alpha_{i-1} along the loop is the difference quotient of its values
-at two points of the flow. The steps of 1e-30 at 200 digits leave an error of about 1e-60 in each.
+typed once more, and the total derivative of alpha_{i-1} along the loop is the difference quotient of its
+values at two points of the flow. The steps of 1e-30 at 200 digits leave an error of about 1e-60 in each.
 """
 
 from __future__ import annotations
