@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 
 @dataclass(frozen=True)
@@ -25,6 +26,7 @@ class Rule:
                 raise ValueError(f"the rule with {len(self.nodes)} nodes integrates x^{degree} to {moment}")
 
 
+@cache
 def long_steps() -> Rule:
     """Ten nodes, for the long steps of the continuous loop: exact to degree 19."""
     nodes = (
@@ -44,6 +46,7 @@ def long_steps() -> Rule:
     return Rule((*nodes, *(1.0 - x for x in reversed(nodes))), (*weights, *reversed(weights)))
 
 
+@cache
 def short_steps() -> Rule:
     """Three nodes, for the short holds of the sampled loop: exact to degree 5."""
     return Rule(
