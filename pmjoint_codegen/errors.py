@@ -4,6 +4,7 @@
       UsageError        exit 2   bad option, unknown ``--set`` name, unwritable ``--out``
       ModelError        exit 2   model file: missing, not UTF-8, unknown key, bad expression, no such plant
       StaleError        exit 1   ``generated/`` is not what the model says, or was edited by hand
+        OtherVersionError exit 1 it was written by another version of this package
       CheckFailed       exit 1   a check found a difference
       MissingToolError  exit 3   no compiler where one is demanded, or an absent extra; the remedy installs it
       BuildError        exit 3   the compiler failed; ``output`` holds all that it said
@@ -21,6 +22,7 @@ __all__ = [
     "CheckFailed",
     "MissingToolError",
     "ModelError",
+    "OtherVersionError",
     "PmjointError",
     "SimulationError",
     "StaleError",
@@ -87,6 +89,10 @@ class StaleError(PmjointError):
     """Generated files do not follow from the model any more, or were edited by hand."""
 
     exit_code = 1
+
+
+class OtherVersionError(StaleError):
+    """``generated/`` is whole, but its manifest holds other fields than this version writes."""
 
 
 class CheckFailed(PmjointError):  # noqa: N818 - a finding, not a malfunction

@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, Final
 
-from pmjoint_codegen.errors import StaleError
+from pmjoint_codegen.errors import OtherVersionError, StaleError
 from pmjoint_codegen.storage import sha256
 
 FILE_NAME: Final = "model.json"
@@ -141,6 +141,7 @@ class Manifest:
         limit: name of the parameter that bounds the actuator.
         leading: expression of b_m.
         disturbance_bound: D_max, or None.
+        analytic: whether the plant has no kinks (abs, sign), so that the continuous integrator may take it.
         states: entries of X.
         blocks: index range of x, xi, Xi, lambda, r in X.
         parameters: entries of p.
@@ -168,6 +169,7 @@ class Manifest:
     limit: str
     leading: str
     disturbance_bound: float | None
+    analytic: bool
     states: tuple[Variable, ...]
     blocks: Mapping[str, tuple[int, int]]
     parameters: tuple[Parameter, ...]
@@ -214,7 +216,8 @@ class Manifest:
             where: the file's path, for messages.
 
         Raises:
-            StaleError: for text that is not JSON, has another schema, or was edited by hand.
+            StaleError: for text that is not JSON, or was edited by hand.
+            OtherVersionError: for the fields of another version.
         """
         try:
             contents = json.loads(text)
@@ -229,9 +232,11 @@ class Manifest:
                 where=where,
                 remedy="run pmjoint regenerate; edit the model file instead",
             )
-        if contents.pop("schema") != SCHEMA:
-            raise StaleError("was written by another version", where=where, remedy="run pmjoint regenerate")
-        return cls._from_contents(contents)
+        if contents.pop("schema") == SCHEMA and contents.keys() == {field.name for field in fields(cls)}:
+            return cls._from_contents(contents)
+        raise OtherVersionError(
+            "was written by another version", where=where, remedy="run pmjoint regenerate"
+        )
 
     @classmethod
     def _from_contents(cls, contents: dict[str, Any]) -> Manifest:

@@ -80,6 +80,7 @@ def describe(
         limit=str(model.limit),
         leading=str(model.plant.b[0]),
         disturbance_bound=model.disturbance_bound,
+        analytic=not any(entry.has(sp.Abs, sp.sign) for entry in plant.disturbance),
         states=_states(derivation),
         blocks=_blocks(derivation),
         parameters=_parameters(derivation),

@@ -15,7 +15,7 @@ from dataclasses import dataclass, fields
 from enum import StrEnum
 from pathlib import Path
 
-from pmjoint_codegen.errors import StaleError
+from pmjoint_codegen.errors import OtherVersionError, StaleError
 from pmjoint_codegen.manifest import FILE_NAME, EquationText, Manifest
 from pmjoint_codegen.storage import sha256
 
@@ -79,11 +79,17 @@ def read_folder(folder: Path) -> dict[str, bytes]:
 
 
 def tampering(files: Mapping[str, bytes]) -> tuple[Manifest | None, list[str]]:
-    """The folder's manifest if it can be trusted, and what does not match the recorded hashes."""
+    """The folder's manifest if it can be trusted, and what does not match the recorded hashes.
+
+    Raises:
+        OtherVersionError: when another version of this package wrote the manifest.
+    """
     if FILE_NAME not in files:
         return None, [f"{FILE_NAME} is missing"]
     try:
         manifest = Manifest.from_json(files[FILE_NAME].decode("utf-8", "replace"), FILE_NAME)
+    except OtherVersionError:
+        raise
     except StaleError as error:
         return None, [f"{error.where} {error.what}"]
     found = {name: sha256(data) for name, data in files.items() if name != FILE_NAME}
@@ -111,7 +117,10 @@ def compare(files: Mapping[str, bytes], fresh: Mapping[str, str], wanted: Manife
         )
     if files == {name: text.encode() for name, text in fresh.items()}:
         return Comparison(Verdict.CURRENT)
-    recorded, edits = tampering(files)
+    try:
+        recorded, edits = tampering(files)
+    except OtherVersionError as error:
+        return Comparison(Verdict.GENERATOR_CHANGED, (f"{error.where} {error.what}",))
     if recorded is None or edits:
         return Comparison(Verdict.EDITED, tuple(edits))
     changes = equation_changes(recorded.equations, wanted.equations)

@@ -17,6 +17,7 @@ def _operations() -> dict[int, str]:
         ca.OP_SIN: "sin", ca.OP_COS: "cos", ca.OP_TAN: "tan", ca.OP_TANH: "tanh", ca.OP_EXP: "exp",
         ca.OP_LOG: "log", ca.OP_ADD: "add", ca.OP_SUB: "sub", ca.OP_MUL: "mul", ca.OP_DIV: "div",
         ca.OP_POW: "pow", ca.OP_CONSTPOW: "pow", ca.OP_FMIN: "fmin", ca.OP_FMAX: "fmax",
+        ca.OP_FABS: "fabs", ca.OP_SIGN: "sign",
     }  # fmt: skip
 
 

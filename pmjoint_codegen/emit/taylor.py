@@ -145,6 +145,16 @@ def _tangent_like(function: Callable[[ca.SX], ca.SX], sign: int) -> Recurrence:
     return recurrence
 
 
+def _magnitude(node: Node, k: int) -> ca.SX:
+    """|a| is a or -a away from its kink, and takes the slope 0 on it."""
+    a = node.operands[0]
+    return ca.fabs(a[0]) if k == 0 else ca.sign(a[0]) * a[k]
+
+
+def _sign(node: Node, k: int) -> ca.SX:
+    return ca.sign(node.operands[0][0]) if k == 0 else ca.SX(0)
+
+
 def _constant_power(node: Node, k: int) -> ca.SX:
     a, exponent = node.operands[0], node.exponent
     if k == 0:
@@ -174,6 +184,8 @@ def _recurrences() -> Mapping[int, Recurrence]:
         ca.OP_LOG: _logarithm,
         ca.OP_SQRT: _root,
         ca.OP_CONSTPOW: _constant_power,
+        ca.OP_FABS: _magnitude,
+        ca.OP_SIGN: _sign,
     }
 
 

@@ -22,6 +22,8 @@ _FUNCTIONS: Mapping[type, Callable[..., ca.SX]] = {
     sp.tanh: ca.tanh,
     sp.exp: ca.exp,
     sp.log: ca.log,
+    sp.Abs: ca.fabs,
+    sp.sign: ca.sign,
     sp.Min: lambda *a: _fold(ca.fmin, a),
     sp.Max: lambda *a: _fold(ca.fmax, a),
 }

@@ -96,7 +96,7 @@ def rebuild(tape: Tape) -> Any:
 
 def _operations(casadi: Any) -> Mapping[str, Callable[..., Any]]:
     """What each operation of a tape is in CasADi."""
-    named = ("sqrt", "sin", "cos", "tan", "tanh", "exp", "log", "fmin", "fmax")
+    named = ("sqrt", "sin", "cos", "tan", "tanh", "exp", "log", "fmin", "fmax", "fabs", "sign")
     arithmetic: dict[str, Callable[..., Any]] = {
         "neg": operator.neg,
         "sq": lambda a: a * a,

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 FILE_NAME = "kernels.tape"
 ARITIES = {
     "neg": 1, "sq": 1, "twice": 1, "inv": 1, "sqrt": 1, "exp": 1, "log": 1,
-    "sin": 1, "cos": 1, "tan": 1, "tanh": 1,
+    "sin": 1, "cos": 1, "tan": 1, "tanh": 1, "fabs": 1, "sign": 1,
     "add": 2, "sub": 2, "mul": 2, "div": 2, "pow": 2, "fmin": 2, "fmax": 2,
 }  # fmt: skip
 

@@ -98,13 +98,20 @@ def make_settings(
     step = _positive("output step", defaults.output_step if output_step is None else output_step, "s")
     # The horizon bounds a default; what was asked for is taken at its word.
     step = min(step, length) if output_step is None else _at_most("output step", step, length, "the horizon")
+    chosen = _controller(controller)
+    if chosen == "continuous" and not manifest.analytic:
+        raise UsageError(
+            "the disturbance has a kink (abs or sign), over which a Taylor step would go unseen",
+            where="controller",
+            remedy="use the sampled controller, or a smooth disturbance such as tanh(x2/0.01)",
+        )
     settings = Settings(
         parameters=values,
         p=np.array(list(values.values())),
         x0=_initial(manifest, x0),
         horizon=length,
         output_step=step,
-        controller=_controller(controller),
+        controller=chosen,
         sample_time=_positive(
             "sample time", defaults.sample_time if sample_time is None else sample_time, "s"
         ),

@@ -46,6 +46,18 @@ _OPERATORS: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = MappingProx
 )
 _NOT_REAL = (sp.zoo, sp.oo, -sp.oo, sp.nan, sp.I)
 _RULE = f"allowed: numbers, names, brackets, + - * / ** and {' '.join(FUNCTIONS)}"
+_KINKED: Mapping[str, tuple[Callable[..., Any], Callable[..., Any]]] = MappingProxyType(
+    {"abs": (math.fabs, sp.Abs), "sign": (lambda value: float(value > 0) - float(value < 0), sp.sign)}
+)
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where an expression stands: its text, and the names and functions that are allowed there."""
+
+    source: str
+    symbols: Mapping[str, sp.Symbol]
+    functions: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -65,20 +77,21 @@ class _Refused(Exception):  # noqa: N818 - caught in this module, where it reads
         self.allowed = allowed
 
 
-def parse(text: str, symbols: Mapping[str, sp.Symbol], where: str) -> sp.Expr:
+def parse(text: str, symbols: Mapping[str, sp.Symbol], where: str, *, kinks: bool = False) -> sp.Expr:
     """Turn an expression of a model file into SymPy.
 
     Args:
         text: such as ``0.1*sin(x2)*cos(t)``.
         symbols: name -> symbol, for every name allowed in this place; ``pi`` is always allowed.
         where: file and key that a message begins with.
+        kinks: whether abs and sign are allowed too, as in a disturbance.
 
     Raises:
         ModelError: anything that is not on the whitelist, too large, or not finite and real.
     """
     try:
-        source = _source(text)
-        return _checked(_build(_tree(source), source, symbols, _DEEPEST).expression)
+        place = _Place(_source(text), symbols, (*FUNCTIONS, *_KINKED) if kinks else FUNCTIONS)
+        return _checked(_build(_tree(place.source), place, _DEEPEST).expression)
     except _Refused as refused:
         raise ModelError(f"{quoted(text)}: {refused.what}", where=where, remedy=refused.allowed) from None
 
@@ -125,19 +138,19 @@ def _too_deep() -> _Refused:
     return _Refused("is nested too deeply", f"allowed: {_DEEPEST} brackets or operators inside each other")
 
 
-def _build(node: ast.expr, source: str, symbols: Mapping[str, sp.Symbol], depth: int) -> _Term:
+def _build(node: ast.expr, place: _Place, depth: int) -> _Term:
     """Build one node of the syntax tree, or refuse it."""
     if depth == 0:
         raise _too_deep()
 
     def build(part: ast.expr) -> _Term:
-        return _build(part, source, symbols, depth - 1)
+        return _build(part, place, depth - 1)
 
     match node:
         case ast.Constant(value=int() | float() as value) if not isinstance(value, bool):
-            return _literal(source[node.col_offset : node.end_col_offset], value)
+            return _literal(place.source[node.col_offset : node.end_col_offset], value)
         case ast.Name(id=name):
-            return _name(name, symbols)
+            return _name(name, place)
         case ast.UnaryOp(op=ast.USub(), operand=operand):
             return _apply(operator.neg, operator.neg, build(operand))
         case ast.UnaryOp(op=ast.UAdd(), operand=operand):
@@ -147,9 +160,9 @@ def _build(node: ast.expr, source: str, symbols: Mapping[str, sp.Symbol], depth:
         case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATORS:
             combine = _OPERATORS[type(op)]
             return _apply(combine, combine, build(left), build(right))
-        case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]) if name in FUNCTIONS:
+        case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]) if name in place.functions:
             return _call(name, build(argument))
-    raise _refused_node(node, source, symbols)
+    raise _refused_node(node, place)
 
 
 def _literal(text: str, value: float) -> _Term:
@@ -164,12 +177,13 @@ def _literal(text: str, value: float) -> _Term:
     return _Term(sp.Rational(text.replace("_", "")) if math.isfinite(value) else sp.oo, _number(float, value))
 
 
-def _name(name: str, symbols: Mapping[str, sp.Symbol]) -> _Term:
+def _name(name: str, place: _Place) -> _Term:
+    symbols = place.symbols
     if name in symbols:
         return _Term(symbols[name], None)
     if name == "pi":
         return _Term(sp.pi, math.pi)
-    if name in FUNCTIONS:
+    if name in place.functions:
         raise _Refused(f"{name} is a function", f"write {name}(...)")
     close = difflib.get_close_matches(name, list(symbols), n=1)
     guess = f"did you mean {close[0]!r}? " if close else ""
@@ -179,7 +193,8 @@ def _name(name: str, symbols: Mapping[str, sp.Symbol]) -> _Term:
 def _call(name: str, argument: _Term) -> _Term:
     judge = {"exp": exponential_too_large, "tanh": tanh_too_large}.get(name)
     _bound(judge(argument.expression) if judge else None)
-    return _apply(getattr(math, name), getattr(sp, name), argument)
+    numeric, symbolic = _KINKED.get(name) or (getattr(math, name), getattr(sp, name))
+    return _apply(numeric, symbolic, argument)
 
 
 def _power(base: _Term, exponent: _Term) -> _Term:
@@ -240,17 +255,23 @@ def _checked(expression: sp.Expr) -> sp.Expr:
     return expression
 
 
-def _refused_node(node: ast.expr, source: str, symbols: Mapping[str, sp.Symbol]) -> _Refused:
+def _refused_node(node: ast.expr, place: _Place) -> _Refused:
     """Name what is not on the whitelist, in the words of whoever wrote it."""
     match node:
-        case ast.Call(func=ast.Name(id=name)) if name in FUNCTIONS:
+        case ast.Call(func=ast.Name(id=name)) if name in place.functions:
             return _Refused(f"{name} takes one argument", f"write {name}(...)")
-        case ast.Call(func=ast.Name(id=name)) if name in symbols:
+        case ast.Call(func=ast.Name(id=name)) if name in place.symbols:
             return _Refused(f"{name} is not a function", f"write {name}*(...) for a product")
         case ast.Call(func=ast.Name(id=name)):
-            close = difflib.get_close_matches(name, FUNCTIONS, n=1)
+            if name in _KINKED:
+                return _Refused(
+                    f"{name} has a kink", "allowed in a disturbance only, with the sampled controller"
+                )
+            close = difflib.get_close_matches(name, place.functions, n=1)
             guess = f"did you mean {close[0]!r}? " if close else ""
-            return _Refused(f"unknown function {quoted(name)}", f"{guess}allowed: {' '.join(FUNCTIONS)}")
+            return _Refused(
+                f"unknown function {quoted(name)}", f"{guess}allowed: {' '.join(place.functions)}"
+            )
         case ast.Call(func=ast.Constant() | ast.BinOp()):
             return _Refused("no function stands before a bracket", "write * for a product")
-    return _Refused(f"{quoted(source[node.col_offset : node.end_col_offset])} is not allowed")
+    return _Refused(f"{quoted(place.source[node.col_offset : node.end_col_offset])} is not allowed")

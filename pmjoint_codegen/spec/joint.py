@@ -138,5 +138,5 @@ def to_joint(spec: JointSpec, parameters: tuple[Parameter, ...], limit: sp.Symbo
         OutsideClassError: for physics that no design can keep.
     """
     symbols = {item.name: item.symbol for item in parameters} | {"t": parameter_symbol("t")}
-    torque = parse(spec.disturbance, symbols, f"{where}: joint.disturbance")
+    torque = parse(spec.disturbance, symbols, f"{where}: joint.disturbance", kinks=True)
     return reduce_joint(spec.keep, lagged=spec.tau is not None, vartheta=torque, limit=limit)

@@ -104,7 +104,10 @@ def _plant(spec: PlantSpec, known: Symbols, where: str) -> Plant:
         theta=column("theta", spec.theta, known),
         b=column("b", spec.b, known),
         sigma=_parse(spec.sigma, of_output, of_state, f"{where}: plant.sigma"),
-        disturbance=column("disturbance", spec.disturbance or ("0",) * n, of_state),
+        disturbance=tuple(
+            parse(text, of_state, f"{where}: plant.disturbance, entry {i}", kinks=True)
+            for i, text in enumerate(spec.disturbance or ("0",) * n, start=1)
+        ),
     )
 
 

@@ -60,4 +60,5 @@ def _combine(expression: sp.Expr, parts: list[Any], context: Any) -> Any:
         return context.fprod(parts)
     if expression.is_Pow:
         return parts[0] ** parts[1]
-    return getattr(context, type(expression).__name__)(*parts)
+    name = type(expression).__name__
+    return getattr(context, "fabs" if name == "Abs" else name)(*parts)

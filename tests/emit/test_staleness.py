@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import random
 import re
@@ -24,7 +25,7 @@ from pmjoint_codegen.emit.regenerate import regenerate
 from pmjoint_codegen.emit.staleness import REMEDIES, Verdict, compare
 from pmjoint_codegen.identity import model_hash
 from pmjoint_codegen.spec.reader import read_document
-from pmjoint_codegen.storage import replace_folder
+from pmjoint_codegen.storage import replace_folder, sha256
 
 ROOT = Path(__file__).resolve().parents[2]
 MODELS = sorted((ROOT / "models").glob("*.toml"))
@@ -275,7 +276,7 @@ def test_a_derivation_that_fails_is_a_changed_generator_too(
 REPLACE_FOREVER = """
 import sys
 from pathlib import Path
-from pmjoint_codegen.storage import replace_folder
+from pmjoint_codegen.storage import replace_folder, sha256
 folder, *versions = map(Path, sys.argv[1:])
 contents = [{path.name: path.read_bytes() for path in version.iterdir()} for version in versions]
 print("ready", flush=True)
@@ -310,3 +311,13 @@ def test_a_kill_at_any_moment_leaves_the_old_or_the_new(project: Path, artifacts
     replace_folder(folder, new)
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == new
     assert list(folder.parent.iterdir()) == [folder]  # what killed runs staged is swept away
+
+
+def test_a_manifest_with_other_fields_is_the_generator_s_doing(artifacts: Artifacts) -> None:
+    """A field that this version does not know, in a file whose hash is right, was not typed in by hand."""
+    contents = json.loads(artifacts.files["model.json"])
+    contents.pop("analytic")
+    text = json.dumps({**contents, "contents_hash": ""}, indent=1, ensure_ascii=False) + "\n"
+    older = text.replace('"contents_hash": ""', f'"contents_hash": "{sha256(text.encode())}"')
+    files = {name: body.encode() for name, body in artifacts.files.items()} | {"model.json": older.encode()}
+    assert compare(files, artifacts.files, artifacts.manifest).verdict is Verdict.GENERATOR_CHANGED

@@ -35,6 +35,7 @@ def test_all_operations_survive() -> None:
     a, b = x[0], x[1]
     values = [-a, a * a, 2 * a, 1 / a, ca.sqrt(a), ca.sin(a), ca.cos(a), ca.tan(a), ca.tanh(a), ca.exp(a)]
     values += [ca.log(a), a + b, a - b, a * b, a / b, a**2.5, a**b, ca.fmin(a, b), ca.fmax(a, b), ca.SX(0.1)]
+    values += [ca.fabs(b - 2), ca.sign(a - 1)]
     function = ca.Function("f", [x], [ca.vertcat(*values)], ["x"], ["y"])
     again = rebuild(read_tapes(write_tapes(tapes_of([function])))["f"])
     np.testing.assert_array_equal(np.array(again([0.7, 1.3])), np.array(function([0.7, 1.3])))

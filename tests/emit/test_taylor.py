@@ -39,6 +39,8 @@ CLOSED_FORMS: dict[str, tuple[Callable[[ca.SX, ca.SX, ca.SX], ca.SX], Callable[[
     "constant denominator": (lambda t, x, p: t / p, lambda t: t**2 / 6, 0.3),
     "real power": (lambda t, x, p: (p + t) ** 2.5, lambda t: (3 + t) ** mp.mpf("3.5") / mp.mpf("3.5"), 0.3),
     "product of series": (lambda t, x, p: t * ca.exp(t) * p, lambda t: 3 * (t - 1) * mp.exp(t), 0.3),
+    "magnitude, left of its kink": (lambda t, x, p: ca.fabs(t - p), lambda t: 3 * t - t**2 / 2, 0.3),
+    "sign": (lambda t, x, p: ca.sign(p - t) * t, lambda t: t**2 / 2, 0.3),
     "twice and negation": (lambda t, x, p: -(x + x), lambda t: mp.exp(-2 * t), 0.3),
 }
 
@@ -74,4 +76,4 @@ def test_carried_outputs_follow_the_state() -> None:
 
 def test_what_is_not_analytic_is_refused() -> None:
     with pytest.raises(ModelError, match="no Taylor recurrence"):
-        scalar_ode(lambda t, x, p: ca.fabs(x))
+        scalar_ode(lambda t, x, p: ca.floor(x))

@@ -155,6 +155,7 @@ def polynomial_manifest() -> Manifest:
         limit="limit",
         leading="limit",
         disturbance_bound=None,
+        analytic=True,
         states=(Variable("x1", "", ""),),
         blocks={"x": (0, 1)},
         parameters=tuple(Parameter(name, 1.0, "", "", "plant") for name in names),
