@@ -61,14 +61,15 @@ class Certificate:
         return [float(pole.real) if pole.imag == 0 else complex(pole) for pole in self.poles]
 
 
-def certify(derivation: Derivation, values: Mapping[str, float]) -> Certificate:
+def certify(derivation: Derivation, values: Mapping[str, float], bound: float | None) -> Certificate:
     """Evaluate the certificate.
 
     Args:
         derivation: the design.
         values: every parameter and gain by name.
+        bound: D_max of the disturbance, or None when it is not known.
     """
-    s, bound = derivation.signals, derivation.model.disturbance_bound
+    s = derivation.signals
     A0, P = (_numeric(matrix, values) for matrix in (filter_matrix(s), lyapunov_matrix(s)))
     c, e = ([values[symbol.name] for symbol in symbols] for symbols in (s.c, s.e))
     largest = float(np.linalg.eigvalsh(P)[-1])

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from pmjoint_codegen.kernels.evaluator import Evaluator
 from pmjoint_codegen.manifest import Function, Manifest
+from pmjoint_codegen.simulate.modes import Actuator, make_actuator
 
 Array = npt.NDArray[np.float64]
 Draw = Callable[[int], Array]
@@ -44,9 +45,9 @@ def batches(evaluator: Evaluator, function: Function, count: int, seed: int, *, 
     """
     random = np.random.default_rng([seed, *function.name.encode()])
     draws = _draws(random) if extreme else _moderate_draws(random)
-    found = [Batch(kind, _arguments(evaluator.manifest, function, draw, count, random)) for kind, draw in draws.items()]
+    found = [Batch(kind, _arguments(evaluator, function, draw, count, random)) for kind, draw in draws.items()]
     for kind, level in (("v near a limit", "limit"), ("v cancels", "zero")):
-        arguments = _arguments(evaluator.manifest, function, draws["random"], count, random)
+        arguments = _arguments(evaluator, function, draws["random"], count, random)
         placed = _place(evaluator, function, arguments, level, random)
         found += [Batch(kind, placed)] if placed is not None else []
     return found
@@ -79,13 +80,14 @@ def _draws(random: np.random.Generator) -> dict[str, Draw]:
 
 
 def _arguments(
-    manifest: Manifest, function: Function, draw: Draw, count: int, random: np.random.Generator
+    evaluator: Evaluator, function: Function, draw: Draw, count: int, random: np.random.Generator
 ) -> tuple[Array, ...]:
     """One array an input: parameters near their defaults, time within the horizon, modes as the integrator sets them, the rest drawn."""
+    manifest = evaluator.manifest
     special: Mapping[str, Callable[[int], Array]] = {
         "p": lambda _size: parameter_values(manifest, count, random),
         "t": lambda size: random.uniform(0.0, manifest.simulation.horizon, (count, size)),
-        "g": lambda size: _modes(manifest, count, size, random),
+        "g": lambda _size: _modes(evaluator, count, random),
     }
     return tuple(
         special[label](size) if label in special else draw(count * size).reshape(count, size)
@@ -104,14 +106,15 @@ def parameter_values(manifest: Manifest, count: int, random: np.random.Generator
     return np.ascontiguousarray(values)
 
 
-def _modes(manifest: Manifest, count: int, size: int, random: np.random.Generator) -> Array:
-    """Actuator of a mode: either follows v, ``(0, 1)``, or stands still, ``(w, 0)``."""
-    limit = next(item.value for item in manifest.parameters if item.name == manifest.limit)
-    modes = np.zeros((count, size // 2, 2))
-    follows = random.integers(0, 2, (count, size // 2))
-    modes[..., 1] = follows
-    modes[..., 0] = (1 - follows) * random.choice(np.array([-limit, limit]), (count, size // 2))
-    return modes.reshape(count, size)
+def _modes(evaluator: Evaluator, count: int, random: np.random.Generator) -> Array:
+    """Actuators of random saturation modes, for the default parameters, shape (count, 2 nw)."""
+    modes = _actuator(evaluator).modes
+    return np.ascontiguousarray(modes[random.integers(0, len(modes), count)])
+
+
+def _actuator(evaluator: Evaluator) -> Actuator:
+    defaults = np.array([item.value for item in evaluator.manifest.parameters])
+    return make_actuator(evaluator.call("actuation", defaults)[0])
 
 
 def _place(
@@ -129,7 +132,8 @@ def _place(
         moved[state][:, -1] = value
         ends.append(_control(evaluator, given))
     slope = ends[1] - ends[0]
-    moved[state][:, -1] = (_levels(evaluator.manifest, given, level, random) - ends[0]) / np.where(slope == 0, 1.0, slope)
+    levels = _levels(evaluator, len(slope), level, random)
+    moved[state][:, -1] = (levels - ends[0]) / np.where(slope == 0, 1.0, slope)
     return tuple(moved)
 
 
@@ -141,13 +145,12 @@ def _control(evaluator: Evaluator, given: Mapping[str, Array]) -> Array:
     return evaluator.call("law", given["y"], given["s"], given["y_r"], given["p"])[2][:, 0]
 
 
-def _levels(manifest: Manifest, given: Mapping[str, Array], level: str, random: np.random.Generator) -> Array:
-    count = len(given["p"])
-    if level == "zero":
+def _levels(evaluator: Evaluator, count: int, level: str, random: np.random.Generator) -> Array:
+    thresholds = _actuator(evaluator).thresholds
+    if level == "zero" or not len(thresholds):
         return np.zeros(count)
-    limit = given["p"][:, manifest.parameter_names.index(manifest.limit)]
     beside = 1 + random.integers(-2, 3, count) * 2.0**-52
-    return np.asarray(limit * beside * random.choice(np.array([-1.0, 1.0]), count), dtype=np.float64)
+    return np.asarray(random.choice(thresholds, count) * beside, dtype=np.float64)
 
 
 def describe_point(function: Function, arguments: tuple[Array, ...], row: int) -> str:

@@ -43,7 +43,7 @@ def prove_for(derivation: Derivation, values: Mapping[str, float]) -> GateResult
     if broken:
         detail = f"{len(broken)} of {len(identities)} identities do not expand to zero: {', '.join(item.name for item in broken)}"
         return failed(NAME, detail, len(broken), 0, _difference(broken[0]))
-    certificate = certify(derivation, values)
+    certificate = certify(derivation, values, derivation.model.disturbance_bound)
     faults = definiteness(derivation, certificate, values)
     if faults:
         return failed(NAME, "; ".join(faults), len(faults), 0, Difference("certificate", faults[0], "", "", "", "", ""))
