@@ -1,16 +1,17 @@
 """The certificate (19)-(35): V decreases up to the disturbance, as identities that expand to exactly zero.
 
-Nothing here asks how the law was found. The errors z_i are taken as expressions of what the controller measures, differentiated along the
-*true* dynamics (y' of the plant (11), filters (14), compensator (23), any input u), and held against what (27), (28) claim. With
-``s_1 = -1`` and ``s_i = d alpha_{i-1} / dy``:
+Nothing here asks how the law was found. The errors z_i are taken as expressions of what the controller
+measures, differentiated along the *true* dynamics (y' of the plant (11), filters (14), compensator (23), any
+input u), and held against what (27), (28) claim. With ``s_1 = -1`` and ``s_i = d alpha_{i-1} / dy``:
 
-    z_i'  =  -(c_i + e_i s_i^2) z_i - s_i epsilon_2 + couplings that cancel in the sum                       (27), (28)
-    d/dt sum z_i^2/2  =  -sum c_i z_i^2 - sum e_i s_i^2 z_i^2 - (sum s_i z_i) epsilon_2                       (31)
-    V'  =  -sum c_i z_i^2 - sum |epsilon|^2/(4 e_i) + sum |P D|^2/(2 e_i) - {squares},                        (32)
-    V   =  sum z_i^2/2 + sum epsilon' P epsilon/(2 e_i),      P A0 + A0' P = -2 I                             (19), (30)
+    z_i'  =  -(c_i + e_i s_i^2) z_i - s_i epsilon_2 + couplings that cancel in the sum              (27), (28)
+    d/dt sum z_i^2/2  =  -sum c_i z_i^2 - sum e_i s_i^2 z_i^2 - (sum s_i z_i) epsilon_2             (31)
+    V'  =  -sum c_i z_i^2 - sum |epsilon|^2/(4 e_i) + sum |P D|^2/(2 e_i) - {squares},              (32)
+    V   =  sum z_i^2/2 + sum epsilon' P epsilon/(2 e_i),      P A0 + A0' P = -2 I                   (19), (30)
 
-The braces hold ``sum e_i (s_i z_i + epsilon_2/(2 e_i))^2 + sum |epsilon - P D|^2/(2 e_i) + sum_i sum_{j != 2} epsilon_j^2/(4 e_i)``: squares only, so (32) is an
-inequality for every model whose identities hold. They hold for any saturation, with the compensator (23) at work.
+The braces hold ``sum e_i (s_i z_i + epsilon_2/(2 e_i))^2 + sum |epsilon - P D|^2/(2 e_i) + sum_i sum_{j != 2}
+epsilon_j^2/(4 e_i)``: squares only, so (32) is an inequality for every model whose identities hold. They hold
+for any saturation, with the compensator (23) at work.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ import sympy as sp
 from derive.closed_loop import disturbance_symbols
 from derive.derivation import Derivation
 from derive.filters import filter_matrix, shift_matrix
-from derive.signals import Signals, derivative_name, parameter_symbol, partial_name
+from derive.model import parameter_symbol
+from derive.signals import Signals, derivative_name, partial_name
 
 
 @dataclass(frozen=True)
@@ -46,13 +48,13 @@ class Identity:
         return bool(self.remainder == 0)
 
 
-def expand_to_zero(expression: sp.Expr, sigma: sp.Expr = sp.Integer(1)) -> sp.Expr:
-    """Expand an expression of polynomials, quotients and functions of y; 0 exactly when it vanishes identically.
+def expand_to_zero(expression: sp.Expr, sigma: sp.Expr) -> sp.Expr:
+    """Expand polynomials and quotients of functions of y; 0 exactly when the expression vanishes identically.
 
     Args:
         expression: what should vanish.
-        sigma: the input nonlinearity. Where it is a sum, it stands for itself as one symbol first, as products by it and
-            quotients of it then cancel without a common denominator.
+        sigma: the input nonlinearity. Where it is a sum, it stands for itself as one symbol first, as
+            products by it and quotients of it then cancel without a common denominator.
 
     Returns:
         0, or what is left over.
@@ -84,13 +86,11 @@ def lyapunov_residual(P: sp.ImmutableMatrix, signals: Signals) -> sp.ImmutableMa
 
 
 def _symmetric_matrix(n: int) -> sp.ImmutableMatrix:
-    return sp.ImmutableMatrix(
-        n, n, lambda i, j: parameter_symbol(f"P_{min(i, j) + 1}{max(i, j) + 1}")
-    )
+    return sp.ImmutableMatrix(n, n, lambda i, j: parameter_symbol(f"P_{min(i, j) + 1}{max(i, j) + 1}"))
 
 
 def sensitivities(derivation: Derivation) -> tuple[sp.Expr, ...]:
-    """``s_1 = -1`` and ``s_i = d alpha_{i-1} / dy`` by name; :func:`partial_identities` proves what the names stand for."""
+    """``s_1 = -1`` and ``s_i = d alpha_{i-1} / dy`` by name; `partial_identities` proves the names."""
     s = derivation.signals
     return (sp.Integer(-1), *(_partial(derivation, alpha, s.y) for alpha in s.alpha))
 
@@ -107,10 +107,10 @@ def estimation_error(signals: Signals) -> sp.Expr:
 
 
 def true_rates(derivation: Derivation) -> dict[sp.Symbol, sp.Expr]:
-    """Rates of all that a virtual control may depend on, along the plant (11) with any input u and ``du = u - v``.
+    """Rates of all that a virtual control may depend on, along the plant (11) with any u and ``du = u - v``.
 
-    The plant is restated from its class; filters and compensator are the derivation's own equations, which the kernels
-    are made from. The unmeasured x_2 is written as its estimate and epsilon_2.
+    The plant is restated from its class; filters and compensator are the derivation's own equations, which
+    the kernels are made from. The unmeasured x_2 is written as its estimate and epsilon_2.
     """
     s, plant = derivation.signals, derivation.plant
     y_dot = plant.phi[0] + sum((a * b for a, b in zip(plant.Phi[0], plant.theta, strict=True)), sp.Integer(0))
@@ -128,11 +128,17 @@ def true_rates(derivation: Derivation) -> dict[sp.Symbol, sp.Expr]:
 
 def rate_along(expression: sp.Expr, rates: Mapping[sp.Symbol, sp.Expr]) -> sp.Expr:
     """Total time derivative of an expression, given the rates of what it depends on."""
-    terms = (sp.diff(expression, symbol) * rate for symbol, rate in rates.items() if symbol in expression.free_symbols)
+    terms = (
+        sp.diff(expression, symbol) * rate
+        for symbol, rate in rates.items()
+        if symbol in expression.free_symbols
+    )
     return sum(terms, sp.Integer(0))
 
 
-def virtual_control_rates(derivation: Derivation, rates: Mapping[sp.Symbol, sp.Expr]) -> dict[sp.Symbol, sp.Expr]:
+def virtual_control_rates(
+    derivation: Derivation, rates: Mapping[sp.Symbol, sp.Expr]
+) -> dict[sp.Symbol, sp.Expr]:
     """``alpha_i'`` by the chain rule, with the partial derivatives by name."""
     return {
         alpha: sum((_partial(derivation, alpha, by) * rate for by, rate in rates.items()), sp.Integer(0))
@@ -160,7 +166,7 @@ def claimed_rates(derivation: Derivation, s_: tuple[sp.Expr, ...]) -> tuple[sp.E
 
 
 def estimation_identities(derivation: Derivation) -> list[Identity]:
-    """``epsilon' = A0 epsilon + D`` for ``epsilon = x - x_hat`` along plant and filters, whatever u is (17), (18)."""
+    """``epsilon' = A0 epsilon + D`` for ``epsilon = x - x_hat`` along plant and filters, for any u (17)."""
     s, plant = derivation.signals, derivation.plant
     n, p = plant.order, plant.p
     D = sp.Matrix(disturbance_symbols(plant))
@@ -171,14 +177,15 @@ def estimation_identities(derivation: Derivation) -> list[Identity]:
     rates = {symbol: rate.xreplace({s.y: s.x[0]}) for symbol, rate in true_rates(derivation).items()}
     error_dot = x_dot - sp.Matrix([rate_along(entry, rates) for entry in x_hat])
     rest = error_dot - filter_matrix(s) * (sp.Matrix(s.x) - x_hat) - D
+    sigma = plant.sigma.xreplace({s.y: s.x[0]})
     return [
-        Identity(f"epsilon_{i}", f"epsilon_{i}' = (A0 epsilon + D)_{i}", expand_to_zero(entry, plant.sigma.xreplace({s.y: s.x[0]})))
+        Identity(f"epsilon_{i}", f"epsilon_{i}' = (A0 epsilon + D)_{i}", expand_to_zero(entry, sigma))
         for i, entry in enumerate(rest, start=1)
-    ]  # fmt: skip
+    ]
 
 
 def partial_identities(derivation: Derivation) -> list[Identity]:
-    """Every named partial derivative is the derivative of its virtual control, and every one that is not named is zero."""
+    """Every named partial derivative is its virtual control's; every one that is not named is zero."""
     s = derivation.signals
     identities = []
     for alpha in s.alpha:
@@ -186,7 +193,7 @@ def partial_identities(derivation: Derivation) -> list[Identity]:
         for by in s.measurable:
             name = partial_name(alpha, by)
             named = derivation.expanded(name) if name in derivation.equations else sp.Integer(0)
-            rest = expand_to_zero(named - sp.diff(value, by))
+            rest = expand_to_zero(named - sp.diff(value, by), sp.Integer(1))
             identities.append(Identity(name, f"{name} is the derivative of {alpha} by {by}", rest))
     return identities
 
@@ -194,38 +201,45 @@ def partial_identities(derivation: Derivation) -> list[Identity]:
 def error_identities(derivation: Derivation) -> list[Identity]:
     """``z_i'`` along the true dynamics equals what (27), (28) claim, for any u.
 
-    Errors and partial derivatives stay names as long as they may: their definitions are unfolded where they are differentiated, and the
-    partial derivatives are proved apart. So the expressions stay small for any order.
+    Errors and partial derivatives stay names as long as they may: their definitions are unfolded where they
+    are differentiated, and the partial derivatives are proved apart. So the expressions stay small for any
+    order.
     """
-    s = derivation.signals
     rates = true_rates(derivation)
     rates |= virtual_control_rates(derivation, rates)
     claims = claimed_rates(derivation, sensitivities(derivation))
     return [_error_identity(derivation, i, rates, claim) for i, claim in enumerate(claims, start=1)]
 
 
-def _error_identity(derivation: Derivation, i: int, rates: Mapping[sp.Symbol, sp.Expr], claim: sp.Expr) -> Identity:
+def _error_identity(
+    derivation: Derivation, i: int, rates: Mapping[sp.Symbol, sp.Expr], claim: sp.Expr
+) -> Identity:
     s, equations = derivation.signals, derivation.equations
     names = frozenset(parameter_symbol(partial_name(alpha, by)) for alpha in s.alpha for by in s.measurable)
     keep = frozenset({s.y, s.u, *s.y_r}) | names
     definition = equations.expand(equations[s.z[i - 1].name].expression, keep | frozenset(s.alpha))
     rest = equations.expand(rate_along(definition, rates) - claim, keep | frozenset(s.z[:i]))
-    number = "(27)" if i == 1 else "(28)"
-    return Identity(
-        f"z{i}'", f"z{i}' along the true dynamics is what {number} claims, for any u", expand_to_zero(rest, derivation.plant.sigma)
-    )  # fmt: skip
+    claimed = f"z{i}' along the true dynamics is what {'(27)' if i == 1 else '(28)'} claims, for any u"
+    return Identity(f"z{i}'", claimed, expand_to_zero(rest, derivation.plant.sigma))
 
 
 def energy_identity(derivation: Derivation) -> Identity:
-    """(31): the couplings cancel in ``d/dt sum z_i^2 / 2``, with z_i' as the identities above establish it."""
+    """(31): the couplings cancel in ``d/dt sum z_i^2 / 2``, with z_i' as established above."""
     s = derivation.signals
     s_ = (sp.Integer(-1), *(parameter_symbol(f"s{i}") for i in range(2, derivation.plant.rho + 1)))
-    rate = sum((z * claim for z, claim in zip(s.z, claimed_rates(derivation, s_), strict=True)), sp.Integer(0))
+    rate = sum(
+        (z * claim for z, claim in zip(s.z, claimed_rates(derivation, s_), strict=True)), sp.Integer(0)
+    )
     claim = sum(
-        (-(c + e * s_i**2) * z**2 - s_i * z * estimation_error(s) for c, e, z, s_i in zip(s.c, s.e, s.z, s_, strict=True)),
+        (
+            -(c + e * s_i**2) * z**2 - s_i * z * estimation_error(s)
+            for c, e, z, s_i in zip(s.c, s.e, s.z, s_, strict=True)
+        ),
         sp.Integer(0),
     )
-    return Identity("energy", "d/dt sum z^2/2 = -sum c z^2 - sum e s^2 z^2 - (sum s z) epsilon_2", sp.expand(rate - claim))
+    return Identity(
+        "energy", "d/dt sum z^2/2 = -sum c z^2 - sum e s^2 z^2 - (sum s z) epsilon_2", sp.expand(rate - claim)
+    )
 
 
 def squares(derivation: Derivation, P: sp.ImmutableMatrix, s_: tuple[sp.Expr, ...]) -> tuple[sp.Expr, ...]:
@@ -240,7 +254,7 @@ def squares(derivation: Derivation, P: sp.ImmutableMatrix, s_: tuple[sp.Expr, ..
 
 
 def certificate_identity(derivation: Derivation) -> Identity:
-    """(32) as an identity, modulo the Lyapunov equation, whose residual multiplies the only term that is left."""
+    """(32) as an identity, modulo the Lyapunov equation: its residual multiplies the only term left."""
     s, n = derivation.signals, derivation.plant.order
     s_ = (sp.Integer(-1), *(parameter_symbol(f"s{i}") for i in range(2, derivation.plant.rho + 1)))
     P, epsilon = _symmetric_matrix(n), sp.Matrix(s.epsilon)
@@ -250,11 +264,12 @@ def certificate_identity(derivation: Derivation) -> Identity:
     V_dot = sum((z * rate for z, rate in zip(s.z, claimed_rates(derivation, s_), strict=True)), sp.Integer(0))
     V_dot += weight * (2 * epsilon.T * P * epsilon_dot)[0]
     claim = -sum((c * z**2 for c, z in zip(s.c, s.z, strict=True)), sp.Integer(0))
-    claim += weight * (-epsilon.dot(epsilon) / 2 + (P * D).dot(P * D)) - sum(squares(derivation, P, s_), sp.Integer(0))
+    claim += weight * (-epsilon.dot(epsilon) / 2 + (P * D).dot(P * D)) - sum(
+        squares(derivation, P, s_), sp.Integer(0)
+    )
     left = weight * (epsilon.T * lyapunov_residual(P, s) * epsilon)[0]
-    return Identity(
-        "certificate", "V' = -sum c z^2 - sum |epsilon|^2/(4e) + sum |P D|^2/(2e) - squares", sp.expand(V_dot - claim - left)
-    )  # fmt: skip
+    statement = "V' = -sum c z^2 - sum |epsilon|^2/(4e) + sum |P D|^2/(2e) - squares"
+    return Identity("certificate", statement, sp.expand(V_dot - claim - left))
 
 
 def lyapunov_identities(derivation: Derivation) -> list[Identity]:
@@ -262,14 +277,18 @@ def lyapunov_identities(derivation: Derivation) -> list[Identity]:
     s = derivation.signals
     residual = lyapunov_residual(lyapunov_matrix(s), s)
     return [
-        Identity(f"P_{i + 1}{j + 1}", f"(P A0 + A0' P + 2 I)_{i + 1}{j + 1} = 0", sp.cancel(sp.together(residual[i, j])))
+        Identity(
+            f"P_{i + 1}{j + 1}",
+            f"(P A0 + A0' P + 2 I)_{i + 1}{j + 1} = 0",
+            sp.cancel(sp.together(residual[i, j])),
+        )
         for i in range(len(s.k))
         for j in range(i, len(s.k))
     ]
 
 
 def prove(derivation: Derivation) -> tuple[Identity, ...]:
-    """Every identity that the certificate rests on, made anew from the derivation; all hold, or there is no certificate."""
+    """Every identity that the certificate rests on, made anew; all hold, or there is no certificate."""
     return (
         *estimation_identities(derivation),
         *partial_identities(derivation),

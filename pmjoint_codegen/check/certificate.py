@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -28,12 +29,13 @@ class Certificate:
         f: their quotient; V falls like exp(-f t) at least, 1/s.
         Y: sum of |P|^2 D_max^2 / (2 e_i); None without a bound of the disturbance.
         z_bound: ultimate bound sqrt(2 Y / f) of |z|, and so of |z_1|.
-        z_sharp: ultimate bound of |z| by way of epsilon_2 alone, which the disturbance reaches through exp(A0 t).
+        z_sharp: ultimate bound of |z| by way of epsilon_2 alone, which the disturbance reaches through exp(A0
+            t).
         z1_sharp: ultimate bound of |z_1| from ``z_1' = -(c_1 + e_1) z_1 + b_m z_2 + epsilon_2``.
     """
 
     P: Array
-    poles: npt.NDArray[np.complex128]
+    poles: npt.NDArray[np.complexfloating[Any, Any]]
     f_minus: float
     f_plus: float
     f: float
@@ -75,13 +77,15 @@ def certify(derivation: Derivation, values: Mapping[str, float], bound: float | 
     largest = float(np.linalg.eigvalsh(P)[-1])
     f_minus = min(*c, *(1 / (4 * gain) for gain in e))
     f_plus = max(0.5, *(largest / (2 * gain) for gain in e))
-    f, poles = f_minus / f_plus, np.linalg.eigvals(A0)
+    f, poles = f_minus / f_plus, np.linalg.eigvals(A0 + 0j)
     if bound is None:
         return Certificate(P, poles, f_minus, f_plus, f, None, None, None, None)
     Y = sum(largest**2 * bound**2 / (2 * gain) for gain in e)
     epsilon_2 = _reach(A0) * bound
     z = epsilon_2 * float(np.sqrt(sum(1 / (4 * gain) for gain in e) / min(c)))
-    b_m = abs(float(_numeric(sp.Matrix([[derivation.equations.expand(derivation.plant.b[0])]]), values)[0, 0]))
+    b_m = abs(
+        float(_numeric(sp.Matrix([[derivation.equations.expand(derivation.plant.b[0])]]), values)[0, 0])
+    )
     drive = b_m * z if derivation.plant.rho > 1 else 0.0
     z1 = min(z, (drive + epsilon_2) / (c[0] + e[0]))
     return Certificate(P, poles, f_minus, f_plus, f, Y, float(np.sqrt(2 * Y / f)), z, z1)
@@ -95,7 +99,8 @@ def _numeric(matrix: sp.MatrixBase, values: Mapping[str, float]) -> Array:
 def _reach(A0: Array) -> float:
     """``int_0^inf |row 2 of exp(A0 t)| dt``: the most that a disturbance of unit size makes of epsilon_2, s.
 
-    The trapezoidal rule on a grid of 1/2000 of the fastest time constant over 40 of the slowest; n = 1 has no epsilon_2.
+    The trapezoidal rule on a grid of 1/2000 of the fastest time constant over 40 of the slowest; n = 1 has no
+    epsilon_2.
     """
     if len(A0) == 1:
         return 0.0

@@ -1,7 +1,8 @@
-"""Compilers and analysers: the generated C as portable, strict, quiet C that touches nothing but its arguments.
+"""Compilers and analysers: the generated C is strict, quiet C that touches nothing but its arguments.
 
-CasADi's calling convention hands every function ``iw``, ``w`` and ``mem`` whether it uses them or not; so ``-Wno-unused-parameter`` is the one exception that the
-warnings make. It is confined: a parameter of any other name that goes unused is an error of the gate.
+CasADi's calling convention hands every function ``iw``, ``w`` and ``mem`` whether it uses them or not; so
+``-Wno-unused-parameter`` is the one exception that the warnings make. It is confined: a parameter of any
+other name that goes unused is an error of the gate.
 """
 
 from __future__ import annotations
@@ -51,7 +52,9 @@ class Outcome:
 def run(command: Sequence[str], folder: Path, given: bytes = b"") -> Outcome:
     """Run a tool in a folder, with given standard input."""
     try:
-        done = subprocess.run(command, cwd=folder, input=given, capture_output=True, check=False, timeout=TIME_LIMIT)
+        done = subprocess.run(
+            command, cwd=folder, input=given, capture_output=True, check=False, timeout=TIME_LIMIT
+        )
     except subprocess.TimeoutExpired:
         return Outcome(-1, b"", f"error: {command[0]} took more than {TIME_LIMIT} s")
     return Outcome(done.returncode, done.stdout, done.stderr.decode(errors="replace"))
@@ -90,7 +93,7 @@ def _warnings(subject: Subject, tool: str) -> GateResult:
 
 
 def warnings(name: str, tool: str, files: Mapping[str, str]) -> GateResult:
-    """Compile with all warnings; unused parameters are looked at apart, since the calling convention makes some.
+    """Compile with all warnings; unused parameters are looked at apart: the calling convention makes some.
 
     Args:
         name: of the gate.
@@ -100,13 +103,22 @@ def warnings(name: str, tool: str, files: Mapping[str, str]) -> GateResult:
     with tempfile.TemporaryDirectory(prefix="pmjoint-check-") as private:
         folder = Path(private)
         write(folder, files)
-        strict = run([tool, *WARNINGS, "-Wno-unused-parameter", "-O1", "-c", "kernels.c", "-o", "strict.o"], folder)
+        strict = run(
+            [tool, *WARNINGS, "-Wno-unused-parameter", "-O1", "-c", "kernels.c", "-o", "strict.o"], folder
+        )
         unused = run([tool, "-std=c99", "-Wunused-parameter", "-fsyntax-only", "kernels.c"], folder)
-    stray = [line for line in unused.messages.splitlines() if "warning:" in line and not _of_the_convention(line)]
+    stray = [
+        line for line in unused.messages.splitlines() if "warning:" in line and not _of_the_convention(line)
+    ]
     if strict.code or stray:
         line = strict.first_line if strict.code else stray[0]
         return failed(name, line, None, None, Difference(tool, "warning", "", "none", line, "", ""))
-    return passed(name, f"warnings of {' '.join(WARNINGS)}; unused {', '.join(CONVENTION)} of CasADi's convention allowed", 0, 0)
+    return passed(
+        name,
+        f"warnings of {' '.join(WARNINGS)}; unused {', '.join(CONVENTION)} of CasADi's convention allowed",
+        0,
+        0,
+    )
 
 
 def _of_the_convention(line: str) -> bool:
@@ -135,7 +147,11 @@ def check_valgrind(subject: Subject) -> GateResult:
 
 
 def watched(
-    subject: Subject, name: str, compiler: Sequence[str], watch: Sequence[str], files: Mapping[str, str] | None = None
+    subject: Subject,
+    name: str,
+    compiler: Sequence[str],
+    watch: Sequence[str],
+    files: Mapping[str, str] | None = None,
 ) -> GateResult:
     """Run every kernel under a tool that watches, and compare bits with the interpreter's.
 
@@ -154,7 +170,13 @@ def watched(
         if made.code and "sanitize" in " ".join(compiler) and "cannot find" in made.messages:
             return not_run(name, f"no sanitizer library: {made.first_line}")
         if made.code:
-            return failed(name, made.first_line, None, None, Difference(compiler[0], "compilation", "", "", made.messages, "", ""))
+            return failed(
+                name,
+                made.first_line,
+                None,
+                None,
+                Difference(compiler[0], "compilation", "", "", made.messages, "", ""),
+            )
         done = run([*watch, "./watched"], folder, questions)
     unequal = harness.differing(answers, done.output)
     if done.code or unequal:
@@ -187,17 +209,29 @@ def objects(name: str, compiler: Sequence[str], files: Mapping[str, str]) -> Gat
         flags = ["-std=c99", "-O0", "-ffunction-sections", "-fno-builtin", "-fno-stack-protector"]
         made = run([*compiler, *flags, "-c", "kernels.c", "-o", "kernels.o"], folder)
         if made.code:
-            return failed(name, made.first_line, None, None, Difference(compiler[0], "compilation", "", "", made.messages, "", ""))
+            return failed(
+                name,
+                made.first_line,
+                None,
+                None,
+                Difference(compiler[0], "compilation", "", "", made.messages, "", ""),
+            )
         symbols = run(["nm", "kernels.o"], folder).output.decode()
         relocations = run(["objdump", "-r", "kernels.o"], folder).output.decode()
     faults = [*symbol_faults(symbols), *recursion_faults(relocations)]
     if faults:
-        return failed(name, faults[0], len(faults), 0, Difference("kernels.o", "symbols", "", "", "; ".join(faults), "", ""))
+        return failed(
+            name,
+            faults[0],
+            len(faults),
+            0,
+            Difference("kernels.o", "symbols", "", "", "; ".join(faults), "", ""),
+        )
     return passed(name, "calls outside the mathematical library, static mutable objects and recursions", 0, 0)
 
 
 def symbol_faults(listing: str) -> list[str]:
-    """What ``nm`` lists that must not be there: calls that are not mathematics, and data that can be written."""
+    """What ``nm`` must not list: calls that are not mathematics, and data that can be written."""
     faults = []
     for line in listing.splitlines():
         *_, kind, symbol = line.split()

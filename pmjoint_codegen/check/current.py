@@ -26,11 +26,21 @@ def judge(subject: Subject, files: Mapping[str, bytes], fresh: Artifacts) -> Gat
         fresh: what would be written.
     """
     comparison = compare(files, fresh.files, fresh.manifest)
-    differing = {name for name, text in fresh.files.items() if files.get(name) != text.encode()} | set(files) - set(fresh.files)
+    differing = {name for name, text in fresh.files.items() if files.get(name) != text.encode()} | set(
+        files
+    ) - set(fresh.files)
     if comparison.verdict is Verdict.CURRENT:
         return passed(NAME, f"files that differ, of {len(files)} generated anew", 0, 0)
     remedy = REMEDIES[comparison.verdict].format(name=subject.model.name)
-    changes = [f"{item.name}: {item.before} -> {item.after}" for item in comparison.changes if item.before is not None]
+    changes = [
+        f"{item.name}: {item.before} -> {item.after}"
+        for item in comparison.changes
+        if item.before is not None
+    ]
     findings = (*comparison.details, *changes, f"to mend it: {remedy}")
-    first = Difference(str(subject.folder), min(differing), "", "as generated", comparison.verdict.value, "", "")
-    return failed(NAME, f"{comparison.verdict.value}: {comparison.details[0]}", len(differing), 0, first, findings)
+    first = Difference(
+        str(subject.folder), min(differing), "", "as generated", comparison.verdict.value, "", ""
+    )
+    return failed(
+        NAME, f"{comparison.verdict.value}: {comparison.details[0]}", len(differing), 0, first, findings
+    )

@@ -1,8 +1,8 @@
-"""Derivatives: every emitted partial derivative against algorithmic differentiation of the emitted virtual controls.
+"""Derivatives: emitted partial derivatives against algorithmic differentiation of emitted virtual controls.
 
-SymPy differentiated the expressions; CasADi differentiates its own instruction list of ``law``. The two share no code. Both
-sides carry a running error bound, and differ by no more than the two together. A derivative that the
-manifest does not name must be zero.
+SymPy differentiated the expressions; CasADi differentiates its own instruction list of ``law``. The two share
+no code. Both sides carry a running error bound, and differ by no more than the two together. A derivative
+that the manifest does not name must be zero.
 """
 
 from __future__ import annotations
@@ -33,7 +33,9 @@ def check(subject: Subject) -> GateResult:
         return passed(NAME, "a plant of relative degree one has no virtual controls", 0, 0)
     function = subject.manifest.function("partials")
     found = batches(subject.interpreted, function, POINTS, SEED, extreme=False)
-    arguments = tuple(np.concatenate(arrays) for arrays in zip(*(batch.arguments for batch in found), strict=True))
+    arguments = tuple(
+        np.concatenate(arrays) for arrays in zip(*(batch.arguments for batch in found), strict=True)
+    )
     (results,) = subject.compiled.call("partials", *arguments)
     return compare(subject, arguments, results)
 
@@ -63,8 +65,11 @@ def compare(subject: Subject, arguments: Sequence[Array], results: Array) -> Gat
         if not ratio[row] <= 1 and first is None:
             point = describe_point(subject.manifest.function("partials"), tuple(arguments), row)
             expected, found = repr(float(jacobian.value[row, column])), repr(float(mine.value[row]))
-            first = Difference("partials", name, point, expected, found, f"{error[row]:.3g}", f"{bound[row]:.3g}")
-    detail = f"largest difference/bound of {len(names)} derivatives, {len(places)} of them not zero, at {len(results)} points"
+            first = Difference(
+                "partials", name, point, expected, found, f"{error[row]:.3g}", f"{bound[row]:.3g}"
+            )
+    counts = f"{len(names)} derivatives, {len(places)} of them not zero, at {len(results)} points"
+    detail = f"largest difference/bound of {counts}"
     return failed(NAME, detail, worst, 1, first) if first else passed(NAME, detail, worst, 1)
 
 

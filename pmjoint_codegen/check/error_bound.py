@@ -1,7 +1,8 @@
-"""How far a kernel's result can be from the exact value at a point: a running error bound, derived, not guessed.
+"""How far a kernel's result can be from the exact value: a running error bound, derived, not guessed.
 
-The emitted instruction list is walked at a point. With hats for computed values and ``e`` for bounds on their errors, each operation adds
-what its own rounding can do (unit roundoff ``u = 2^-53``; underflow ``2^-1074``) to what its operands' errors become:
+The emitted instruction list is walked at a point. With hats for computed values and ``e`` for bounds on their
+errors, each operation adds what its own rounding can do (unit roundoff ``u = 2^-53``; underflow ``2^-1074``)
+to what its operands' errors become:
 
     a + b      e_a + e_b + u |c^|                        a b     |a^| e_b + |b^| e_a + e_a e_b + u |c^|
     a / b      (e_a + |c^| e_b) / (|b^| - e_b) + u |c^|  sqrt a  min(e_a / c^, sqrt e_a) + u |c^|
@@ -9,9 +10,10 @@ what its own rounding can do (unit roundoff ``u = 2^-53``; underflow ``2^-1074``
     exp        c^ (exp(e_a) - 1) + ULP                   log     -log(1 - e_a/|a^|) + ULP
     tan        e_a / (|cos a^| (|cos a^| - e_a)) + ULP   min, max  max(e_a, e_b)
 
-Inputs are exact. A literal of the code is a rounded exact number, unless it is a whole number. ULP is the accuracy that the C library
-documents for the function. The bound is computed in double precision itself; all its terms are positive, so its own
-roundings are covered by one small factor an operation. See Higham, Accuracy and Stability of Numerical Algorithms (2002), 3.3.
+Inputs are exact. A literal of the code is a rounded exact number, unless it is a whole number. ULP is the
+accuracy that the C library documents for the function. The bound is computed in double precision itself; all
+its terms are positive, so its own roundings are covered by one small factor an operation. See Higham,
+Accuracy and Stability of Numerical Algorithms (2002), 3.3.
 """
 
 from __future__ import annotations
@@ -30,10 +32,21 @@ Array = npt.NDArray[np.float64]
 ROUNDOFF = 2.0**-53
 SMALLEST = 2.0**-1074
 INFLATION = 1 + 32 * ROUNDOFF  # each rule below rounds fewer than 16 times
-LITERAL_ROUNDINGS = 4  # a literal may be a quotient of rounded numbers that were folded when the code was made
+LITERAL_ROUNDINGS = (
+    4  # a literal may be a quotient of rounded numbers that were folded when the code was made
+)
 
-# Largest known errors in ULP that the GNU C Library's manual lists for x86_64 and aarch64, and 1/2 more: it counts from the rounded value.
-LIBRARY_ULP: Mapping[str, float] = {"sin": 1.5, "cos": 1.5, "tan": 1.5, "exp": 1.5, "log": 1.5, "pow": 1.5, "tanh": 2.5}
+# Largest known errors in ULP that the GNU C Library's manual lists for x86_64 and aarch64, and 1/2 more: it
+# counts from the rounded value.
+LIBRARY_ULP: Mapping[str, float] = {
+    "sin": 1.5,
+    "cos": 1.5,
+    "tan": 1.5,
+    "exp": 1.5,
+    "log": 1.5,
+    "pow": 1.5,
+    "tanh": 2.5,
+}
 
 
 @dataclass(frozen=True)
@@ -118,7 +131,9 @@ def _product(a: Bounded, b: Bounded) -> tuple[Array, Array]:
 def _quotient(a: Bounded, b: Bounded) -> tuple[Array, Array]:
     value = a.value / b.value
     room = np.abs(b.value) - b.error
-    propagated = np.where(room > 0, (a.error + (np.abs(value) * (1 + ROUNDOFF) + SMALLEST) * b.error) / room, np.inf)
+    propagated = np.where(
+        room > 0, (a.error + (np.abs(value) * (1 + ROUNDOFF) + SMALLEST) * b.error) / room, np.inf
+    )
     exactly_zero = (a.value == 0) & (a.error == 0) & (room > 0)
     return value, np.where(exactly_zero, 0.0, propagated + ROUNDOFF * np.abs(value) + SMALLEST)
 
@@ -154,6 +169,11 @@ def _library(name: str, propagate: Callable[[Array, Array, Array], Array]) -> Ru
     return rule
 
 
+def _lipschitz_error(x: Array, e: Array, value: Array) -> Array:
+    """Of functions whose slope is at most 1."""
+    return e
+
+
 def _tangent_error(x: Array, e: Array, value: Array) -> Array:
     cosine = np.abs(np.cos(x)) * (1 - 8 * ROUNDOFF)
     return np.where(cosine > e, e / (cosine * (cosine - e)), np.inf)
@@ -173,7 +193,9 @@ def _power(a: Bounded, b: Bounded) -> tuple[Array, Array]:
     logarithm = np.abs(np.log(a.value)) * (1 + 8 * ROUNDOFF)
     spread = (np.abs(b.value) + b.error) * -np.log1p(-a.error / np.abs(a.value)) + b.error * logarithm
     ulp = 2 * ROUNDOFF * np.abs(value) * (1 + 8 * ROUNDOFF) + SMALLEST
-    error = np.abs(value) * np.expm1(spread * (1 + 8 * ROUNDOFF)) * (1 + 8 * ROUNDOFF) + LIBRARY_ULP["pow"] * ulp
+    error = (
+        np.abs(value) * np.expm1(spread * (1 + 8 * ROUNDOFF)) * (1 + 8 * ROUNDOFF) + LIBRARY_ULP["pow"] * ulp
+    )
     return value, np.where(a.value > a.error, error, np.inf)
 
 
@@ -184,13 +206,15 @@ def _safe_power(x: float, y: float) -> float:
         return math.nan
 
 
+def _one(like: Bounded) -> Bounded:
+    return Bounded(np.ones_like(like.value), np.zeros_like(like.value))
+
+
 def _largest_error(a: Bounded, b: Bounded) -> Array:
     return np.maximum(a.error, b.error)
 
 
 def _rules() -> dict[int, Rule]:
-    one: Callable[[Bounded], Bounded] = lambda a: Bounded(np.ones_like(a.value), np.zeros_like(a.value))  # noqa: E731
-    lipschitz = lambda x, e, value: e  # noqa: E731 - |sin'|, |cos'|, |tanh'| <= 1
     rules: dict[int, Any] = {
         ca.OP_ASSIGN: lambda a: (a.value, a.error),
         ca.OP_NEG: lambda a: (-a.value, a.error),
@@ -201,11 +225,11 @@ def _rules() -> dict[int, Rule]:
         ca.OP_MUL: _product,
         ca.OP_SQ: lambda a: _product(a, a),
         ca.OP_DIV: _quotient,
-        ca.OP_INV: lambda a: _quotient(one(a), a),
+        ca.OP_INV: lambda a: _quotient(_one(a), a),
         ca.OP_SQRT: _root,
-        ca.OP_SIN: _library("sin", lipschitz),
-        ca.OP_COS: _library("cos", lipschitz),
-        ca.OP_TANH: _library("tanh", lipschitz),
+        ca.OP_SIN: _library("sin", _lipschitz_error),
+        ca.OP_COS: _library("cos", _lipschitz_error),
+        ca.OP_TANH: _library("tanh", _lipschitz_error),
         ca.OP_TAN: _library("tan", _tangent_error),
         ca.OP_EXP: _library("exp", _exponential_error),
         ca.OP_LOG: _library("log", _logarithm_error),

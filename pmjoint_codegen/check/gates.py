@@ -5,7 +5,7 @@
     proof                     the certificate's identities against zero, with symbolic gains
     interpreter               CasADi's interpreter against compiled C, bit for bit
     symbolic                  compiled C against the derivation at 60 digits, within a derived error bound
-    derivatives               emitted partial derivatives against algorithmic differentiation of emitted virtual controls
+    derivatives               emitted partial derivatives against algorithmic differentiation of alpha
     trajectory.golden         the default run against the reviewed one
     trajectory.invariants     runs against what theory says of every run
     trajectory.certificate    V along the run against (35)
@@ -16,8 +16,8 @@
     compilers.objects         the object file against allocation, static mutable state and recursion
     compilers.cppcheck        the generated C against cppcheck
 
-Each gate is a function from `Subject` to `GateResult`. A name stands for its gate, or for all gates that it begins:
-``trajectory`` for four.
+Each gate is a function from `Subject` to `GateResult`. A name stands for its gate, or for all gates that it
+begins: ``trajectory`` for four.
 """
 
 from __future__ import annotations
@@ -107,7 +107,9 @@ def run_gates(subject: Subject, gates: Sequence[Gate] = GATES) -> Iterator[GateR
     if not obstacle and any(gate.outside for gate in gates):
         _prepare(subject)
     with ThreadPoolExecutor(max_workers=1) as beside:
-        waiting = {gate.name: beside.submit(run_gate, subject, gate, obstacle) for gate in gates if gate.outside}
+        waiting = {
+            gate.name: beside.submit(run_gate, subject, gate, obstacle) for gate in gates if gate.outside
+        }
         for gate in gates:
             yield waiting[gate.name].result() if gate.outside else run_gate(subject, gate, obstacle)
 

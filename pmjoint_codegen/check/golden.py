@@ -1,7 +1,8 @@
 """Golden trajectories: the closed loop as it was when somebody last reviewed it, in ``golden/<name>.csv``.
 
-One row an instant: t, every state of the closed loop, v, 17 digits. The switching instants stand beside it in ``golden/<name>.switches.csv``. A change of
-behaviour is thus a difference that a reviewer reads; ``pmjoint check NAME --update-golden`` writes them anew.
+One row an instant: t, every state of the closed loop, v, 17 digits. The switching instants stand beside it in
+``golden/<name>.switches.csv``. A change of behaviour is thus a difference that a reviewer reads; ``pmjoint
+check NAME --update-golden`` writes them anew.
 """
 
 from __future__ import annotations
@@ -81,7 +82,9 @@ def read(rows: Path, switches: Path) -> Trajectory:
     header, *lines = list(csv.reader(io.StringIO(rows.read_text(encoding="utf-8"))))
     table = np.array([[float(cell) for cell in line] for line in lines]).reshape(-1, len(header))
     _, *instants = list(csv.reader(io.StringIO(switches.read_text(encoding="utf-8"))))
-    return Trajectory(tuple(header[1:]), table[:, 0], table[:, 1:], tuple((float(t), int(mode)) for t, mode in instants))
+    return Trajectory(
+        tuple(header[1:]), table[:, 0], table[:, 1:], tuple((float(t), int(mode)) for t, mode in instants)
+    )
 
 
 def write(subject: Subject) -> tuple[Path, Path]:
@@ -94,7 +97,10 @@ def write(subject: Subject) -> tuple[Path, Path]:
     rows, switches = paths(subject)
     ensure_folder(rows.parent)
     lines = [",".join(("t", *found.names))]
-    lines += [",".join(repr(float(x)) for x in (t, *values)) for t, values in zip(found.t, found.values, strict=True)]
+    lines += [
+        ",".join(repr(float(x)) for x in (t, *values))
+        for t, values in zip(found.t, found.values, strict=True)
+    ]
     write_text(rows, "\n".join(lines) + "\n")
     instants = ["t,mode", *(f"{t!r},{mode}" for t, mode in found.switches)]
     write_text(switches, "\n".join(instants) + "\n")
@@ -106,7 +112,9 @@ def check(subject: Subject) -> GateResult:
     try:
         golden = read(*paths(subject))
     except OSError:
-        return not_run(NAME, f"no {paths(subject)[0]}; pmjoint check {subject.model.name} --update-golden writes it")
+        return not_run(
+            NAME, f"no {paths(subject)[0]}; pmjoint check {subject.model.name} --update-golden writes it"
+        )
     except ValueError as error:
         return failed(NAME, f"{paths(subject)[0]} is damaged: {error}")
     done = default_run(subject.compiled or subject.interpreted)
@@ -125,26 +133,50 @@ def compare(name: str, expected: Trajectory, found: Trajectory, against: str) ->
         against: what the reference is, for people.
     """
     if expected.names != found.names or not np.array_equal(expected.t, found.t):
-        return failed(name, f"columns or instants are not those of the {against} trajectory: {expected.names}, {len(expected.t)} rows")
+        return failed(
+            name,
+            f"columns or instants are not those of the {against} trajectory",
+        )
     modes = [mode for _, mode in expected.switches], [mode for _, mode in found.switches]
     if modes[0] != modes[1]:
-        first = Difference("run", "modes of saturation", "", str(expected.switches), str(found.switches), "", "")
+        first = Difference(
+            "run", "modes of saturation", "", str(expected.switches), str(found.switches), "", ""
+        )
         return failed(name, f"other saturation switches than the {against} trajectory", difference=first)
     error = np.abs(found.values - expected.values) / np.maximum(1.0, np.abs(expected.values))
     error = np.where(np.isnan(error), np.inf, error)
     row, column = (int(i) for i in np.unravel_index(np.argmax(error), error.shape))
     late = [abs(a - b) for (a, _), (b, _) in zip(expected.switches, found.switches, strict=True)]
     worst = max(float(error[row, column]), *late) if late else float(error[row, column])
-    detail = f"largest difference from the {against} trajectory, {len(error)} rows and {len(late)} switching instants"
+    counts = f"{len(error)} rows and {len(late)} switching instants"
+    detail = f"largest difference from the {against} trajectory, {counts}"
     if worst <= ACCURACY:
         return passed(name, detail, worst, ACCURACY)
     return failed(name, detail, worst, ACCURACY, _difference(expected, found, late, error, row, column))
 
 
-def _difference(expected: Trajectory, found: Trajectory, late: list[float], error: Array, row: int, column: int) -> Difference:
+def _difference(
+    expected: Trajectory, found: Trajectory, late: list[float], error: Array, row: int, column: int
+) -> Difference:
     bound = f"{ACCURACY:g}"
     if late and max(late) > ACCURACY:
         i = late.index(max(late))
-        return Difference("run", f"switch {i + 1}", "", str(expected.switches[i]), str(found.switches[i]), f"{late[i]:.3g} s", bound)
+        return Difference(
+            "run",
+            f"switch {i + 1}",
+            "",
+            str(expected.switches[i]),
+            str(found.switches[i]),
+            f"{late[i]:.3g} s",
+            bound,
+        )
     a, b = float(expected.values[row, column]), float(found.values[row, column])
-    return Difference("run", expected.names[column], f"t={expected.t[row]!r} s", repr(a), repr(b), f"{error[row, column]:.3g}", bound)
+    return Difference(
+        "run",
+        expected.names[column],
+        f"t={expected.t[row]!r} s",
+        repr(a),
+        repr(b),
+        f"{error[row, column]:.3g}",
+        bound,
+    )

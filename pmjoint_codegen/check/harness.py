@@ -1,7 +1,8 @@
 """A small C program that calls every kernel on given points, for tools that watch a program run.
 
-It reads raw doubles and writes raw doubles. Every argument and result stands in a block of its own of exactly the right size, fresh from malloc for
-each point: one element too far is a memory error, and a result that was not written is an uninitialised value.
+It reads raw doubles and writes raw doubles. Every argument and result stands in a block of its own of exactly
+the right size, fresh from malloc for each point: one element too far is a memory error, and a result that was
+not written is an uninitialised value.
 """
 
 from __future__ import annotations
@@ -101,5 +102,7 @@ def differing(expected: bytes, found: bytes) -> int:
     """Number of results that differ in any bit; NaNs are equal to each other, a missing result differs."""
     a, b = (np.frombuffer(data[: len(data) // 8 * 8]) for data in (expected, found))
     common = min(len(a), len(b))
-    same = (a[:common].view(np.int64) == b[:common].view(np.int64)) | (np.isnan(a[:common]) & np.isnan(b[:common]))
+    same = (a[:common].view(np.int64) == b[:common].view(np.int64)) | (
+        np.isnan(a[:common]) & np.isnan(b[:common])
+    )
     return int(max(len(a), len(b)) - np.count_nonzero(same))

@@ -1,6 +1,7 @@
 """An independent solver: heyoka, with located events, on the derivation's own expressions.
 
-It shares nothing with what it checks but the symbolic derivation: no CasADi, no C of ours, no Taylor recurrence, no event search of ours.
+It shares nothing with what it checks but the symbolic derivation: no CasADi, no C of ours, no Taylor
+recurrence, no event search of ours.
 """
 
 from __future__ import annotations
@@ -29,7 +30,9 @@ class Expressions:
 
     def constant(self, value: sp.Expr) -> Any:
         """The nearest double."""
-        return self._heyoka.expression(float(sp.Rational(value).p / sp.Rational(value).q if value.is_Rational else value))
+        return self._heyoka.expression(
+            float(sp.Rational(value).p / sp.Rational(value).q if value.is_Rational else value)
+        )
 
     def add(self, a: Any, b: Any) -> Any:
         """Sum."""
@@ -80,8 +83,12 @@ def integrate(
     rates = [sp.sympify(entry) for _, entries in kernel.outputs for entry in entries]
     program = compile_program([*rates, v], symbols, subject.derivation.equations, kernel.given)
     state = [name for name in like.names if name != "v"]
-    known: dict[sp.Symbol, Any] = {symbol: heyoka.expression(symbol.name) for symbol in symbols if symbol.name in state}
-    known |= {symbol: heyoka.expression(parameters[symbol.name]) for symbol in symbols if symbol.name in parameters}
+    known: dict[sp.Symbol, Any] = {
+        symbol: heyoka.expression(symbol.name) for symbol in symbols if symbol.name in state
+    }
+    known |= {
+        symbol: heyoka.expression(parameters[symbol.name]) for symbol in symbols if symbol.name in parameters
+    }
     known |= {symbol: heyoka.par[i] for i, symbol in enumerate(dict(kernel.inputs)["g"])}
     known[subject.derivation.signals.t] = heyoka.time
     *right, control = program.run(Expressions(heyoka), known)

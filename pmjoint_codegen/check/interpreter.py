@@ -1,4 +1,4 @@
-"""Interpreter = C: two evaluations of the same instructions, by CasADi's virtual machine and by compiled C, agree bit for bit."""
+"""Interpreter = C: CasADi's virtual machine and compiled C agree bit for bit."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def compare(interpreted: Evaluator, compiled: Evaluator, count: int = POINTS) ->
 
 
 def different_bits(a: npt.NDArray[np.float64], b: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
-    """Where two arrays differ in any bit; any two NaNs count as equal, since their payload depends on operand order."""
+    """Where two arrays differ in any bit; NaNs are equal, as their payload depends on operand order."""
     bits = np.ascontiguousarray(a).view(np.int64) != np.ascontiguousarray(b).view(np.int64)
     return np.asarray(bits & ~(np.isnan(a) & np.isnan(b)), dtype=np.bool_)
 
@@ -67,5 +67,13 @@ def _difference(
             point = f"({batch.kind}) {describe_point(function, batch.arguments, row)}"
             x, y = float(a[row, entry]), float(b[row, entry])
             error = f"{abs(y - x):.3g}"
-            return Difference(function.name, f"{label}[{entry}]", point, f"{x!r} ({x.hex()})", f"{y!r} ({y.hex()})", error, "0")
+            return Difference(
+                function.name,
+                f"{label}[{entry}]",
+                point,
+                f"{x!r} ({x.hex()})",
+                f"{y!r} ({y.hex()})",
+                error,
+                "0",
+            )
     return None

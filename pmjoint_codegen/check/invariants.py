@@ -1,10 +1,10 @@
-"""What theory says of every trajectory, whatever the numbers: invariants of the closed loop, and the certificate along the run.
+"""What theory says of every trajectory: invariants of the closed loop, and the certificate along the run.
 
-    errors        y - y_r = z_1 + r_1 at every instant                          to the rounding of four operations
-    estimation    without disturbance, x - x_hat = exp(A0 t) (x - x_hat)(0)     exact solution of epsilon' = A0 epsilon
-    limits        without disturbance, z(t) does not depend on u_max            the z-dynamics hold no u
-    no saturation with u_max out of reach, r = 0                                bit for bit
-    certificate   V <= V_0 exp(-f h) + (Y/f) (1 - exp(-f h)) from row to row     (35), integrated
+errors        y - y_r = z_1 + r_1 at every instant                          to the rounding of four operations
+estimation    without disturbance, x - x_hat = exp(A0 t) (x - x_hat)(0)     as epsilon' = A0 epsilon
+limits        without disturbance, z(t) does not depend on u_max            the z-dynamics hold no u
+no saturation with u_max out of reach, r = 0                                bit for bit
+certificate   V <= V_0 exp(-f h) + (Y/f) (1 - exp(-f h)) from row to row     (35), integrated
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def quiet_evaluator(subject: Subject) -> Evaluator:
 
 
 def errors_add_up(run: Run) -> Finding:
-    """``e = z_1 + r_1``: both sides are computed from the same numbers, e by one subtraction and z_1 by two."""
+    """``e = z_1 + r_1``: both sides from the same numbers, e by one subtraction and z_1 by two."""
     sizes = np.abs(run["y"]) + np.abs(run["y_r"]) + np.abs(run["r1"]) + np.abs(run["z1"])
     error = np.abs(run["e"] - (run["z1"] + run["r1"]))
     bound = 4 * ROUNDOFF * sizes
@@ -133,7 +133,7 @@ def judge(name: str, findings: list[Finding], *notes: str) -> GateResult:
 
 
 def check_certificate(subject: Subject) -> GateResult:
-    """V along the default run, against (35) with the model's bound of the disturbance, or else the run's own."""
+    """V along the default run, against (35) with the model's bound of the disturbance, or the run's."""
     if not subject.model.gains.compensator:
         return not_run(CERTIFICATE, "the certificate is that of the loop with compensator")
     evaluator, stated = subject.compiled or subject.interpreted, subject.model.disturbance_bound
@@ -179,4 +179,6 @@ def energy(run: Run, certificate: Certificate) -> Array:
     epsilon = estimation_errors(run)
     weight = sum(1 / (2 * run.settings.parameters[f"e{i}"]) for i in range(1, rho + 1))
     quadratic = np.einsum("ri,ij,rj->r", epsilon, certificate.P, epsilon)
-    return np.asarray(sum(run[f"z{i}"] ** 2 for i in range(1, rho + 1)) / 2 + weight * quadratic, dtype=np.float64)
+    return np.asarray(
+        sum(run[f"z{i}"] ** 2 for i in range(1, rho + 1)) / 2 + weight * quadratic, dtype=np.float64
+    )

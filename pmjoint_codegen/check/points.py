@@ -1,13 +1,14 @@
 """Where kernels are looked at: random points, and points chosen to be hard.
 
-Hard points: zeros of either sign, denormal, tiny and huge numbers, control values at and beside the actuator's limit, and control values that
-cancel to nearly nothing.
+Hard points: zeros of either sign, denormal, tiny and huge numbers, control values at and beside the
+actuator's limit, and control values that cancel to nearly nothing.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -45,7 +46,9 @@ def batches(evaluator: Evaluator, function: Function, count: int, seed: int, *, 
     """
     random = np.random.default_rng([seed, *function.name.encode()])
     draws = _draws(random) if extreme else _moderate_draws(random)
-    found = [Batch(kind, _arguments(evaluator, function, draw, count, random)) for kind, draw in draws.items()]
+    found = [
+        Batch(kind, _arguments(evaluator, function, draw, count, random)) for kind, draw in draws.items()
+    ]
     for kind, level in (("v near a limit", "limit"), ("v cancels", "zero")):
         arguments = _arguments(evaluator, function, draws["random"], count, random)
         placed = _place(evaluator, function, arguments, level, random)
@@ -66,7 +69,7 @@ def _moderate_draws(random: np.random.Generator) -> dict[str, Draw]:
 
 
 def _draws(random: np.random.Generator) -> dict[str, Draw]:
-    def signed(magnitude: Array) -> Array:
+    def signed(magnitude: npt.NDArray[np.floating[Any]]) -> Array:
         return np.asarray(random.choice(np.array([-1.0, 1.0]), len(magnitude)) * magnitude, dtype=np.float64)
 
     return {
@@ -82,7 +85,7 @@ def _draws(random: np.random.Generator) -> dict[str, Draw]:
 def _arguments(
     evaluator: Evaluator, function: Function, draw: Draw, count: int, random: np.random.Generator
 ) -> tuple[Array, ...]:
-    """One array an input: parameters near their defaults, time within the horizon, modes as the integrator sets them, the rest drawn."""
+    """One array an input: parameters near their defaults, time in the horizon, real modes, others drawn."""
     manifest = evaluator.manifest
     special: Mapping[str, Callable[[int], Array]] = {
         "p": lambda _size: parameter_values(manifest, count, random),
@@ -96,7 +99,7 @@ def _arguments(
 
 
 def parameter_values(manifest: Manifest, count: int, random: np.random.Generator) -> Array:
-    """Parameters at 1/2 to 2 times their defaults, shape (count, size); row 0 holds the defaults, switches are 0 or 1."""
+    """Parameters at 1/2 to 2 times their defaults, shape (count, size); row 0 holds the defaults."""
     defaults = np.array([item.value for item in manifest.parameters])
     values = defaults * random.uniform(0.5, 2.0, (count, len(defaults)))
     values[0] = defaults
@@ -118,9 +121,13 @@ def _actuator(evaluator: Evaluator) -> Actuator:
 
 
 def _place(
-    evaluator: Evaluator, function: Function, arguments: tuple[Array, ...], level: str, random: np.random.Generator
+    evaluator: Evaluator,
+    function: Function,
+    arguments: tuple[Array, ...],
+    level: str,
+    random: np.random.Generator,
 ) -> tuple[Array, ...] | None:
-    """Move the last compensator state, in which v is affine, until v stands at a level; None for a kernel without v."""
+    """Move the last compensator state, in which v is affine, until v stands at a level; None without v."""
     labels = [label for label, _ in function.inputs]
     state = next((labels.index(label) for label in ("X", "s") if label in labels), None)
     if state is None or not ({"t", "X", "p"} <= set(labels) or {"y", "s", "y_r", "p"} <= set(labels)):
@@ -138,7 +145,7 @@ def _place(
 
 
 def _control(evaluator: Evaluator, given: Mapping[str, Array]) -> Array:
-    """v at some points, shape (points,)."""
+    """Control value v at some points, shape (points,)."""
     if "X" in given:
         place = next(i for i, item in enumerate(evaluator.manifest.signals) if item.name == "v")
         return evaluator.call("signals", given["t"], given["X"], given["p"])[0][:, place]

@@ -1,7 +1,7 @@
 """Sixty-digit arithmetic for the reference: numbers, and truncated power series of them.
 
-The series know nothing of the recurrences that the Taylor kernels are made with: a function of a series is its Taylor expansion about the
-leading coefficient, evaluated at the rest, which is nilpotent.
+The series know nothing of the recurrences that the Taylor kernels are made with: a function of a series is
+its Taylor expansion about the leading coefficient, evaluated at the rest, which is nilpotent.
 """
 
 from __future__ import annotations

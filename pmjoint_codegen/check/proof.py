@@ -1,4 +1,4 @@
-"""Proof: the certificate of the model at hand, made anew: identities that expand to exactly zero, and definite matrices."""
+"""Proof: the certificate of the model at hand: identities that expand to zero, and definite matrices."""
 
 from __future__ import annotations
 
@@ -27,7 +27,10 @@ def design_values(derivation: Derivation) -> dict[str, float]:
     values = {item.name: item.value for item in model.parameters}
     gains = {"c": s.c, "e": s.e, "ck": s.ck, "k": s.k}
     for stem, symbols in gains.items():
-        values |= {symbol.name: float(value) for symbol, value in zip(symbols, getattr(model.gains, stem), strict=True)}
+        values |= {
+            symbol.name: float(value)
+            for symbol, value in zip(symbols, getattr(model.gains, stem), strict=True)
+        }
     return values
 
 
@@ -41,12 +44,15 @@ def prove_for(derivation: Derivation, values: Mapping[str, float]) -> GateResult
     identities = prove(derivation)
     broken = [item for item in identities if not item.holds]
     if broken:
-        detail = f"{len(broken)} of {len(identities)} identities do not expand to zero: {', '.join(item.name for item in broken)}"
+        names = ", ".join(item.name for item in broken)
+        detail = f"{len(broken)} of {len(identities)} identities do not expand to zero: {names}"
         return failed(NAME, detail, len(broken), 0, _difference(broken[0]))
     certificate = certify(derivation, values, derivation.model.disturbance_bound)
     faults = definiteness(derivation, certificate, values)
     if faults:
-        return failed(NAME, "; ".join(faults), len(faults), 0, Difference("certificate", faults[0], "", "", "", "", ""))
+        return failed(
+            NAME, "; ".join(faults), len(faults), 0, Difference("certificate", faults[0], "", "", "", "", "")
+        )
     detail = f"identities that do not expand to zero, of {len(identities)}; {certificate.lines()[1]}"
     return passed(NAME, detail, 0, 0, *certificate.lines(), remainder_text(derivation))
 
@@ -54,7 +60,11 @@ def prove_for(derivation: Derivation, values: Mapping[str, float]) -> GateResult
 def definiteness(derivation: Derivation, certificate: Certificate, values: Mapping[str, float]) -> list[str]:
     """What the identities need besides: positive gains, A0 Hurwitz, P positive definite."""
     s = derivation.signals
-    faults = [f"gain {g.name} = {values[g.name]:g} is not positive" for g in (*s.c, *s.e, *s.ck) if not values[g.name] > 0]
+    faults = [
+        f"gain {g.name} = {values[g.name]:g} is not positive"
+        for g in (*s.c, *s.e, *s.ck)
+        if not values[g.name] > 0
+    ]
     if not np.all(certificate.poles.real < 0):
         faults.append(f"A0 is not Hurwitz: poles {certificate.poles}")
     if not np.all(np.linalg.eigvalsh(certificate.P) > 0):

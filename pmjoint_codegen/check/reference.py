@@ -28,7 +28,8 @@ class Reference:
         entries: name of every result, one tuple an output.
         inputs: symbols of every argument, in order.
         program: the expressions of all results.
-        taylor: number of states whose rates the first results are, for a kernel of Taylor coefficients; else 0.
+        taylor: number of states whose rates the first results are, for a kernel of Taylor coefficients; else
+            0.
         order: highest Taylor coefficient.
     """
 
@@ -59,7 +60,7 @@ class Reference:
         return self._series(numbers, exact) if self.taylor else self.program.run(numbers, exact)
 
     def _series(self, numbers: Numbers, exact: dict[sp.Symbol, Number]) -> list[Number]:
-        """Taylor coefficients by Picard's iteration: each pass over the right-hand side fixes one more of every state."""
+        """Taylor coefficients by Picard's iteration: each pass over the right-hand side fixes one more."""
         state = self.inputs[1]
         inputs: dict[sp.Symbol, Series] = {symbol: [value] for symbol, value in exact.items()}
         time = self.inputs[0][0]
@@ -80,10 +81,14 @@ def reference_of(derivation: Derivation, kernel: Kernel) -> Reference:
     inputs = tuple(tuple(sp.sympify(symbol) for symbol in symbols) for _, symbols in kernel.inputs)
     known = [symbol for symbols in inputs for symbol in symbols]
     program = compile_program(expressions, known, derivation.equations, kernel.given)
-    return Reference(kernel.name, tuple(_entry_names(label, entries) for label, entries in kernel.outputs), inputs, program)
+    return Reference(
+        kernel.name, tuple(_entry_names(label, entries) for label, entries in kernel.outputs), inputs, program
+    )
 
 
-def taylor_reference(name: str, derivation: Derivation, kernel: Kernel, order: int, extra: tuple[sp.Symbol, ...]) -> Reference:
+def taylor_reference(
+    name: str, derivation: Derivation, kernel: Kernel, order: int, extra: tuple[sp.Symbol, ...]
+) -> Reference:
     """The reference of a kernel of Taylor coefficients.
 
     Args:
@@ -103,4 +108,7 @@ def taylor_reference(name: str, derivation: Derivation, kernel: Kernel, order: i
 
 
 def _entry_names(label: str, entries: tuple[Any, ...]) -> tuple[str, ...]:
-    return tuple(entry.name if getattr(entry, "is_Symbol", False) else f"{label}[{i}]" for i, entry in enumerate(entries))
+    return tuple(
+        entry.name if getattr(entry, "is_Symbol", False) else f"{label}[{i}]"
+        for i, entry in enumerate(entries)
+    )

@@ -73,7 +73,9 @@ class GateResult:
     findings: tuple[str, ...] = field(default=())
 
 
-def passed(name: str, detail: str, figure: float | None = None, bound: float | None = None, *findings: str) -> GateResult:
+def passed(
+    name: str, detail: str, figure: float | None = None, bound: float | None = None, *findings: str
+) -> GateResult:
     """A gate that found nothing."""
     return GateResult(name, Verdict.PASSED, figure, bound, detail, findings=findings)
 

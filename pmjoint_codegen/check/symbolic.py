@@ -1,7 +1,8 @@
-"""Symbolic = C: every result of every kernel against the derivation's expressions at sixty digits, within a derived error bound.
+"""Symbolic = C: every result of every kernel against the derivation at sixty digits, within a derived bound.
 
-The bound comes from :mod:`error_bound`, which walks the emitted instructions at the very point; so it is tight where nothing cancels and
-wide exactly where cancellation makes a result uncertain. A limit in ULP could be neither.
+The bound comes from :mod:`error_bound`, which walks the emitted instructions at the very point; so it is
+tight where nothing cancels and wide exactly where cancellation makes a result uncertain. A limit in ULP could
+be neither.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from pmjoint_codegen.check.precise import Numbers
 from pmjoint_codegen.check.reference import Reference, Rows, reference_of, taylor_reference
 from pmjoint_codegen.check.result import Difference, GateResult, failed, not_run, passed
 from pmjoint_codegen.check.subject import Subject
-from pmjoint_codegen.manifest import Function, Manifest
+from pmjoint_codegen.manifest import Function
 
 Array = npt.NDArray[np.float64]
 
@@ -86,7 +87,7 @@ def check(subject: Subject) -> GateResult:
 
 
 def vocabulary_mismatch(subject: Subject) -> str:
-    """What the manifest names differently from the derivation, or nothing; results could not be told apart then."""
+    """What the manifest names differently from the derivation, or nothing."""
     manifest, loop = subject.manifest, subject.table["closed_loop"]
     words = {label: tuple(symbol.name for symbol in symbols) for label, symbols in loop.inputs}
     partials = tuple(symbol.name for symbol in subject.table["partials"].outputs[0][1])
@@ -96,7 +97,10 @@ def vocabulary_mismatch(subject: Subject) -> str:
         "states": (tuple(item.name for item in manifest.states), words["X"]),
         "signals": (tuple(item.name for item in manifest.signals), signals),
         "partial derivatives": (manifest.partials, partials),
-        "kernels": (tuple(item.name for item in manifest.functions), (*subject.table, "taylor", "plant_taylor")),
+        "kernels": (
+            tuple(item.name for item in manifest.functions),
+            (*subject.table, "taylor", "plant_taylor"),
+        ),
     }
     return "; ".join(f"{what}: {a} in model.json, {b} derived" for what, (a, b) in pairs.items() if a != b)
 
@@ -116,7 +120,9 @@ def prepare(subject: Subject, function: Function, count: int | None = None) -> P
     reference = kernel_reference(subject, function)
     wanted = count or (TAYLOR_POINTS if reference.taylor else POINTS)
     found = batches(subject.interpreted, function, wanted, SEED, extreme=False)
-    arguments = tuple(np.concatenate(arrays) for arrays in zip(*(batch.arguments for batch in found), strict=True))
+    arguments = tuple(
+        np.concatenate(arrays) for arrays in zip(*(batch.arguments for batch in found), strict=True)
+    )
     return prepare_at(reference, subject.functions[function.name], function, arguments)
 
 
@@ -138,7 +144,9 @@ def judge(prepared: Prepared, results: Sequence[Array]) -> Judgement:
     numbers = Numbers()
     values = unbounded = 0
     worst, first = (0.0, 0.0, 0.0, ""), None
-    for output, (table, bound, result) in enumerate(zip(prepared.exact, prepared.bounds, results, strict=True)):
+    for output, (table, bound, result) in enumerate(
+        zip(prepared.exact, prepared.bounds, results, strict=True)
+    ):
         for row, column in np.ndindex(*result.shape):
             values += 1
             if not np.isfinite(bound[row, column]):
@@ -148,7 +156,12 @@ def judge(prepared: Prepared, results: Sequence[Array]) -> Judgement:
             error = float(abs(numbers.exactly(found) - table[row][column])) if np.isfinite(found) else np.inf
             ratio = error / allowed if allowed > 0 else (0.0 if error == 0 else np.inf)
             if ratio > worst[0]:
-                worst = (ratio, error, allowed, f"{prepared.function.name}, {prepared.reference.entries[output][column]}")
+                worst = (
+                    ratio,
+                    error,
+                    allowed,
+                    f"{prepared.function.name}, {prepared.reference.entries[output][column]}",
+                )
             if not ratio <= 1 and first is None:
                 first = _difference(prepared, output, row, column, found, error)
     return Judgement(values, unbounded, *worst, first)
@@ -160,15 +173,19 @@ def conclude(judgements: Sequence[Judgement], name: str = NAME) -> GateResult:
     unbounded = sum(item.unbounded for item in judgements)
     worst = max(judgements, key=lambda item: item.ratio)
     first = next((item.difference for item in judgements if item.difference), None)
-    detail = f"largest error/bound of {values} values: error {worst.error:.2e}, bound {worst.bound:.2e} in {worst.where}"
+    detail = f"largest error/bound of {values} values: {worst.error:.2e}/{worst.bound:.2e} in {worst.where}"
     if unbounded:
-        return failed(name, f"{unbounded} of {values} values have no finite error bound", worst.ratio, 1, first)
+        return failed(
+            name, f"{unbounded} of {values} values have no finite error bound", worst.ratio, 1, first
+        )
     if first is not None:
         return failed(name, detail, worst.ratio, 1, first)
     return passed(name, detail, worst.ratio, 1)
 
 
-def _difference(prepared: Prepared, output: int, row: int, column: int, found: float, error: float) -> Difference:
+def _difference(
+    prepared: Prepared, output: int, row: int, column: int, found: float, error: float
+) -> Difference:
     context = Numbers().context
     exact = prepared.exact[output][row][column]
     return Difference(
