@@ -62,12 +62,16 @@ class Bounded:
     error: Array
 
 
-def walk(function: ca.Function, arguments: list[Array]) -> list[Bounded]:
+def walk(
+    function: ca.Function, arguments: list[Array], literal_roundings: int = LITERAL_ROUNDINGS
+) -> list[Bounded]:
     """Evaluate an instruction list with bounds.
 
     Args:
         function: SX function with dense inputs and outputs.
         arguments: one for each input, shape (points, size); exact.
+        literal_roundings: how many roundings a literal may hold; in Taylor kernels ``1/k!`` is folded factor by
+            factor.
 
     Returns:
         One for each output, arrays of shape (points, size).
@@ -93,7 +97,7 @@ def walk(function: ca.Function, arguments: list[Array]) -> list[Bounded]:
                 column = arguments[reads[0]][:, reads[1]]
                 work[writes[0]] = Bounded(column, np.zeros(points))
             elif operation == ca.OP_CONST:
-                work[writes[0]] = _literal(function.instruction_constant(k), points)
+                work[writes[0]] = _literal(function.instruction_constant(k), points, literal_roundings)
             else:
                 work[writes[0]] = _operate(rules, operation, [work[i] for i in reads])
     return outputs
@@ -110,8 +114,8 @@ def _operate(rules: Mapping[int, Rule], operation: int, operands: list[Bounded])
     return Bounded(value, np.where(finite, error * INFLATION, np.inf))
 
 
-def _literal(value: float, points: int) -> Bounded:
-    error = 0.0 if float(value).is_integer() else LITERAL_ROUNDINGS * ROUNDOFF * abs(value)
+def _literal(value: float, points: int, roundings: int) -> Bounded:
+    error = 0.0 if float(value).is_integer() else roundings * ROUNDOFF * abs(value) * INFLATION
     return Bounded(np.full(points, float(value)), np.full(points, error))
 
 

@@ -53,7 +53,16 @@ def batches(evaluator: Evaluator, function: Function, count: int, seed: int, *, 
         arguments = _arguments(evaluator, function, draws["random"], count, random)
         placed = _place(evaluator, function, arguments, level, random)
         found += [Batch(kind, placed)] if placed is not None else []
-    return found
+    slow = _arguments(evaluator, function, draws["slow"], count, random)
+    return [*found, Batch("slow and unforced", _unforced(function, slow))]
+
+
+def _unforced(function: Function, arguments: tuple[Array, ...]) -> tuple[Array, ...]:
+    """Without input: what drives fast motion would hide, in Taylor coefficients, what moves slowly."""
+    return tuple(
+        np.zeros_like(array) if label in ("g", "w") else array
+        for (label, _), array in zip(function.inputs, arguments, strict=True)
+    )
 
 
 def _moderate_draws(random: np.random.Generator) -> dict[str, Draw]:
@@ -65,6 +74,7 @@ def _moderate_draws(random: np.random.Generator) -> dict[str, Draw]:
         "many scales": lambda size: signs(size) * 10.0 ** random.uniform(-9.0, 2.0, size),
         "zeros": lambda size: random.uniform(-3.0, 3.0, size) * random.integers(0, 2, size),
         "all zero": lambda size: np.zeros(size),
+        "slow": lambda size: random.uniform(-1e-3, 1e-3, size),
     }
 
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from derive import Derivation
+from derive.consistency import consistency_identities
 from derive.lyapunov import Identity, prove
 from pmjoint_codegen.check.certificate import Certificate, certify
 from pmjoint_codegen.check.result import Difference, GateResult, failed, passed
@@ -41,7 +42,7 @@ def prove_for(derivation: Derivation, values: Mapping[str, float]) -> GateResult
         derivation: the design.
         values: parameters and gains.
     """
-    identities = prove(derivation)
+    identities = (*prove(derivation), *consistency_identities(derivation))
     broken = [item for item in identities if not item.holds]
     if broken:
         names = ", ".join(item.name for item in broken)

@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from pmjoint_codegen.check.error_bound import walk
+from pmjoint_codegen.check.error_bound import LITERAL_ROUNDINGS, walk
 from pmjoint_codegen.check.points import batches, describe_point
 from pmjoint_codegen.check.precise import Numbers
 from pmjoint_codegen.check.reference import Reference, Rows, reference_of, taylor_reference
@@ -130,7 +130,8 @@ def prepare_at(
     reference: Reference, emitted: ca.Function, function: Function, arguments: tuple[Array, ...]
 ) -> Prepared:
     """Exact results and bounds at given points."""
-    bounds = tuple(result.error for result in walk(emitted, list(arguments)))
+    roundings = max(LITERAL_ROUNDINGS, 2 * reference.order)
+    bounds = tuple(result.error for result in walk(emitted, list(arguments), roundings))
     return Prepared(function, reference, arguments, tuple(reference.values(arguments)), bounds)
 
 
