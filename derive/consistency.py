@@ -1,8 +1,6 @@
 """Derived equations that must agree with each other, as identities that expand to exactly zero.
 
-The certificate does not see them: the reference's derivatives, and the sampled controller. With ``F = I + A
-T``, ``G = T I`` in place of the exact matrices, the held update must be one step of Euler's method, ``s + T
-s'``; so it is the filters (14) and the compensator (23) that are being held, term by term.
+The certificate does not see them: the reference's derivatives, the disturbance, and the sampled controller.
 """
 
 from __future__ import annotations
@@ -14,13 +12,12 @@ from derive.compensator import compensator_matrix
 from derive.derivation import Derivation
 from derive.filters import filter_matrix
 from derive.lyapunov import Identity
-from derive.model import parameter_symbol
 from derive.sampling import Hold
 from derive.signals import derivative_name
 
 
 def reference_identities(derivation: Derivation) -> list[Identity]:
-    """Each named derivative of the reference is the time derivative of the one before it; the first is the model's."""
+    """Each derivative of the reference is that of the one before it; the first is the model's."""
     s, model = derivation.signals, derivation.model
     values = [derivation.equations[symbol.name].expression for symbol in s.y_r]
     wanted = [model.reference, *(sp.diff(value, s.t) for value in values[:-1])]
@@ -44,27 +41,27 @@ def disturbance_identities(derivation: Derivation) -> list[Identity]:
 
 
 def sampling_identities(derivation: Derivation) -> list[Identity]:
-    """The held update with matrices to first order in T is ``s + T s'``, exactly."""
-    s, hold, T = derivation.signals, Hold.of(derivation.signals), parameter_symbol("T_sample")
+    """``s(t + T) = F s + G (s' - A s)``: the exact solution of ``s' = A s + drive`` with the drive held."""
+    s, hold = derivation.signals, Hold.of(derivation.signals)
+    columns = [sp.Matrix([row[j] for row in s.Xi]) for j in range(derivation.plant.p)]
     A0, Ar = filter_matrix(s), compensator_matrix(s)
-    first_order = {
-        **_entries(hold.F0, sp.eye(A0.rows) + T * A0),
-        **_entries(hold.G0, T * sp.eye(A0.rows)),
-        **_entries(hold.Fr, sp.eye(Ar.rows) + T * Ar),
-        **_entries(hold.Gr, T * sp.eye(Ar.rows)),
-    }
+    systems = [(sp.Matrix(states), A0, hold.F0, hold.G0) for states in (s.xi, *columns, s.lambda_)]
+    systems.append((sp.Matrix(s.r), Ar, hold.Fr, hold.Gr))
+    return [identity for system in systems for identity in _held(derivation, *system)]
+
+
+def _held(
+    derivation: Derivation, states: sp.Matrix, A: sp.MatrixBase, F: sp.MatrixBase, G: sp.MatrixBase
+) -> list[Identity]:
+    s, equations = derivation.signals, derivation.equations
     keep = frozenset({s.y, s.u, s.v})
-    identities = []
-    for state in s.controller_state:
-        rate = derivation.equations.expand(derivation.equations[derivative_name(state)].expression, keep)
-        update = derivation.equations.expand(derivation.equations[f"{state.name}_next"].expression, keep)
-        rest = sp.expand(update.xreplace(first_order) - state - T * rate)
-        identities.append(Identity(f"{state}_next", f"{state} one sample later is held {state}'", rest))
-    return identities
-
-
-def _entries(symbols: sp.MatrixBase, values: sp.MatrixBase) -> dict[sp.Symbol, sp.Expr]:
-    return dict(zip(symbols, values, strict=True))
+    rates = sp.Matrix([equations.expand(equations[derivative_name(x)].expression, keep) for x in states])
+    updates = sp.Matrix([equations.expand(equations[f"{x.name}_next"].expression, keep) for x in states])
+    rest = updates - F * states - G * (rates - A * states)
+    return [
+        Identity(f"{x}_next", f"{x} one sample later is exact for held inputs", sp.expand(entry))
+        for x, entry in zip(states, rest, strict=True)
+    ]
 
 
 def consistency_identities(derivation: Derivation) -> tuple[Identity, ...]:

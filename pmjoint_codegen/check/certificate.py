@@ -72,7 +72,7 @@ def certify(derivation: Derivation, values: Mapping[str, float], bound: float | 
         bound: D_max of the disturbance, or None when it is not known.
     """
     s = derivation.signals
-    A0, P = (_numeric(matrix, values) for matrix in (filter_matrix(s), lyapunov_matrix(s)))
+    A0, P = (numeric(matrix, values) for matrix in (filter_matrix(s), lyapunov_matrix(s)))
     c, e = ([values[symbol.name] for symbol in symbols] for symbols in (s.c, s.e))
     largest = float(np.linalg.eigvalsh(P)[-1])
     f_minus = min(*c, *(1 / (4 * gain) for gain in e))
@@ -83,15 +83,14 @@ def certify(derivation: Derivation, values: Mapping[str, float], bound: float | 
     Y = sum(largest**2 * bound**2 / (2 * gain) for gain in e)
     epsilon_2 = _reach(A0) * bound
     z = epsilon_2 * float(np.sqrt(sum(1 / (4 * gain) for gain in e) / min(c)))
-    b_m = abs(
-        float(_numeric(sp.Matrix([[derivation.equations.expand(derivation.plant.b[0])]]), values)[0, 0])
-    )
+    b_m = abs(float(numeric(sp.Matrix([[derivation.equations.expand(derivation.plant.b[0])]]), values)[0, 0]))
     drive = b_m * z if derivation.plant.rho > 1 else 0.0
     z1 = min(z, (drive + epsilon_2) / (c[0] + e[0]))
     return Certificate(P, poles, f_minus, f_plus, f, Y, float(np.sqrt(2 * Y / f)), z, z1)
 
 
-def _numeric(matrix: sp.MatrixBase, values: Mapping[str, float]) -> Array:
+def numeric(matrix: sp.MatrixBase, values: Mapping[str, float]) -> Array:
+    """A matrix of expressions at values of its symbols, by name."""
     at = {symbol: values[symbol.name] for symbol in matrix.free_symbols}
     return np.array(matrix.subs(at).evalf(17).tolist(), dtype=np.float64)
 

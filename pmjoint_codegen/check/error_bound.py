@@ -70,8 +70,8 @@ def walk(
     Args:
         function: SX function with dense inputs and outputs.
         arguments: one for each input, shape (points, size); exact.
-        literal_roundings: how many roundings a literal may hold; in Taylor kernels ``1/k!`` is folded factor by
-            factor.
+        literal_roundings: how many roundings a literal may hold; a Taylor kernel's ``1/k!`` is folded factor
+            by factor.
 
     Returns:
         One for each output, arrays of shape (points, size).

@@ -8,8 +8,9 @@ import numpy as np
 
 from derive import Derivation
 from derive.consistency import consistency_identities
+from derive.filters import filter_matrix
 from derive.lyapunov import Identity, prove
-from pmjoint_codegen.check.certificate import Certificate, certify
+from pmjoint_codegen.check.certificate import certify, numeric
 from pmjoint_codegen.check.result import Difference, GateResult, failed, passed
 from pmjoint_codegen.check.subject import Subject
 
@@ -48,9 +49,10 @@ def prove_for(derivation: Derivation, values: Mapping[str, float]) -> GateResult
         names = ", ".join(item.name for item in broken)
         detail = f"{len(broken)} of {len(identities)} identities do not expand to zero: {names}"
         return failed(NAME, detail, len(broken), 0, _difference(broken[0]))
-    certificate = certify(derivation, values, derivation.model.disturbance_bound)
-    faults = definiteness(derivation, certificate, values)
-    if faults:
+    faults = unfit_gains(derivation, values)
+    certificate = certify(derivation, values, derivation.model.disturbance_bound) if not faults else None
+    if certificate is None or not np.all(np.linalg.eigvalsh(certificate.P) > 0):
+        faults = faults or ["P is not positive definite"]
         return failed(
             NAME, "; ".join(faults), len(faults), 0, Difference("certificate", faults[0], "", "", "", "", "")
         )
@@ -58,18 +60,17 @@ def prove_for(derivation: Derivation, values: Mapping[str, float]) -> GateResult
     return passed(NAME, detail, 0, 0, *certificate.lines(), remainder_text(derivation))
 
 
-def definiteness(derivation: Derivation, certificate: Certificate, values: Mapping[str, float]) -> list[str]:
-    """What the identities need besides: positive gains, A0 Hurwitz, P positive definite."""
+def unfit_gains(derivation: Derivation, values: Mapping[str, float]) -> list[str]:
+    """What the certificate needs of the gains, and these do not give: positive ones, A0 Hurwitz."""
     s = derivation.signals
     faults = [
         f"gain {g.name} = {values[g.name]:g} is not positive"
         for g in (*s.c, *s.e, *s.ck)
         if not values[g.name] > 0
     ]
-    if not np.all(certificate.poles.real < 0):
-        faults.append(f"A0 is not Hurwitz: poles {certificate.poles}")
-    if not np.all(np.linalg.eigvalsh(certificate.P) > 0):
-        faults.append(f"P is not positive definite: eigenvalues {np.linalg.eigvalsh(certificate.P)}")
+    poles = np.linalg.eigvals(numeric(filter_matrix(s), values))
+    if not np.all(poles.real < 0):
+        faults.append(f"A0 is not Hurwitz: poles {', '.join(f'{pole:.4g}' for pole in poles)}")
     return faults
 
 

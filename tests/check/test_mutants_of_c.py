@@ -1,7 +1,7 @@
 """Mutants of the generated C: every operation, argument and literal of the kernels, one change at a time.
 
-Each mutant is one C function. All mutants of a kernel are compiled in one go, unoptimised, and judged on points and references that are
-prepared once; so that hundreds of them take seconds.
+Each mutant is one C function. All mutants of a kernel are compiled in one go, unoptimised, and judged on
+points and references that are prepared once; so that hundreds of them take seconds.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import ctypes
 import re
 import subprocess
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,10 +18,13 @@ import pytest
 
 from pmjoint_codegen.check import derivatives, interpreter, symbolic
 from pmjoint_codegen.check.points import batches
+from pmjoint_codegen.check.result import GateResult
 from pmjoint_codegen.check.subject import Subject
+from pmjoint_codegen.kernels.evaluator import Kind
 from pmjoint_codegen.manifest import Function
 
 Array = npt.NDArray[np.float64]
+Tally = Callable[[str, str, GateResult], None]
 Mutant = tuple[str, str]  # what was changed, the whole body
 
 BINARY = re.compile(r"^  (a\d+)=\((a\d+|[\d.e-]+)([-+*/])(a\d+|[\d.e-]+)\);$")
@@ -117,7 +120,7 @@ def source(subject: Subject) -> str:
     "kernel", ["law", "partials", "filters", "compensator", "estimate", "plant", "sampled_update"]
 )
 def test_every_change_of_a_kernel_is_outside_the_error_bound(
-    paper: Subject, tmp_path: Path, tally, kernel: str
+    paper: Subject, tmp_path: Path, tally: Tally, kernel: str
 ) -> None:
     function = paper.manifest.function(kernel)
     mutants = mutants_of(source(paper), function)
@@ -125,11 +128,11 @@ def test_every_change_of_a_kernel_is_outside_the_error_bound(
     prepared = symbolic.prepare(paper, function, 3)
     for i, (what, _) in enumerate(mutants):
         results = evaluate(function, library[f"mutant_{i}"], prepared.arguments)
-        tally.add("symbolic", what, symbolic.conclude([symbolic.judge(prepared, results)]))
+        tally("symbolic", what, symbolic.conclude([symbolic.judge(prepared, results)]))
 
 
 def test_every_literal_cut_to_12_digits_is_outside_the_error_bound(
-    paper: Subject, tmp_path: Path, tally
+    paper: Subject, tmp_path: Path, tally: Tally
 ) -> None:
     function = paper.manifest.function("taylor")
     body = "\n".join(body_of(source(paper), "taylor"))
@@ -140,13 +143,13 @@ def test_every_literal_cut_to_12_digits_is_outside_the_error_bound(
     prepared = symbolic.prepare(paper, function)
     for i, (what, _) in enumerate(mutants[::4]):
         results = evaluate(function, library[f"mutant_{i}"], prepared.arguments)
-        tally.add("symbolic", what, symbolic.conclude([symbolic.judge(prepared, results)]))
+        tally("symbolic", what, symbolic.conclude([symbolic.judge(prepared, results)]))
 
 
 class Mutated:
     """An evaluator whose results for one kernel are a mutant's."""
 
-    kind = "compiled"
+    kind: Kind = "compiled"
 
     def __init__(self, subject: Subject, name: str, call: ctypes._NamedFuncPointer) -> None:
         assert subject.compiled is not None
@@ -154,10 +157,11 @@ class Mutated:
         self.manifest = subject.manifest
         self.kernel = self._true.kernel
 
-    def call(self, name: str, *arrays: Array) -> tuple[Array, ...]:
+    def call(self, name: str, *arrays: npt.ArrayLike) -> tuple[Array, ...]:
         if name != self._name:
             return self._true.call(name, *arrays)
-        return tuple(evaluate(self.manifest.function(name), self._call, arrays))
+        points = [np.asarray(array, dtype=np.float64) for array in arrays]
+        return tuple(evaluate(self.manifest.function(name), self._call, points))
 
 
 def contracted(text: str) -> str:
@@ -167,7 +171,7 @@ def contracted(text: str) -> str:
 
 
 def test_rounding_that_differs_in_one_bit_is_caught_by_the_interpreter(
-    paper: Subject, tmp_path: Path, tally
+    paper: Subject, tmp_path: Path, tally: Tally
 ) -> None:
     text = "\n".join(body_of(source(paper), "law"))
     first_quotient = re.search(r"  (a\d+)=\((a\d+)/(a\d+)\);", text)
@@ -175,18 +179,26 @@ def test_rounding_that_differs_in_one_bit_is_caught_by_the_interpreter(
     to, a, b = first_quotient.groups()
     mutants = [
         ("law: one fused multiply-add", contracted(text)),
-        ("law: a quotient by way of the reciprocal", text.replace(first_quotient[0], f"  {to}=({a}*(1/{b}));", 1)),
+        (
+            "law: a quotient by way of the reciprocal",
+            text.replace(first_quotient[0], f"  {to}=({a}*(1/{b}));", 1),
+        ),
         ("law: an argument in single precision", re.sub(r"arg\[0\]\[0\]", "(float)arg[0][0]", text, count=1)),
-        ("law: a sum rounded to single precision", re.sub(r"=\((a\d+\+a\d+)\);", r"=(float)(\1);", text, count=1)),
+        (
+            "law: a sum rounded to single precision",
+            re.sub(r"=\((a\d+\+a\d+)\);", r"=(float)(\1);", text, count=1),
+        ),
         ("law: a negative zero lost", re.sub(r"=\(-(a\d+)\);", r"=(0-\1);", text, count=1)),
     ]
     library = compiled(tmp_path, mutants)
     for i, (what, _) in enumerate(mutants):
         mutated = Mutated(paper, "law", library[f"mutant_{i}"])
-        tally.add("interpreter", what, interpreter.compare(paper.interpreted, mutated, 20))
+        tally("interpreter", what, interpreter.compare(paper.interpreted, mutated, 20))
 
 
-def test_contraction_by_the_compiler_is_caught_by_the_interpreter(paper: Subject, tmp_path: Path, tally) -> None:
+def test_contraction_by_the_compiler_is_caught_by_the_interpreter(
+    paper: Subject, tmp_path: Path, tally: Tally
+) -> None:
     if "fma" not in Path("/proc/cpuinfo").read_text().split():
         pytest.skip("this processor fuses nothing")
     body = "\n".join(body_of(source(paper), "law"))
@@ -194,10 +206,14 @@ def test_contraction_by_the_compiler_is_caught_by_the_interpreter(paper: Subject
         (folder := tmp_path / flags[0]).mkdir()
         library = compiled(folder, [("law", body)], flags)
         mutated = Mutated(paper, "law", library.mutant_0)
-        tally.add("interpreter", f"compiled with {' '.join(flags)}", interpreter.compare(paper.interpreted, mutated, 20))
+        tally(
+            "interpreter",
+            f"compiled with {' '.join(flags)}",
+            interpreter.compare(paper.interpreted, mutated, 20),
+        )
 
 
-def test_every_changed_derivative_is_caught(paper: Subject, tmp_path: Path, tally) -> None:
+def test_every_changed_derivative_is_caught(paper: Subject, tmp_path: Path, tally: Tally) -> None:
     function = paper.manifest.function("partials")
     mutants = mutants_of(source(paper), function)
     library = compiled(tmp_path, mutants)
@@ -205,4 +221,4 @@ def test_every_changed_derivative_is_caught(paper: Subject, tmp_path: Path, tall
     arguments = [np.concatenate(arrays) for arrays in zip(*(batch.arguments for batch in found), strict=True)]
     for i, (what, _) in enumerate(mutants):
         (results,) = evaluate(function, library[f"mutant_{i}"], arguments)
-        tally.add("derivatives", what, derivatives.compare(paper, arguments, results))
+        tally("derivatives", what, derivatives.compare(paper, arguments, results))
