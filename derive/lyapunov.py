@@ -89,6 +89,30 @@ def _symmetric_matrix(n: int) -> sp.ImmutableMatrix:
     return sp.ImmutableMatrix(n, n, lambda i, j: parameter_symbol(f"P_{min(i, j) + 1}{max(i, j) + 1}"))
 
 
+def unfold(derivation: Derivation, name: str, keep: frozenset[sp.Symbol] = frozenset()) -> sp.Expr:
+    """An equation's right-hand side in signals, parameters and the plant's named constants.
+
+    Args:
+        derivation: the design.
+        name: of the equation.
+        keep: further names to leave as they are.
+    """
+    return derivation.equations.expand(derivation.equations[name].expression, _primitive(derivation) | keep)
+
+
+def _primitive(derivation: Derivation) -> frozenset[sp.Symbol]:
+    """Symbols that stay: what is measured or applied, and the constants that the plant is written in."""
+    s, plant = derivation.signals, derivation.plant
+    entries = (
+        *plant.phi,
+        *(entry for row in plant.Phi for entry in row),
+        *plant.theta,
+        *plant.b,
+        plant.sigma,
+    )
+    return frozenset({s.y, s.u, *s.y_r}).union(*(entry.free_symbols for entry in entries))
+
+
 def sensitivities(derivation: Derivation) -> tuple[sp.Expr, ...]:
     """``s_1 = -1`` and ``s_i = d alpha_{i-1} / dy`` by name; `partial_identities` proves the names."""
     s = derivation.signals
@@ -115,13 +139,12 @@ def true_rates(derivation: Derivation) -> dict[sp.Symbol, sp.Expr]:
     s, plant = derivation.signals, derivation.plant
     y_dot = plant.phi[0] + sum((a * b for a, b in zip(plant.Phi[0], plant.theta, strict=True)), sp.Integer(0))
     if plant.order > 1:
-        y_dot += derivation.expanded("x_hat2") + estimation_error(s)
+        y_dot += unfold(derivation, "x_hat2") + estimation_error(s)
     if plant.rho == 1:
         y_dot += plant.b[0] * plant.sigma * s.u
     rates = {s.y: y_dot}
-    keep = frozenset({s.y, s.u, s.v})
     for state in s.controller_state:
-        rate = derivation.equations.expand(derivation.equations[derivative_name(state)].expression, keep)
+        rate = unfold(derivation, derivative_name(state), frozenset({s.v}))
         rates[state] = rate.xreplace({s.compensator: sp.Integer(1)})
     return rates | dict(zip(s.y_r, s.y_r[1:], strict=False))
 
@@ -173,7 +196,7 @@ def estimation_identities(derivation: Derivation) -> list[Identity]:
     Phi_theta = sp.Matrix(n, p, lambda i, j: plant.Phi[i][j]) * sp.Matrix(p, 1, plant.theta)
     drive = sp.Matrix(plant.phi) + Phi_theta + sp.Matrix(plant.b_vector) * plant.sigma * s.u
     x_dot = (shift_matrix(n) * sp.Matrix(s.x) + drive + D).xreplace({s.y: s.x[0]})
-    x_hat = sp.Matrix([derivation.expanded(f"x_hat{i}") for i in range(1, n + 1)])
+    x_hat = sp.Matrix([unfold(derivation, f"x_hat{i}") for i in range(1, n + 1)])
     rates = {symbol: rate.xreplace({s.y: s.x[0]}) for symbol, rate in true_rates(derivation).items()}
     error_dot = x_dot - sp.Matrix([rate_along(entry, rates) for entry in x_hat])
     rest = error_dot - filter_matrix(s) * (sp.Matrix(s.x) - x_hat) - D
@@ -189,10 +212,10 @@ def partial_identities(derivation: Derivation) -> list[Identity]:
     s = derivation.signals
     identities = []
     for alpha in s.alpha:
-        value = derivation.expanded(alpha.name)
+        value = unfold(derivation, alpha.name)
         for by in s.measurable:
             name = partial_name(alpha, by)
-            named = derivation.expanded(name) if name in derivation.equations else sp.Integer(0)
+            named = unfold(derivation, name) if name in derivation.equations else sp.Integer(0)
             rest = expand_to_zero(named - sp.diff(value, by), sp.Integer(1))
             identities.append(Identity(name, f"{name} is the derivative of {alpha} by {by}", rest))
     return identities
@@ -216,8 +239,8 @@ def _error_identity(
 ) -> Identity:
     s, equations = derivation.signals, derivation.equations
     names = frozenset(parameter_symbol(partial_name(alpha, by)) for alpha in s.alpha for by in s.measurable)
-    keep = frozenset({s.y, s.u, *s.y_r}) | names
-    definition = equations.expand(equations[s.z[i - 1].name].expression, keep | frozenset(s.alpha))
+    keep = _primitive(derivation) | names
+    definition = unfold(derivation, s.z[i - 1].name, names | frozenset(s.alpha))
     rest = equations.expand(rate_along(definition, rates) - claim, keep | frozenset(s.z[:i]))
     claimed = f"z{i}' along the true dynamics is what {'(27)' if i == 1 else '(28)'} claims, for any u"
     return Identity(f"z{i}'", claimed, expand_to_zero(rest, derivation.plant.sigma))

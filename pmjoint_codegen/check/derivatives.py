@@ -17,6 +17,9 @@ from pmjoint_codegen.check.error_bound import Bounded, walk
 from pmjoint_codegen.check.points import batches, describe_point
 from pmjoint_codegen.check.result import Difference, GateResult, failed, not_run, passed
 from pmjoint_codegen.check.subject import Subject
+from pmjoint_codegen.emit.tape import tapes_of
+from pmjoint_codegen.kernels.interpreted import rebuild
+from pmjoint_codegen.kernels.tape import Tape
 
 Array = npt.NDArray[np.float64]
 
@@ -48,8 +51,8 @@ def compare(subject: Subject, arguments: Sequence[Array], results: Array) -> Gat
         arguments: of ``partials``, shape (points, size) each.
         results: what ``partials`` gave, shape (points, number of partials).
     """
-    (jacobian,) = walk(jacobian_function(subject.functions["law"]), list(arguments))
-    (emitted,) = walk(subject.functions["partials"], list(arguments))
+    (jacobian,) = walk(jacobian_tape(subject.tapes["law"]), arguments)
+    (emitted,) = walk(subject.tapes["partials"], arguments)
     names = all_names(subject)
     places = {name: i for i, name in enumerate(subject.manifest.partials)}
     stray = sorted(set(places) - set(names))
@@ -73,17 +76,19 @@ def compare(subject: Subject, arguments: Sequence[Array], results: Array) -> Gat
     return failed(NAME, detail, worst, 1, first) if first else passed(NAME, detail, worst, 1)
 
 
-def jacobian_function(law: ca.Function) -> ca.Function:
+def jacobian_tape(law: Tape) -> Tape:
     """Derivatives of ``alpha`` by y, s and y_r, row by row, as an instruction list of its own."""
-    inputs = [ca.SX.sym(law.name_in(i), law.size1_in(i)) for i in range(law.n_in())]
-    alpha = law.call(inputs, True, False)[law.index_out("alpha")]
-    by = ca.vertcat(*(inputs[law.index_in(label)] for label in ("y", "s", "y_r")))
+    function = rebuild(law)
+    inputs = [ca.SX.sym(function.name_in(i), function.size1_in(i)) for i in range(function.n_in())]
+    alpha = function.call(inputs, True, False)[function.index_out("alpha")]
+    by = ca.vertcat(*(inputs[function.index_in(label)] for label in ("y", "s", "y_r")))
     rows = ca.densify(ca.vec(ca.jacobian(alpha, by).T))
-    return ca.Function("law_jacobian", inputs, [rows])
+    (tape,) = tapes_of([ca.Function("law_jacobian", inputs, [rows])])
+    return tape
 
 
 def all_names(subject: Subject) -> list[str]:
-    """Names of every conceivable partial derivative, in the order of :func:`jacobian_function`."""
+    """Names of every conceivable partial derivative, in the order of :func:`jacobian_tape`."""
     s = subject.derivation.signals
     return [f"d{alpha.name}_d{by.name}" for alpha in s.alpha for by in (s.y, *s.controller_state, *s.y_r)]
 

@@ -19,13 +19,13 @@ Accuracy and Stability of Numerical Algorithms (2002), 3.3.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
-import casadi as ca
 import numpy as np
 import numpy.typing as npt
+
+from pmjoint_codegen.kernels.tape import Tape
 
 Array = npt.NDArray[np.float64]
 
@@ -62,54 +62,43 @@ class Bounded:
     error: Array
 
 
-def walk(
-    function: ca.Function, arguments: list[Array], literal_roundings: int = LITERAL_ROUNDINGS
-) -> list[Bounded]:
+def walk(tape: Tape, arguments: Sequence[Array], literal_roundings: int = LITERAL_ROUNDINGS) -> list[Bounded]:
     """Evaluate an instruction list with bounds.
 
     Args:
-        function: SX function with dense inputs and outputs.
+        tape: the kernel's instructions.
         arguments: one for each input, shape (points, size); exact.
         literal_roundings: how many roundings a literal may hold; a Taylor kernel's ``1/k!`` is folded factor
             by factor.
 
     Returns:
         One for each output, arrays of shape (points, size).
-
-    Raises:
-        NotImplementedError: for an operation without a rule.
     """
     points = len(arguments[0])
-    outputs = [
-        Bounded(np.zeros((points, function.nnz_out(i))), np.zeros((points, function.nnz_out(i))))
-        for i in range(function.n_out())
-    ]
-    work: dict[int, Bounded] = {}
+    outputs = [Bounded(np.zeros((points, size)), np.zeros((points, size))) for _, size in tape.outputs]
+    values: list[Bounded] = []
     rules = _rules()
     with np.errstate(all="ignore"):
-        for k in range(function.n_instructions()):
-            operation = function.instruction_id(k)
-            reads, writes = function.instruction_input(k), function.instruction_output(k)
-            if operation == ca.OP_OUTPUT:
-                outputs[writes[0]].value[:, writes[1]] = work[reads[0]].value
-                outputs[writes[0]].error[:, writes[1]] = work[reads[0]].error
-            elif operation == ca.OP_INPUT:
-                column = arguments[reads[0]][:, reads[1]]
-                work[writes[0]] = Bounded(column, np.zeros(points))
-            elif operation == ca.OP_CONST:
-                work[writes[0]] = _literal(function.instruction_constant(k), points, literal_roundings)
+        for item in tape.instructions:
+            if item.operation == "output":
+                result, entry, place = item.operands
+                outputs[result].value[:, entry] = values[place].value
+                outputs[result].error[:, entry] = values[place].error
+            elif item.operation == "input":
+                block, entry = item.operands
+                values.append(Bounded(arguments[block][:, entry], np.zeros(points)))
+            elif item.operation == "const":
+                values.append(_literal(item.value, points, literal_roundings))
             else:
-                work[writes[0]] = _operate(rules, operation, [work[i] for i in reads])
+                values.append(_operate(rules[item.operation], [values[place] for place in item.operands]))
     return outputs
 
 
 Rule = Callable[..., tuple[Array, Array]]
 
 
-def _operate(rules: Mapping[int, Rule], operation: int, operands: list[Bounded]) -> Bounded:
-    if operation not in rules:
-        raise NotImplementedError(f"operation {operation} of the emitted code has no error rule")
-    value, error = rules[operation](*operands)
+def _operate(rule: Rule, operands: list[Bounded]) -> Bounded:
+    value, error = rule(*operands)
     finite = np.isfinite(value) & ~np.isnan(error)
     return Bounded(value, np.where(finite, error * INFLATION, np.inf))
 
@@ -218,28 +207,25 @@ def _largest_error(a: Bounded, b: Bounded) -> Array:
     return np.maximum(a.error, b.error)
 
 
-def _rules() -> dict[int, Rule]:
-    rules: dict[int, Any] = {
-        ca.OP_ASSIGN: lambda a: (a.value, a.error),
-        ca.OP_NEG: lambda a: (-a.value, a.error),
-        ca.OP_FABS: lambda a: (np.abs(a.value), a.error),
-        ca.OP_TWICE: lambda a: (2 * a.value, 2 * a.error),
-        ca.OP_ADD: lambda a, b: _sum(a, b, 1.0),
-        ca.OP_SUB: lambda a, b: _sum(a, b, -1.0),
-        ca.OP_MUL: _product,
-        ca.OP_SQ: lambda a: _product(a, a),
-        ca.OP_DIV: _quotient,
-        ca.OP_INV: lambda a: _quotient(_one(a), a),
-        ca.OP_SQRT: _root,
-        ca.OP_SIN: _library("sin", _lipschitz_error),
-        ca.OP_COS: _library("cos", _lipschitz_error),
-        ca.OP_TANH: _library("tanh", _lipschitz_error),
-        ca.OP_TAN: _library("tan", _tangent_error),
-        ca.OP_EXP: _library("exp", _exponential_error),
-        ca.OP_LOG: _library("log", _logarithm_error),
-        ca.OP_CONSTPOW: _power,
-        ca.OP_POW: _power,
-        ca.OP_FMIN: lambda a, b: (np.fmin(a.value, b.value), _largest_error(a, b)),
-        ca.OP_FMAX: lambda a, b: (np.fmax(a.value, b.value), _largest_error(a, b)),
+def _rules() -> Mapping[str, Rule]:
+    """A rule for every operation of a tape."""
+    return {
+        "neg": lambda a: (-a.value, a.error),
+        "twice": lambda a: (2 * a.value, 2 * a.error),
+        "add": lambda a, b: _sum(a, b, 1.0),
+        "sub": lambda a, b: _sum(a, b, -1.0),
+        "mul": _product,
+        "sq": lambda a: _product(a, a),
+        "div": _quotient,
+        "inv": lambda a: _quotient(_one(a), a),
+        "sqrt": _root,
+        "sin": _library("sin", _lipschitz_error),
+        "cos": _library("cos", _lipschitz_error),
+        "tanh": _library("tanh", _lipschitz_error),
+        "tan": _library("tan", _tangent_error),
+        "exp": _library("exp", _exponential_error),
+        "log": _library("log", _logarithm_error),
+        "pow": _power,
+        "fmin": lambda a, b: (np.fmin(a.value, b.value), _largest_error(a, b)),
+        "fmax": lambda a, b: (np.fmax(a.value, b.value), _largest_error(a, b)),
     }
-    return rules

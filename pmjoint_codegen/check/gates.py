@@ -122,8 +122,8 @@ def _prepare(subject: Subject) -> None:
 def _obstacle(subject: Subject) -> str:
     """Why ``generated/<name>/`` cannot be looked at, or nothing."""
     try:
-        _ = subject.manifest, subject.functions
-    except (StaleError, OSError, ValueError, RuntimeError) as error:
+        _ = subject.manifest, subject.tapes
+    except (StaleError, OSError, ValueError, IndexError) as error:
         return f"nothing sound is generated: {' '.join(str(error).split())[:200]}"
     return ""
 

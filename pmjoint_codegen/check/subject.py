@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
-
-import casadi as ca
 
 from derive import Derivation, Model, derive
 from pmjoint_codegen.build.compiler import Compiler, find_compiler
@@ -17,6 +14,7 @@ from pmjoint_codegen.emit.table import Kernel, kernel_table
 from pmjoint_codegen.identity import Document
 from pmjoint_codegen.kernels import compiled, interpreted
 from pmjoint_codegen.kernels.evaluator import Evaluator
+from pmjoint_codegen.kernels.tape import FILE_NAME, Tape, read_tapes
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.workspace import cache_dir, generated_root
 
@@ -59,10 +57,9 @@ class Subject:
         return {kernel.name: kernel for kernel in kernel_table(self.derivation)}
 
     @cached_property
-    def functions(self) -> Mapping[str, ca.Function]:
-        """The emitted functions, read back from ``kernels.casadi``."""
-        texts = json.loads((self.folder / interpreted.FILE_NAME).read_text(encoding="utf-8"))
-        return {name: ca.Function.deserialize(text) for name, text in texts.items()}
+    def tapes(self) -> Mapping[str, Tape]:
+        """The emitted instructions of every kernel, from ``kernels.tape``."""
+        return read_tapes((self.folder / FILE_NAME).read_text(encoding="utf-8"))
 
     @cached_property
     def compiler(self) -> Compiler | None:

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
@@ -20,6 +19,7 @@ from pmjoint_codegen.check.precise import Numbers
 from pmjoint_codegen.check.reference import Reference, Rows, reference_of, taylor_reference
 from pmjoint_codegen.check.result import Difference, GateResult, failed, not_run, passed
 from pmjoint_codegen.check.subject import Subject
+from pmjoint_codegen.kernels.tape import Tape
 from pmjoint_codegen.manifest import Function
 
 Array = npt.NDArray[np.float64]
@@ -123,15 +123,15 @@ def prepare(subject: Subject, function: Function, count: int | None = None) -> P
     arguments = tuple(
         np.concatenate(arrays) for arrays in zip(*(batch.arguments for batch in found), strict=True)
     )
-    return prepare_at(reference, subject.functions[function.name], function, arguments)
+    return prepare_at(reference, subject.tapes[function.name], function, arguments)
 
 
 def prepare_at(
-    reference: Reference, emitted: ca.Function, function: Function, arguments: tuple[Array, ...]
+    reference: Reference, emitted: Tape, function: Function, arguments: tuple[Array, ...]
 ) -> Prepared:
     """Exact results and bounds at given points."""
     roundings = max(LITERAL_ROUNDINGS, 2 * reference.order)
-    bounds = tuple(result.error for result in walk(emitted, list(arguments), roundings))
+    bounds = tuple(result.error for result in walk(emitted, arguments, roundings))
     return Prepared(function, reference, arguments, tuple(reference.values(arguments)), bounds)
 
 
