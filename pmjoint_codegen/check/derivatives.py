@@ -63,6 +63,7 @@ def compare(subject: Subject, arguments: Sequence[Array], results: Array) -> Gat
         mine = _column(results, emitted, places.get(name))
         error, bound = np.abs(mine.value - jacobian.value[:, column]), mine.error + jacobian.error[:, column]
         ratio = np.divide(error, bound, out=np.where(error > 0, np.inf, 0.0), where=bound > 0)
+        ratio = np.where(np.isfinite(jacobian.error[:, column]), ratio, 0.0)  # where `law` itself overflows
         row = int(np.argmax(ratio))
         worst = max(worst, float(ratio[row]))
         if not ratio[row] <= 1 and first is None:
