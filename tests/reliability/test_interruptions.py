@@ -1,4 +1,4 @@
-"""Killed, starved, locked out: whatever happens to a command, what it leaves is whole and the next succeeds."""
+"""Killed, starved, locked out: what a command leaves is whole, and the next one succeeds."""
 
 from __future__ import annotations
 

@@ -28,7 +28,8 @@ SLOWEST = 5.0  # s, for one input; a hang would be longer by far, a busy machine
 SCRAPS = [
     "y", "x1", "t", "d1", "b0", "pi", "**", "*", "+", "-", "/", "(", ")", "99999", "1e400", "0.1", "1e-300",
     "sin(", "exp(", "log(", "tanh(", "sqrt(", ",", ".", "[", "]", "__import__('os')", "y.__class__",
-    "lambda: 0", "1if y else 0", "y**y**y**99999", "((((((((", "9" * 400, "-" * 50, "\\x00", "\u202e", "\uff59",
+    "lambda: 0",
+    "1if y else 0", "y**y**y**99999", "((((((((", "9" * 400, "-" * 50, "\\x00", "\u202e", "\uff59",
     "e", "E", "I", "oo", "nan", "zoo", ";", "=", "'", "#", "\n",
 ]  # fmt: skip
 VALUES: list[Any] = [
