@@ -35,7 +35,7 @@ COMMANDS = (
     Entry(
         "check",
         "pmjoint_codegen.cli.check",
-        "Hold generated code against the symbolic reference: proofs, bounds, trajectories, compilers.",
+        "Hold generated code against the derivation, gate by gate.",
     ),
     Entry(
         "audit",
