@@ -7,7 +7,7 @@ ARGS   ?=
 
 run = .venv/bin/python -m
 
-.PHONY: help simulate test regenerate check lint format bench docs lock environment environment-dev clean
+.PHONY: help simulate test regenerate check coverage lint format bench docs lock environment environment-dev clean
 .DEFAULT_GOAL := help
 
 help: ## list the targets
@@ -22,8 +22,12 @@ test: environment-dev ## the test suite (ARGS="-k taylor")
 regenerate: environment ## write generated/ anew from the model files
 	@$(run) pmjoint_codegen regenerate $(ARGS)
 
-check: environment ## say whether generated/ is what the model files say; writes nothing
-	@$(run) pmjoint_codegen regenerate --check $(ARGS)
+check: environment ## hold generated/ against the models: staleness, proofs, error bounds, trajectories, compilers
+	@$(run) pmjoint_codegen check $(ARGS)
+
+coverage: environment-dev ## branch coverage of the derivation and of what checks it; at least 95 %
+	@$(run) pytest -q tests/derive tests/check tests/cli/test_check.py --cov=derive --cov=pmjoint_codegen.check \
+		--cov-branch --cov-report=term-missing:skip-covered --cov-fail-under=95 $(ARGS)
 
 lint: environment-dev ## style and types
 	@$(run) ruff check --quiet

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import hypothesis
 import pytest
@@ -36,3 +38,22 @@ def cache(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Iterator[
         patch.setenv("MPLBACKEND", "Agg")
         patch.setenv("MPLCONFIGDIR", str(folder / "matplotlib"))
         yield folder
+
+
+def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
+    """Print the table of mutants and the gates that caught them: counts, or with ``-v`` every mutant."""
+    reports = [
+        report for kind in terminalreporter.stats.values() for report in kind if hasattr(report, "when")
+    ]
+    finished = [report for report in reports if report.when == "teardown"]
+    tables = [value for report in finished for name, value in report.user_properties if name == "mutants"]
+    rows = [row for table in tables for row in table.splitlines()]
+    if not rows:
+        return
+    terminalreporter.section("mutants and the gates that caught them")
+    survivors = [row for row in rows if " SURVIVED " in row]
+    for row in sorted(rows) if config.get_verbosity() > 0 else survivors:
+        terminalreporter.write_line(row)
+    for gate, count in sorted(Counter(row.split()[0] for row in rows).items()):
+        terminalreporter.write_line(f"{gate:24s} {count} mutants")
+    terminalreporter.write_line(f"{len(rows)} mutants, {len(survivors)} survivors; -v lists them")

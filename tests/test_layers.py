@@ -19,7 +19,7 @@ GROUND_FLOOR = ("errors", "storage", "workspace", "identity", "manifest", "value
 RUNTIME = ("build", "kernels", "simulate")
 FACADE = ("closed_loop",)
 SYMBOLIC = {"derive", "sympy", "casadi", "pydantic"}
-TOOLCHAIN = {f"{PACKAGE}.{name}" for name in ("spec", "emit", "report", "audit", "provision")}
+TOOLCHAIN = {f"{PACKAGE}.{name}" for name in ("spec", "emit", "report", "audit", "check", "provision")}
 
 
 @dataclass(frozen=True)

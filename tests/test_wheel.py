@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+CARRIED = {name: f"pmjoint_codegen/_data/{name}" for name in ("models", "generated", "golden")}
+
 
 def succeed(*command: str, cwd: Path, **env: str) -> str:
     """Run a command, require exit code 0, and return its standard output."""
@@ -46,12 +48,11 @@ def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_wheel_holds_the_checkout(root: Path, wheel: Path) -> None:
-    listing = succeed("git", "ls-files", "--", "pmjoint_codegen", "derive", "models", "generated", cwd=root)
-    carried = {"models": "pmjoint_codegen/_data/models", "generated": "pmjoint_codegen/_data/generated"}
+    listing = succeed("git", "ls-files", "--", *CARRIED, "pmjoint_codegen", "derive", cwd=root)
     expected = set()
     for name in listing.splitlines():
         top, _, rest = name.partition("/")
-        expected.add(f"{carried.get(top, top)}/{rest}")
+        expected.add(f"{CARRIED.get(top, top)}/{rest}")
     with zipfile.ZipFile(wheel) as archive:
         held = {name for name in archive.namelist() if ".dist-info/" not in name}
     assert expected - held == set()
@@ -87,3 +88,10 @@ def test_wheel_derives_outside_the_checkout(installed: Path, tmp_path: Path) -> 
         PYTHONPATH=str(installed),
     )
     assert (tmp_path / "other" / "summary.json").is_file()
+
+
+def test_wheel_checks_outside_the_checkout(installed: Path, tmp_path: Path) -> None:
+    gates = [word for gate in ("current", "symbolic", "trajectory.golden") for word in ("--gate", gate)]
+    command = [sys.executable, "-m", "pmjoint_codegen", "check", "paper", "--json", *gates]
+    records = json.loads(succeed(*command, cwd=tmp_path, PYTHONPATH=str(installed)))
+    assert [record["verdict"] for record in records] == ["passed"] * 3

@@ -33,6 +33,11 @@ COMMANDS = (
         "Write generated/<model>/, or with --check say what is stale.",
     ),
     Entry(
+        "check",
+        "pmjoint_codegen.cli.check",
+        "Hold generated code against the derivation, gate by gate.",
+    ),
+    Entry(
         "audit",
         "pmjoint_codegen.cli.audit",
         "Hold the paper's equations against what follows from its model.",

@@ -1,0 +1,73 @@
+"""Derived equations that must agree with each other, as identities that expand to exactly zero.
+
+The certificate does not see them: the reference's derivatives, the disturbance, and the sampled controller.
+"""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from derive.closed_loop import disturbance_symbols
+from derive.compensator import compensator_matrix
+from derive.derivation import Derivation
+from derive.filters import filter_matrix
+from derive.lyapunov import Identity
+from derive.sampling import Hold
+from derive.signals import derivative_name
+
+
+def reference_identities(derivation: Derivation) -> list[Identity]:
+    """Each derivative of the reference is that of the one before it; the first is the model's."""
+    s, model = derivation.signals, derivation.model
+    values = [derivation.equations[symbol.name].expression for symbol in s.y_r]
+    wanted = [model.reference, *(sp.diff(value, s.t) for value in values[:-1])]
+    return [
+        Identity(str(symbol), f"{symbol} follows from the reference", sp.expand(value - expected))
+        for symbol, value, expected in zip(s.y_r, values, wanted, strict=True)
+    ]
+
+
+def disturbance_identities(derivation: Derivation) -> list[Identity]:
+    """Each named disturbance is the model's."""
+    symbols = disturbance_symbols(derivation.plant)
+    return [
+        Identity(
+            str(symbol),
+            f"{symbol} is the model's disturbance",
+            sp.expand(derivation.equations[symbol.name].expression - expected),
+        )
+        for symbol, expected in zip(symbols, derivation.plant.disturbance, strict=True)
+    ]
+
+
+def sampling_identities(derivation: Derivation) -> list[Identity]:
+    """``s(t + T) = F s + G (s' - A s)``: the exact solution of ``s' = A s + drive`` with the drive held."""
+    s, hold = derivation.signals, Hold.of(derivation.signals)
+    columns = [sp.Matrix([row[j] for row in s.Xi]) for j in range(derivation.plant.p)]
+    A0, Ar = filter_matrix(s), compensator_matrix(s)
+    systems = [(sp.Matrix(states), A0, hold.F0, hold.G0) for states in (s.xi, *columns, s.lambda_)]
+    systems.append((sp.Matrix(s.r), Ar, hold.Fr, hold.Gr))
+    return [identity for system in systems for identity in _held(derivation, *system)]
+
+
+def _held(
+    derivation: Derivation, states: sp.Matrix, A: sp.MatrixBase, F: sp.MatrixBase, G: sp.MatrixBase
+) -> list[Identity]:
+    s, equations = derivation.signals, derivation.equations
+    keep = frozenset({s.y, s.u, s.v})
+    rates = sp.Matrix([equations.expand(equations[derivative_name(x)].expression, keep) for x in states])
+    updates = sp.Matrix([equations.expand(equations[f"{x.name}_next"].expression, keep) for x in states])
+    rest = updates - F * states - G * (rates - A * states)
+    return [
+        Identity(f"{x}_next", f"{x} one sample later is exact for held inputs", sp.expand(entry))
+        for x, entry in zip(states, rest, strict=True)
+    ]
+
+
+def consistency_identities(derivation: Derivation) -> tuple[Identity, ...]:
+    """Every identity of this module."""
+    return (
+        *reference_identities(derivation),
+        *disturbance_identities(derivation),
+        *sampling_identities(derivation),
+    )

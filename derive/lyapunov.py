@@ -1,0 +1,322 @@
+"""The certificate (19)-(35): V decreases up to the disturbance, as identities that expand to exactly zero.
+
+Nothing here asks how the law was found. The errors z_i are taken as expressions of what the controller
+measures, differentiated along the *true* dynamics (y' of the plant (11), filters (14), compensator (23), any
+input u), and held against what (27), (28) claim. With ``s_1 = -1`` and ``s_i = d alpha_{i-1} / dy``:
+
+    z_i'  =  -(c_i + e_i s_i^2) z_i - s_i epsilon_2 + couplings that cancel in the sum              (27), (28)
+    d/dt sum z_i^2/2  =  -sum c_i z_i^2 - sum e_i s_i^2 z_i^2 - (sum s_i z_i) epsilon_2             (31)
+    V'  =  -sum c_i z_i^2 - sum |epsilon|^2/(4 e_i) + sum |P D|^2/(2 e_i) - {squares},              (32)
+    V   =  sum z_i^2/2 + sum epsilon' P epsilon/(2 e_i),      P A0 + A0' P = -2 I                   (19), (30)
+
+The braces hold ``sum e_i (s_i z_i + epsilon_2/(2 e_i))^2 + sum |epsilon - P D|^2/(2 e_i) + sum_i sum_{j != 2}
+epsilon_j^2/(4 e_i)``: squares only, so (32) is an inequality for every model whose identities hold. They hold
+for any saturation, with the compensator (23) at work.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import sympy as sp
+
+from derive.closed_loop import disturbance_symbols
+from derive.derivation import Derivation
+from derive.filters import filter_matrix, shift_matrix
+from derive.model import parameter_symbol
+from derive.signals import Signals, derivative_name, partial_name
+
+
+@dataclass(frozen=True)
+class Identity:
+    """A statement that an expression is zero.
+
+    Attributes:
+        name: which statement.
+        claim: the statement, for people.
+        remainder: the expression after expansion; the integer 0 when the statement is proved.
+    """
+
+    name: str
+    claim: str
+    remainder: sp.Expr
+
+    @property
+    def holds(self) -> bool:
+        """Whether the expression expanded to exactly zero."""
+        return bool(self.remainder == 0)
+
+
+def expand_to_zero(expression: sp.Expr, sigma: sp.Expr) -> sp.Expr:
+    """Expand polynomials and quotients of functions of y; 0 exactly when the expression vanishes identically.
+
+    Args:
+        expression: what should vanish.
+        sigma: the input nonlinearity. Where it is a sum, it stands for itself as one symbol first, as
+            products by it and quotients of it then cancel without a common denominator.
+
+    Returns:
+        0, or what is left over.
+    """
+    whole = expression.xreplace({sigma: parameter_symbol("sigma")}) if sigma.is_Add else expression
+    rest = sp.expand(whole)
+    if rest == 0:
+        return sp.Integer(0)
+    numerator = sp.expand(sp.fraction(sp.together(rest.xreplace({parameter_symbol("sigma"): sigma})))[0])
+    return sp.Integer(0) if numerator == 0 else rest
+
+
+def lyapunov_matrix(signals: Signals) -> sp.ImmutableMatrix:
+    """``P`` of ``P A0 + A0' P = -2 I`` (18), n x n, as rational functions of the gains k."""
+    n = len(signals.k)
+    P = _symmetric_matrix(n)
+    unknowns = sorted(P.free_symbols, key=str)
+    residual = lyapunov_residual(P, signals)
+    upper = [residual[i, j] for i in range(n) for j in range(i, n)]
+    solution = sp.linsolve(upper, *unknowns)
+    values = dict(zip(unknowns, next(iter(solution)), strict=True))
+    return sp.ImmutableMatrix(P.xreplace(values).applyfunc(sp.factor))
+
+
+def lyapunov_residual(P: sp.ImmutableMatrix, signals: Signals) -> sp.ImmutableMatrix:
+    """``P A0 + A0' P + 2 I``, n x n: zero for the P of the certificate."""
+    A0 = filter_matrix(signals)
+    return sp.ImmutableMatrix(P * A0 + A0.T * P + 2 * sp.eye(len(signals.k)))
+
+
+def _symmetric_matrix(n: int) -> sp.ImmutableMatrix:
+    return sp.ImmutableMatrix(n, n, lambda i, j: parameter_symbol(f"P_{min(i, j) + 1}{max(i, j) + 1}"))
+
+
+def unfold(derivation: Derivation, name: str, keep: frozenset[sp.Symbol] = frozenset()) -> sp.Expr:
+    """An equation's right-hand side in signals, parameters and the plant's named constants.
+
+    Args:
+        derivation: the design.
+        name: of the equation.
+        keep: further names to leave as they are.
+    """
+    return derivation.equations.expand(derivation.equations[name].expression, _primitive(derivation) | keep)
+
+
+def _primitive(derivation: Derivation) -> frozenset[sp.Symbol]:
+    """Symbols that stay: what is measured or applied, and the constants that the plant is written in."""
+    s, plant = derivation.signals, derivation.plant
+    entries = (
+        *plant.phi,
+        *(entry for row in plant.Phi for entry in row),
+        *plant.theta,
+        *plant.b,
+        plant.sigma,
+    )
+    return frozenset({s.y, s.u, *s.y_r}).union(*(entry.free_symbols for entry in entries))
+
+
+def sensitivities(derivation: Derivation) -> tuple[sp.Expr, ...]:
+    """``s_1 = -1`` and ``s_i = d alpha_{i-1} / dy`` by name; `partial_identities` proves the names."""
+    s = derivation.signals
+    return (sp.Integer(-1), *(_partial(derivation, alpha, s.y) for alpha in s.alpha))
+
+
+def _partial(derivation: Derivation, alpha: sp.Symbol, by: sp.Symbol) -> sp.Expr:
+    """The name of a partial derivative, or 0 where none is named."""
+    name = partial_name(alpha, by)
+    return parameter_symbol(name) if name in derivation.equations else sp.Integer(0)
+
+
+def estimation_error(signals: Signals) -> sp.Expr:
+    """``epsilon_2``, the estimation error that enters y'; a plant of order one has none."""
+    return signals.epsilon[1] if len(signals.epsilon) > 1 else sp.Integer(0)
+
+
+def true_rates(derivation: Derivation) -> dict[sp.Symbol, sp.Expr]:
+    """Rates of all that a virtual control may depend on, along the plant (11) with any u and ``du = u - v``.
+
+    The plant is restated from its class; filters and compensator are the derivation's own equations, which
+    the kernels are made from. The unmeasured x_2 is written as its estimate and epsilon_2.
+    """
+    s, plant = derivation.signals, derivation.plant
+    y_dot = plant.phi[0] + sum((a * b for a, b in zip(plant.Phi[0], plant.theta, strict=True)), sp.Integer(0))
+    if plant.order > 1:
+        y_dot += unfold(derivation, "x_hat2") + estimation_error(s)
+    if plant.rho == 1:
+        y_dot += plant.b[0] * plant.sigma * s.u
+    rates = {s.y: y_dot}
+    for state in s.controller_state:
+        rate = unfold(derivation, derivative_name(state), frozenset({s.v}))
+        rates[state] = rate.xreplace({s.compensator: sp.Integer(1)})
+    return rates | dict(zip(s.y_r, s.y_r[1:], strict=False))
+
+
+def rate_along(expression: sp.Expr, rates: Mapping[sp.Symbol, sp.Expr]) -> sp.Expr:
+    """Total time derivative of an expression, given the rates of what it depends on."""
+    terms = (
+        sp.diff(expression, symbol) * rate
+        for symbol, rate in rates.items()
+        if symbol in expression.free_symbols
+    )
+    return sum(terms, sp.Integer(0))
+
+
+def virtual_control_rates(
+    derivation: Derivation, rates: Mapping[sp.Symbol, sp.Expr]
+) -> dict[sp.Symbol, sp.Expr]:
+    """``alpha_i'`` by the chain rule, with the partial derivatives by name."""
+    return {
+        alpha: sum((_partial(derivation, alpha, by) * rate for by, rate in rates.items()), sp.Integer(0))
+        for alpha in derivation.signals.alpha
+    }
+
+
+def claimed_rates(derivation: Derivation, s_: tuple[sp.Expr, ...]) -> tuple[sp.Expr, ...]:
+    """``z_i'`` as (27), (28) claim it, in symbols z_i.
+
+    Args:
+        derivation: the design.
+        s_: the sensitivities, as expressions or symbols.
+    """
+    s, b_m, rho = derivation.signals, derivation.plant.b[0], derivation.plant.rho
+    rates = []
+    for i in range(1, rho + 1):
+        rate = -(s.c[i - 1] + s.e[i - 1] * s_[i - 1] ** 2) * s.z[i - 1] - s_[i - 1] * estimation_error(s)
+        if i < rho:
+            rate += (b_m if i == 1 else 1) * s.z[i]
+        if i > 1:
+            rate -= (b_m if i == 2 else 1) * s.z[i - 2]
+        rates.append(rate)
+    return tuple(rates)
+
+
+def estimation_identities(derivation: Derivation) -> list[Identity]:
+    """``epsilon' = A0 epsilon + D`` for ``epsilon = x - x_hat`` along plant and filters, for any u (17)."""
+    s, plant = derivation.signals, derivation.plant
+    n, p = plant.order, plant.p
+    D = sp.Matrix(disturbance_symbols(plant))
+    Phi_theta = sp.Matrix(n, p, lambda i, j: plant.Phi[i][j]) * sp.Matrix(p, 1, plant.theta)
+    drive = sp.Matrix(plant.phi) + Phi_theta + sp.Matrix(plant.b_vector) * plant.sigma * s.u
+    x_dot = (shift_matrix(n) * sp.Matrix(s.x) + drive + D).xreplace({s.y: s.x[0]})
+    x_hat = sp.Matrix([unfold(derivation, f"x_hat{i}") for i in range(1, n + 1)])
+    rates = {symbol: rate.xreplace({s.y: s.x[0]}) for symbol, rate in true_rates(derivation).items()}
+    error_dot = x_dot - sp.Matrix([rate_along(entry, rates) for entry in x_hat])
+    rest = error_dot - filter_matrix(s) * (sp.Matrix(s.x) - x_hat) - D
+    sigma = plant.sigma.xreplace({s.y: s.x[0]})
+    return [
+        Identity(f"epsilon_{i}", f"epsilon_{i}' = (A0 epsilon + D)_{i}", expand_to_zero(entry, sigma))
+        for i, entry in enumerate(rest, start=1)
+    ]
+
+
+def partial_identities(derivation: Derivation) -> list[Identity]:
+    """Every named partial derivative is its virtual control's; every one that is not named is zero."""
+    s = derivation.signals
+    identities = []
+    for alpha in s.alpha:
+        value = unfold(derivation, alpha.name)
+        for by in s.measurable:
+            name = partial_name(alpha, by)
+            named = unfold(derivation, name) if name in derivation.equations else sp.Integer(0)
+            rest = expand_to_zero(named - sp.diff(value, by), sp.Integer(1))
+            identities.append(Identity(name, f"{name} is the derivative of {alpha} by {by}", rest))
+    return identities
+
+
+def error_identities(derivation: Derivation) -> list[Identity]:
+    """``z_i'`` along the true dynamics equals what (27), (28) claim, for any u.
+
+    Errors and partial derivatives stay names as long as they may: their definitions are unfolded where they
+    are differentiated, and the partial derivatives are proved apart. So the expressions stay small for any
+    order.
+    """
+    rates = true_rates(derivation)
+    rates |= virtual_control_rates(derivation, rates)
+    claims = claimed_rates(derivation, sensitivities(derivation))
+    return [_error_identity(derivation, i, rates, claim) for i, claim in enumerate(claims, start=1)]
+
+
+def _error_identity(
+    derivation: Derivation, i: int, rates: Mapping[sp.Symbol, sp.Expr], claim: sp.Expr
+) -> Identity:
+    s, equations = derivation.signals, derivation.equations
+    names = frozenset(parameter_symbol(partial_name(alpha, by)) for alpha in s.alpha for by in s.measurable)
+    keep = _primitive(derivation) | names
+    definition = unfold(derivation, s.z[i - 1].name, names | frozenset(s.alpha))
+    rest = equations.expand(rate_along(definition, rates) - claim, keep | frozenset(s.z[:i]))
+    claimed = f"z{i}' along the true dynamics is what {'(27)' if i == 1 else '(28)'} claims, for any u"
+    return Identity(f"z{i}'", claimed, expand_to_zero(rest, derivation.plant.sigma))
+
+
+def energy_identity(derivation: Derivation) -> Identity:
+    """(31): the couplings cancel in ``d/dt sum z_i^2 / 2``, with z_i' as established above."""
+    s = derivation.signals
+    s_ = (sp.Integer(-1), *(parameter_symbol(f"s{i}") for i in range(2, derivation.plant.rho + 1)))
+    rate = sum(
+        (z * claim for z, claim in zip(s.z, claimed_rates(derivation, s_), strict=True)), sp.Integer(0)
+    )
+    claim = sum(
+        (
+            -(c + e * s_i**2) * z**2 - s_i * z * estimation_error(s)
+            for c, e, z, s_i in zip(s.c, s.e, s.z, s_, strict=True)
+        ),
+        sp.Integer(0),
+    )
+    return Identity(
+        "energy", "d/dt sum z^2/2 = -sum c z^2 - sum e s^2 z^2 - (sum s z) epsilon_2", sp.expand(rate - claim)
+    )
+
+
+def squares(derivation: Derivation, P: sp.ImmutableMatrix, s_: tuple[sp.Expr, ...]) -> tuple[sp.Expr, ...]:
+    """What the certificate gives away: terms that are squares with positive factors, the braces of (32)."""
+    s = derivation.signals
+    epsilon_2, D = estimation_error(s), sp.Matrix(disturbance_symbols(derivation.plant))
+    gap = sp.Matrix(s.epsilon) - P * D
+    young = (e * (s_i * z + epsilon_2 / (2 * e)) ** 2 for e, s_i, z in zip(s.e, s_, s.z, strict=True))
+    inputs = (entry**2 / (2 * e) for e in s.e for entry in gap)
+    others = (entry**2 / (4 * e) for e in s.e for entry in s.epsilon if entry != epsilon_2)
+    return (*young, *inputs, *others)
+
+
+def certificate_identity(derivation: Derivation) -> Identity:
+    """(32) as an identity, modulo the Lyapunov equation: its residual multiplies the only term left."""
+    s, n = derivation.signals, derivation.plant.order
+    s_ = (sp.Integer(-1), *(parameter_symbol(f"s{i}") for i in range(2, derivation.plant.rho + 1)))
+    P, epsilon = _symmetric_matrix(n), sp.Matrix(s.epsilon)
+    D = sp.Matrix(disturbance_symbols(derivation.plant))
+    weight = sum((1 / (2 * e) for e in s.e), sp.Integer(0))
+    epsilon_dot = filter_matrix(s) * epsilon + D
+    V_dot = sum((z * rate for z, rate in zip(s.z, claimed_rates(derivation, s_), strict=True)), sp.Integer(0))
+    V_dot += weight * (2 * epsilon.T * P * epsilon_dot)[0]
+    claim = -sum((c * z**2 for c, z in zip(s.c, s.z, strict=True)), sp.Integer(0))
+    claim += weight * (-epsilon.dot(epsilon) / 2 + (P * D).dot(P * D)) - sum(
+        squares(derivation, P, s_), sp.Integer(0)
+    )
+    left = weight * (epsilon.T * lyapunov_residual(P, s) * epsilon)[0]
+    statement = "V' = -sum c z^2 - sum |epsilon|^2/(4e) + sum |P D|^2/(2e) - squares"
+    return Identity("certificate", statement, sp.expand(V_dot - claim - left))
+
+
+def lyapunov_identities(derivation: Derivation) -> list[Identity]:
+    """``P A0 + A0' P = -2 I`` for the P that is solved for, entry by entry."""
+    s = derivation.signals
+    residual = lyapunov_residual(lyapunov_matrix(s), s)
+    return [
+        Identity(
+            f"P_{i + 1}{j + 1}",
+            f"(P A0 + A0' P + 2 I)_{i + 1}{j + 1} = 0",
+            sp.cancel(sp.together(residual[i, j])),
+        )
+        for i in range(len(s.k))
+        for j in range(i, len(s.k))
+    ]
+
+
+def prove(derivation: Derivation) -> tuple[Identity, ...]:
+    """Every identity that the certificate rests on, made anew; all hold, or there is no certificate."""
+    return (
+        *estimation_identities(derivation),
+        *partial_identities(derivation),
+        *error_identities(derivation),
+        energy_identity(derivation),
+        certificate_identity(derivation),
+        *lyapunov_identities(derivation),
+    )

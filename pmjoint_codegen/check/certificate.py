@@ -1,0 +1,123 @@
+"""The certificate's numbers (33)-(35) for a model's gains: how fast V falls, and where the errors end up."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import sympy as sp
+
+from derive import Derivation
+from derive.filters import filter_matrix
+from derive.lyapunov import lyapunov_matrix
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """Constants of (33)-(35), with ``1/(4 e_2)`` where (34) prints ``1/(4 e_1)`` twice.
+
+    Attributes:
+        P: solution of ``P A0 + A0' P = -2 I``, n x n, s.
+        poles: eigenvalues of A0, 1/s.
+        f_minus: smallest of c_i and 1/(4 e_i).
+        f_plus: largest of 1/2 and lambda_max(P)/(2 e_i).
+        f: their quotient; V falls like exp(-f t) at least, 1/s.
+        Y: sum of |P|^2 D_max^2 / (2 e_i); None without a bound of the disturbance.
+        z_bound: ultimate bound sqrt(2 Y / f) of |z|, and so of |z_1|.
+        z_sharp: ultimate bound of |z| by way of epsilon_2 alone, which the disturbance reaches through exp(A0
+            t).
+        z1_sharp: ultimate bound of |z_1| from ``z_1' = -(c_1 + e_1) z_1 + b_m z_2 + epsilon_2``.
+    """
+
+    P: Array
+    poles: npt.NDArray[np.complexfloating[Any, Any]]
+    f_minus: float
+    f_plus: float
+    f: float
+    Y: float | None
+    z_bound: float | None
+    z_sharp: float | None
+    z1_sharp: float | None
+
+    def lines(self) -> tuple[str, ...]:
+        """The constants, for people."""
+        rounded = [[float(f"{entry:.5g}") for entry in row] for row in self.P]
+        lines = (
+            f"poles of A0 {', '.join(f'{pole:.4g}' for pole in self._poles())}; P = {rounded}",
+            f"f- = {self.f_minus:.5g}, f+ = {self.f_plus:.5g}, f = {self.f:.4g} 1/s",
+        )
+        if self.Y is None:
+            return (*lines, "no disturbance_bound in the model, hence no Y and no ultimate bound")
+        return (
+            *lines,
+            f"Y = {self.Y:.4g}; ultimately |z|, |z1| <= sqrt(2Y/f) = {self.z_bound:.3g}",
+            f"sharper, through epsilon_2 alone: |z| <= {self.z_sharp:.3g}, |z1| <= {self.z1_sharp:.3g}",
+        )
+
+    def _poles(self) -> list[complex | float]:
+        return [float(pole.real) if pole.imag == 0 else complex(pole) for pole in self.poles]
+
+
+def certify(derivation: Derivation, values: Mapping[str, float], bound: float | None) -> Certificate:
+    """Evaluate the certificate.
+
+    Args:
+        derivation: the design.
+        values: every parameter and gain by name.
+        bound: D_max of the disturbance, or None when it is not known.
+    """
+    s = derivation.signals
+    A0, P = (numeric(matrix, values) for matrix in (filter_matrix(s), lyapunov_matrix(s)))
+    c, e = ([values[symbol.name] for symbol in symbols] for symbols in (s.c, s.e))
+    largest = float(np.linalg.eigvalsh(P)[-1])
+    f_minus = min(*c, *(1 / (4 * gain) for gain in e))
+    f_plus = max(0.5, *(largest / (2 * gain) for gain in e))
+    f, poles = f_minus / f_plus, np.linalg.eigvals(A0 + 0j)
+    if bound is None:
+        return Certificate(P, poles, f_minus, f_plus, f, None, None, None, None)
+    Y = sum(largest**2 * bound**2 / (2 * gain) for gain in e)
+    epsilon_2 = _reach(A0) * bound
+    z = epsilon_2 * float(np.sqrt(sum(1 / (4 * gain) for gain in e) / min(c)))
+    b_m = abs(float(numeric(sp.Matrix([[derivation.equations.expand(derivation.plant.b[0])]]), values)[0, 0]))
+    drive = b_m * z if derivation.plant.rho > 1 else 0.0
+    z1 = min(z, (drive + epsilon_2) / (c[0] + e[0]))
+    return Certificate(P, poles, f_minus, f_plus, f, Y, float(np.sqrt(2 * Y / f)), z, z1)
+
+
+def numeric(matrix: sp.MatrixBase, values: Mapping[str, float]) -> Array:
+    """A matrix of expressions at values of its symbols, by name."""
+    at = {symbol: values[symbol.name] for symbol in matrix.free_symbols}
+    return np.array(matrix.subs(at).evalf(17).tolist(), dtype=np.float64)
+
+
+def _reach(A0: Array) -> float:
+    """``int_0^inf |row 2 of exp(A0 t)| dt``: the most that a disturbance of unit size makes of epsilon_2, s.
+
+    The trapezoidal rule on a grid of 1/2000 of the fastest time constant over 40 of the slowest; n = 1 has no
+    epsilon_2.
+    """
+    if len(A0) == 1:
+        return 0.0
+    rates = np.abs(np.linalg.eigvals(A0).real)
+    step, span = 1 / (2000 * float(np.abs(np.linalg.eigvals(A0)).max())), 40 / float(rates.min())
+    count = min(int(span / step), 2_000_000)
+    transition, row = _exponential(A0 * (span / count)), np.eye(len(A0))[1]
+    total = 0.5
+    for _ in range(count):
+        row = row @ transition
+        total += float(np.linalg.norm(row))
+    return total * span / count
+
+
+def _exponential(A: Array) -> Array:
+    """``exp(A)`` for small A, by its series."""
+    term, total = np.eye(len(A)), np.eye(len(A))
+    for k in range(1, 30):
+        term = term @ A / k
+        total = total + term
+    return total

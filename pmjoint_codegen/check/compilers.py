@@ -1,0 +1,292 @@
+"""Compilers and analysers: the generated C is strict, quiet C that touches nothing but its arguments.
+
+CasADi's calling convention hands every function ``iw``, ``w`` and ``mem`` whether it uses them or not; so
+``-Wno-unused-parameter`` is the one exception that the warnings make. It is confined: a parameter of any
+other name that goes unused is an error of the gate.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from pmjoint_codegen.check import harness
+from pmjoint_codegen.check.result import Difference, GateResult, failed, not_run, passed
+from pmjoint_codegen.check.subject import Subject
+
+WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror")
+CONVENTION = ("arg", "res", "iw", "w", "mem", "i")  # of CasADi: kernels take all but i; its accessors take i
+BITS = ("-std=c99", "-ffp-contract=off", "-O0", "-g")  # unoptimised: what the source says, quickly
+SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer")
+LIBRARY = frozenset({"sin", "cos", "tan", "exp", "log", "sqrt", "pow", "tanh", "fmin", "fmax", "fabs"})
+TIME_LIMIT = 120  # s, for any one tool
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a tool did.
+
+    Attributes:
+        code: its exit code.
+        output: its standard output.
+        messages: its standard error.
+    """
+
+    code: int
+    output: bytes
+    messages: str
+
+    @property
+    def first_line(self) -> str:
+        """The first line that says what is wrong."""
+        lines = [line for line in self.messages.splitlines() if line.strip()]
+        telling = [line for line in lines if "error" in line.lower() or "warning" in line.lower()]
+        return (telling or lines or [f"exit code {self.code}"])[0].strip()
+
+
+def run(command: Sequence[str], folder: Path, given: bytes = b"") -> Outcome:
+    """Run a tool in a folder, with given standard input."""
+    try:
+        done = subprocess.run(
+            command, cwd=folder, input=given, capture_output=True, check=False, timeout=TIME_LIMIT
+        )
+    except subprocess.TimeoutExpired:
+        return Outcome(-1, b"", f"error: {command[0]} took more than {TIME_LIMIT} s")
+    return Outcome(done.returncode, done.stdout, done.stderr.decode(errors="replace"))
+
+
+def sources(subject: Subject) -> dict[str, str]:
+    """The generated C as it stands."""
+    return {name: (subject.folder / name).read_text(encoding="utf-8") for name in ("kernels.c", "kernels.h")}
+
+
+def write(folder: Path, files: Mapping[str, str]) -> None:
+    """Put sources into a folder."""
+    for name, text in files.items():
+        (folder / name).write_text(text, encoding="utf-8")
+
+
+def missing(subject: Subject, *tools: str) -> str:
+    """The first tool that is not on the path, or nothing."""
+    path = subject.environment.get("PATH")
+    return next((tool for tool in tools if shutil.which(tool, path=path) is None), "")
+
+
+def check_gcc(subject: Subject) -> GateResult:
+    """No warning from gcc."""
+    return _warnings(subject, "gcc")
+
+
+def check_clang(subject: Subject) -> GateResult:
+    """No warning from clang."""
+    return _warnings(subject, "clang")
+
+
+def _warnings(subject: Subject, tool: str) -> GateResult:
+    name = f"compilers.{tool}"
+    return not_run(name, f"no {tool}") if missing(subject, tool) else warnings(name, tool, sources(subject))
+
+
+def warnings(name: str, tool: str, files: Mapping[str, str]) -> GateResult:
+    """Compile with all warnings; unused parameters are looked at apart: the calling convention makes some.
+
+    Args:
+        name: of the gate.
+        tool: compiler.
+        files: the C sources by name.
+    """
+    with tempfile.TemporaryDirectory(prefix="pmjoint-check-") as private:
+        folder = Path(private)
+        write(folder, files)
+        strict = run(
+            [tool, *WARNINGS, "-Wno-unused-parameter", "-O1", "-c", "kernels.c", "-o", "strict.o"], folder
+        )
+        unused = run([tool, "-std=c99", "-Wunused-parameter", "-fsyntax-only", "kernels.c"], folder)
+    stray = [
+        line for line in unused.messages.splitlines() if "warning:" in line and not _of_the_convention(line)
+    ]
+    if strict.code or stray:
+        line = strict.first_line if strict.code else stray[0]
+        return failed(name, line, None, None, Difference(tool, "warning", "", "none", line, "", ""))
+    return passed(
+        name,
+        f"warnings of {' '.join(WARNINGS)}; unused {', '.join(CONVENTION)} of CasADi's convention allowed",
+        0,
+        0,
+    )
+
+
+def _of_the_convention(line: str) -> bool:
+    found = re.search(r"unused parameter\W+(\w+)", line)
+    return found is not None and found.group(1) in CONVENTION
+
+
+def check_sanitizers(subject: Subject) -> GateResult:
+    """No memory error, no undefined behaviour, and the same bits."""
+    name = "compilers.sanitizers"
+    tool = next((tool for tool in ("gcc", "clang") if not missing(subject, tool)), "")
+    if not tool:
+        return not_run(name, "no gcc or clang")
+    return watched(subject, name, [tool, *BITS, *SANITIZERS], [])
+
+
+def check_valgrind(subject: Subject) -> GateResult:
+    """No uninitialised value reaches a result, no memory error."""
+    name = "compilers.valgrind"
+    if missing(subject, "valgrind"):
+        return not_run(name, "no valgrind")
+    if subject.compiler is None:
+        return not_run(name, "no C compiler")
+    watch = ["valgrind", "--quiet", "--error-exitcode=9", "--exit-on-first-error=yes", "--leak-check=full"]
+    return watched(subject, name, [*subject.compiler.command, *BITS], watch)
+
+
+def watched(
+    subject: Subject,
+    name: str,
+    compiler: Sequence[str],
+    watch: Sequence[str],
+    files: Mapping[str, str] | None = None,
+) -> GateResult:
+    """Run every kernel under a tool that watches, and compare bits with the interpreter's.
+
+    Args:
+        subject: the model.
+        name: of the gate.
+        compiler: command and flags.
+        watch: command that runs the program; empty to run it as it is.
+        files: C sources by name, the generated ones by default.
+    """
+    questions, answers = harness.feed(subject.interpreted)
+    with tempfile.TemporaryDirectory(prefix="pmjoint-check-") as private:
+        folder = Path(private)
+        write(folder, {**(files or sources(subject)), "main.c": harness.program(subject.manifest)})
+        made = run([*compiler, "main.c", "kernels.c", "-o", "watched", "-lm"], folder)
+        if made.code and "sanitize" in " ".join(compiler) and "cannot find" in made.messages:
+            return not_run(name, f"no sanitizer library: {made.first_line}")
+        if made.code:
+            return failed(
+                name,
+                made.first_line,
+                None,
+                None,
+                Difference(compiler[0], "compilation", "", "", made.messages, "", ""),
+            )
+        done = run([*watch, "./watched"], folder, questions)
+    unequal = harness.differing(answers, done.output)
+    if done.code or unequal:
+        line = done.first_line if done.code else f"{unequal} results differ in their bits"
+        return failed(name, line, unequal, 0, Difference(name, "run", "", "", done.messages[:2000], "", ""))
+    return passed(name, f"findings and results with other bits, of {len(answers) // 8} results", 0, 0)
+
+
+def check_objects(subject: Subject) -> GateResult:
+    """Nothing allocates, nothing is remembered, nothing recurs: read off the object file."""
+    name = "compilers.objects"
+    if subject.compiler is None:
+        return not_run(name, "no C compiler")
+    if lacking := missing(subject, "nm", "objdump"):
+        return not_run(name, f"no {lacking}")
+    return objects(name, subject.compiler.command, sources(subject))
+
+
+def objects(name: str, compiler: Sequence[str], files: Mapping[str, str]) -> GateResult:
+    """Look at the symbols and relocations of the compiled kernels, a section a function.
+
+    Args:
+        name: of the gate.
+        compiler: command.
+        files: the C sources by name.
+    """
+    with tempfile.TemporaryDirectory(prefix="pmjoint-check-") as private:
+        folder = Path(private)
+        write(folder, files)
+        flags = ["-std=c99", "-O0", "-ffunction-sections", "-fno-builtin", "-fno-stack-protector"]
+        made = run([*compiler, *flags, "-c", "kernels.c", "-o", "kernels.o"], folder)
+        if made.code:
+            return failed(
+                name,
+                made.first_line,
+                None,
+                None,
+                Difference(compiler[0], "compilation", "", "", made.messages, "", ""),
+            )
+        symbols = run(["nm", "kernels.o"], folder).output.decode()
+        relocations = run(["objdump", "-r", "kernels.o"], folder).output.decode()
+    faults = [*symbol_faults(symbols), *recursion_faults(relocations)]
+    if faults:
+        return failed(
+            name,
+            faults[0],
+            len(faults),
+            0,
+            Difference("kernels.o", "symbols", "", "", "; ".join(faults), "", ""),
+        )
+    return passed(name, "calls outside the mathematical library, static mutable objects and recursions", 0, 0)
+
+
+def symbol_faults(listing: str) -> list[str]:
+    """What ``nm`` must not list: calls that are not mathematics, and data that can be written."""
+    faults = []
+    for line in listing.splitlines():
+        *_, kind, symbol = line.split()
+        if kind == "U" and symbol not in LIBRARY and not symbol.startswith("_GLOBAL_OFFSET_TABLE_"):
+            faults.append(f"calls {symbol}")
+        if kind in "bBdDcCsSgG":
+            faults.append(f"static mutable object {symbol}")
+    return faults
+
+
+def recursion_faults(listing: str) -> list[str]:
+    """Cycles in the calls that ``objdump -r`` lists, a section ``.text.NAME`` a function."""
+    calls: dict[str, set[str]] = {}
+    section = ""
+    for line in listing.splitlines():
+        if header := re.search(r"RELOCATION RECORDS FOR \[\.text\.(\w+)\]", line):
+            section = header.group(1)
+        elif line.startswith("RELOCATION"):
+            section = ""
+        elif section and (target := re.search(r"\s(?:\.text\.)?(\w+)(?:[-+]0x[0-9a-f]+)?$", line)):
+            calls.setdefault(section, set()).add(target.group(1))
+    return [f"{name} calls itself" for name in calls if name in _reachable(name, calls)]
+
+
+def _reachable(start: str, calls: Mapping[str, Iterable[str]]) -> set[str]:
+    found: set[str] = set()
+    pending = list(calls.get(start, ()))
+    while pending:
+        name = pending.pop()
+        if name not in found:
+            found.add(name)
+            pending += calls.get(name, ())
+    return found
+
+
+def check_cppcheck(subject: Subject) -> GateResult:
+    """No finding of cppcheck."""
+    name = "compilers.cppcheck"
+    return not_run(name, "no cppcheck") if missing(subject, "cppcheck") else cppcheck(name, sources(subject))
+
+
+def cppcheck(name: str, files: Mapping[str, str]) -> GateResult:
+    """Analyse the C with cppcheck.
+
+    Args:
+        name: of the gate.
+        files: the C sources by name.
+    """
+    with tempfile.TemporaryDirectory(prefix="pmjoint-check-") as private:
+        folder = Path(private)
+        write(folder, files)
+        flags = ["--std=c99", "--enable=warning,performance,portability", "--error-exitcode=1", "--quiet"]
+        flags.append("--max-configs=1")  # the others differ in macros of other platforms' linkers
+        done = run(["cppcheck", *flags, "kernels.c"], folder)
+    if done.code:
+        found = Difference("cppcheck", "finding", "", "none", done.messages[:2000], "", "")
+        return failed(name, done.first_line, None, None, found)
+    return passed(name, "findings of warning, performance and portability", 0, 0)

@@ -1,0 +1,178 @@
+"""Where kernels are looked at: random points, and points chosen to be hard.
+
+Hard points: zeros of either sign, denormal, tiny and huge numbers, control values at and beside the
+actuator's limit, and control values that cancel to nearly nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pmjoint_codegen.kernels.evaluator import Evaluator
+from pmjoint_codegen.manifest import Function, Manifest
+from pmjoint_codegen.simulate.modes import Actuator, make_actuator
+
+Array = npt.NDArray[np.float64]
+Draw = Callable[[int], Array]
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Points of one kind for one kernel.
+
+    Attributes:
+        kind: what is special about them.
+        arguments: one for each input, shape (points, size).
+    """
+
+    kind: str
+    arguments: tuple[Array, ...]
+
+
+def batches(evaluator: Evaluator, function: Function, count: int, seed: int, *, extreme: bool) -> list[Batch]:
+    """Points for one kernel.
+
+    Args:
+        evaluator: to place the control value; its manifest says what the inputs are.
+        function: the kernel.
+        count: points of each kind.
+        seed: of the random numbers; equal seeds give equal points.
+        extreme: include magnitudes that overflow and underflow.
+    """
+    random = np.random.default_rng([seed, *function.name.encode()])
+    draws = _draws(random) if extreme else _moderate_draws(random)
+    found = [
+        Batch(kind, _arguments(evaluator, function, draw, count, random)) for kind, draw in draws.items()
+    ]
+    for kind, level in (("v near a limit", "limit"), ("v cancels", "zero")):
+        arguments = _arguments(evaluator, function, draws["random"], count, random)
+        placed = _place(evaluator, function, arguments, level, random)
+        found += [Batch(kind, placed)] if placed is not None else []
+    slow = _arguments(evaluator, function, draws["slow"], count, random)
+    return [*found, Batch("slow and unforced", _unforced(function, slow))]
+
+
+def _unforced(function: Function, arguments: tuple[Array, ...]) -> tuple[Array, ...]:
+    """Without input: what drives fast motion would hide, in Taylor coefficients, what moves slowly."""
+    return tuple(
+        np.zeros_like(array) if label in ("g", "w") else array
+        for (label, _), array in zip(function.inputs, arguments, strict=True)
+    )
+
+
+def _moderate_draws(random: np.random.Generator) -> dict[str, Draw]:
+    def signs(size: int) -> Array:
+        return random.choice(np.array([-1.0, 1.0]), size)
+
+    return {
+        "random": lambda size: random.uniform(-3.0, 3.0, size),
+        "many scales": lambda size: signs(size) * 10.0 ** random.uniform(-9.0, 2.0, size),
+        "zeros": lambda size: random.uniform(-3.0, 3.0, size) * random.integers(0, 2, size),
+        "all zero": lambda size: np.zeros(size),
+        "slow": lambda size: random.uniform(-1e-3, 1e-3, size),
+    }
+
+
+def _draws(random: np.random.Generator) -> dict[str, Draw]:
+    def signed(magnitude: npt.NDArray[np.floating[Any]]) -> Array:
+        return np.asarray(random.choice(np.array([-1.0, 1.0]), len(magnitude)) * magnitude, dtype=np.float64)
+
+    return {
+        **_moderate_draws(random),
+        "signed zeros": lambda size: signed(np.zeros(size)),
+        "denormal": lambda size: signed(random.integers(1, 2**52, size) * 2.0**-1074),
+        "tiny": lambda size: signed(10.0 ** random.uniform(-300.0, -100.0, size)),
+        "huge": lambda size: signed(10.0 ** random.uniform(100.0, 300.0, size)),
+        "mixed": lambda size: signed(10.0 ** random.uniform(-320.0, 308.0, size)),
+    }
+
+
+def _arguments(
+    evaluator: Evaluator, function: Function, draw: Draw, count: int, random: np.random.Generator
+) -> tuple[Array, ...]:
+    """One array an input: parameters near their defaults, time in the horizon, real modes, others drawn."""
+    manifest = evaluator.manifest
+    special: Mapping[str, Callable[[int], Array]] = {
+        "p": lambda _size: parameter_values(manifest, count, random),
+        "t": lambda size: random.uniform(0.0, manifest.simulation.horizon, (count, size)),
+        "g": lambda _size: _modes(evaluator, count, random),
+    }
+    return tuple(
+        special[label](size) if label in special else draw(count * size).reshape(count, size)
+        for label, size in function.inputs
+    )
+
+
+def parameter_values(manifest: Manifest, count: int, random: np.random.Generator) -> Array:
+    """Parameters at 1/2 to 2 times their defaults, shape (count, size); row 0 holds the defaults."""
+    defaults = np.array([item.value for item in manifest.parameters])
+    values = defaults * random.uniform(0.5, 2.0, (count, len(defaults)))
+    values[0] = defaults
+    for i, item in enumerate(manifest.parameters):
+        if item.kind == "switch":
+            values[:, i] = random.integers(0, 2, count)
+    return np.ascontiguousarray(values)
+
+
+def _modes(evaluator: Evaluator, count: int, random: np.random.Generator) -> Array:
+    """Actuators of random saturation modes, for the default parameters, shape (count, 2 nw)."""
+    modes = _actuator(evaluator).modes
+    return np.ascontiguousarray(modes[random.integers(0, len(modes), count)])
+
+
+def _actuator(evaluator: Evaluator) -> Actuator:
+    defaults = np.array([item.value for item in evaluator.manifest.parameters])
+    return make_actuator(evaluator.call("actuation", defaults)[0])
+
+
+def _place(
+    evaluator: Evaluator,
+    function: Function,
+    arguments: tuple[Array, ...],
+    level: str,
+    random: np.random.Generator,
+) -> tuple[Array, ...] | None:
+    """Move the last compensator state, in which v is affine, until v stands at a level; None without v."""
+    labels = [label for label, _ in function.inputs]
+    state = next((labels.index(label) for label in ("X", "s") if label in labels), None)
+    if state is None or not ({"t", "X", "p"} <= set(labels) or {"y", "s", "y_r", "p"} <= set(labels)):
+        return None
+    moved = [array.copy() for array in arguments]
+    given = dict(zip(labels, moved, strict=True))
+    ends = []
+    for value in (0.0, 1.0):
+        moved[state][:, -1] = value
+        ends.append(_control(evaluator, given))
+    slope = ends[1] - ends[0]
+    levels = _levels(evaluator, len(slope), level, random)
+    moved[state][:, -1] = (levels - ends[0]) / np.where(slope == 0, 1.0, slope)
+    return tuple(moved)
+
+
+def _control(evaluator: Evaluator, given: Mapping[str, Array]) -> Array:
+    """Control value v at some points, shape (points,)."""
+    if "X" in given:
+        place = next(i for i, item in enumerate(evaluator.manifest.signals) if item.name == "v")
+        return evaluator.call("signals", given["t"], given["X"], given["p"])[0][:, place]
+    return evaluator.call("law", given["y"], given["s"], given["y_r"], given["p"])[2][:, 0]
+
+
+def _levels(evaluator: Evaluator, count: int, level: str, random: np.random.Generator) -> Array:
+    thresholds = _actuator(evaluator).thresholds
+    if level == "zero" or not len(thresholds):
+        return np.zeros(count)
+    beside = 1 + random.integers(-2, 3, count) * 2.0**-52
+    return np.asarray(random.choice(thresholds, count) * beside, dtype=np.float64)
+
+
+def describe_point(function: Function, arguments: tuple[Array, ...], row: int) -> str:
+    """One point as text that can be pasted: every digit of every input."""
+    return ", ".join(
+        f"{label}=[{', '.join(repr(float(x)) for x in array[row])}]"
+        for (label, _), array in zip(function.inputs, arguments, strict=True)
+    )

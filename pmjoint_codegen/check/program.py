@@ -1,0 +1,141 @@
+"""Named equations as a straight-line program over any algebra: numbers of 60 digits, or power series of them.
+
+This is the reference that generated code is held against. It is read off the SymPy expressions of the
+derivation alone; CasADi has no part in it, so that a fault of the translation to CasADi, of CasADi itself, of
+its C printer or of the C compiler shows as a difference.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import sympy as sp
+
+from derive import Equations
+
+
+class Algebra(Protocol):
+    """What a program computes with."""
+
+    def constant(self, value: sp.Expr) -> Any:
+        """An exact number."""
+
+    def add(self, a: Any, b: Any) -> Any:
+        """Sum."""
+
+    def multiply(self, a: Any, b: Any) -> Any:
+        """Product."""
+
+    def power(self, a: Any, exponent: sp.Rational) -> Any:
+        """Power with a constant rational exponent."""
+
+    def apply(self, function: str, *arguments: Any) -> Any:
+        """A named function: sin, cos, tan, exp, log, tanh, Min, Max."""
+
+
+@dataclass(frozen=True)
+class Operation:
+    """One step: what to do, to which earlier steps, with which constant.
+
+    Attributes:
+        kind: ``input``, ``constant``, ``add``, ``multiply``, ``power`` or a function's name.
+        operands: places of earlier steps.
+        payload: the symbol, number or exponent.
+    """
+
+    kind: str
+    operands: tuple[int, ...] = ()
+    payload: Any = None
+
+
+@dataclass(frozen=True)
+class Program:
+    """Straight-line form of some expressions.
+
+    Attributes:
+        operations: in order.
+        results: place of each expression.
+    """
+
+    operations: tuple[Operation, ...]
+    results: tuple[int, ...]
+
+    def run(self, algebra: Algebra, inputs: Mapping[sp.Symbol, Any]) -> list[Any]:
+        """Evaluate every expression.
+
+        Args:
+            algebra: what to compute with.
+            inputs: value of each input symbol.
+        """
+        values: list[Any] = []
+        for step in self.operations:
+            operands = [values[place] for place in step.operands]
+            values.append(_evaluate(step, operands, algebra, inputs))
+        return [values[place] for place in self.results]
+
+
+def _evaluate(step: Operation, operands: list[Any], algebra: Algebra, inputs: Mapping[sp.Symbol, Any]) -> Any:
+    if step.kind == "input":
+        return inputs[step.payload]
+    if step.kind == "constant":
+        return algebra.constant(step.payload)
+    if step.kind == "power":
+        return algebra.power(operands[0], step.payload)
+    if step.kind not in ("add", "multiply"):
+        return algebra.apply(step.kind, *operands)
+    combine = algebra.add if step.kind == "add" else algebra.multiply
+    result = operands[0]
+    for operand in operands[1:]:
+        result = combine(result, operand)
+    return result
+
+
+def compile_program(
+    expressions: Sequence[sp.Expr],
+    inputs: Sequence[sp.Symbol],
+    equations: Equations,
+    given: Mapping[sp.Symbol, sp.Expr] | None = None,
+) -> Program:
+    """Flatten expressions, following names to their equations.
+
+    Args:
+        expressions: what to evaluate.
+        inputs: symbols whose values are given.
+        equations: definitions of all other names.
+        given: definitions that go before them.
+
+    Raises:
+        KeyError: for a name that is neither input nor defined.
+    """
+    known, definitions = set(inputs), given or {}
+    operations: list[Operation] = []
+    places: dict[sp.Expr, int] = {}
+
+    def place(value: sp.Expr) -> int:
+        if value not in places:
+            places[value] = build(value)
+        return places[value]
+
+    def emit(*step: Any) -> int:
+        operations.append(Operation(*step))
+        return len(operations) - 1
+
+    def build(value: sp.Expr) -> int:
+        if value in known:
+            return emit("input", (), value)
+        if value.is_Symbol:
+            return place(definitions[value] if value in definitions else equations[value.name].expression)
+        if value.is_number:
+            return emit("constant", (), value)
+        if value.is_Add or value.is_Mul:
+            return emit("add" if value.is_Add else "multiply", tuple(place(item) for item in value.args))
+        if value.is_Pow and value.exp.is_Rational:
+            return emit("power", (place(value.base),), value.exp)
+        if value.is_Pow:
+            return place(sp.exp(value.exp * sp.log(value.base), evaluate=False))
+        return emit(value.func.__name__, tuple(place(item) for item in value.args))
+
+    results = tuple(place(sp.sympify(expression)) for expression in expressions)
+    return Program(tuple(operations), results)

@@ -1,0 +1,114 @@
+"""The symbolic reference of every kernel, evaluated to sixty digits at exact points."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import sympy as sp
+
+from derive import Derivation
+from pmjoint_codegen.check.precise import Number, Numbers, PowerSeries, Series
+from pmjoint_codegen.check.program import Program, compile_program
+from pmjoint_codegen.emit.table import Kernel
+
+Array = npt.NDArray[np.float64]
+Rows = list[list[Number]]  # one row a point
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What a kernel should compute.
+
+    Attributes:
+        name: of the kernel.
+        entries: name of every result, one tuple an output.
+        inputs: symbols of every argument, in order.
+        program: the expressions of all results.
+        taylor: number of states whose rates the first results are, for a kernel of Taylor coefficients; else
+            0.
+        order: highest Taylor coefficient.
+    """
+
+    name: str
+    entries: tuple[tuple[str, ...], ...]
+    inputs: tuple[tuple[sp.Symbol, ...], ...]
+    program: Program
+    taylor: int = 0
+    order: int = 0
+
+    def values(self, arguments: Sequence[Array]) -> list[Rows]:
+        """Exact results, rounded to 60 digits: one table an output, a row a point."""
+        numbers = Numbers()
+        rows = [self._row(numbers, [array[k] for array in arguments]) for k in range(len(arguments[0]))]
+        tables: list[Rows] = []
+        first = 0
+        for names in self.entries:
+            tables.append([row[first : first + len(names)] for row in rows])
+            first += len(names)
+        return tables
+
+    def _row(self, numbers: Numbers, point: list[Array]) -> list[Number]:
+        exact = {
+            symbol: numbers.exactly(float(value))
+            for symbols, array in zip(self.inputs, point, strict=True)
+            for symbol, value in zip(symbols, array, strict=True)
+        }
+        return self._series(numbers, exact) if self.taylor else self.program.run(numbers, exact)
+
+    def _series(self, numbers: Numbers, exact: dict[sp.Symbol, Number]) -> list[Number]:
+        """Taylor coefficients by Picard's iteration: each pass over the right-hand side fixes one more."""
+        state = self.inputs[1]
+        inputs: dict[sp.Symbol, Series] = {symbol: [value] for symbol, value in exact.items()}
+        time = self.inputs[0][0]
+        for k in range(self.order + 1):
+            inputs[time] = [exact[time], numbers.context.one][: k + 1]
+            results = self.program.run(PowerSeries(numbers, k), inputs)
+            if k < self.order:
+                for symbol, rate in zip(state, results, strict=False):
+                    inputs[symbol].append((rate[k] if k < len(rate) else numbers.context.zero) / (k + 1))
+        channels = [*(inputs[symbol] for symbol in state), *results[self.taylor :]]
+        zero = numbers.context.zero
+        return [series[k] if k < len(series) else zero for k in range(self.order + 1) for series in channels]
+
+
+def reference_of(derivation: Derivation, kernel: Kernel) -> Reference:
+    """The reference of one row of the table of kernels."""
+    expressions = [sp.sympify(entry) for _, entries in kernel.outputs for entry in entries]
+    inputs = tuple(tuple(sp.sympify(symbol) for symbol in symbols) for _, symbols in kernel.inputs)
+    known = [symbol for symbols in inputs for symbol in symbols]
+    program = compile_program(expressions, known, derivation.equations, kernel.given)
+    return Reference(
+        kernel.name, tuple(_entry_names(label, entries) for label, entries in kernel.outputs), inputs, program
+    )
+
+
+def taylor_reference(
+    name: str, derivation: Derivation, kernel: Kernel, order: int, extra: tuple[sp.Symbol, ...]
+) -> Reference:
+    """The reference of a kernel of Taylor coefficients.
+
+    Args:
+        name: of the Taylor kernel.
+        derivation: the symbolic reference.
+        kernel: row of the table that gives the rates; its first inputs are time and the state.
+        order: highest coefficient.
+        extra: further names whose coefficients follow the states'.
+    """
+    plain = reference_of(derivation, kernel)
+    known = [symbol for symbols in plain.inputs for symbol in symbols]
+    rates = [sp.sympify(entry) for _, entries in kernel.outputs for entry in entries]
+    program = compile_program([*rates, *extra], known, derivation.equations, kernel.given)
+    channels = (*(symbol.name for symbol in plain.inputs[1]), *(symbol.name for symbol in extra))
+    entries = tuple(f"coefficient {k} of {channel}" for k in range(order + 1) for channel in channels)
+    return Reference(name, (entries,), plain.inputs, program, len(plain.inputs[1]), order)
+
+
+def _entry_names(label: str, entries: tuple[Any, ...]) -> tuple[str, ...]:
+    return tuple(
+        entry.name if getattr(entry, "is_Symbol", False) else f"{label}[{i}]"
+        for i, entry in enumerate(entries)
+    )

@@ -1,0 +1,97 @@
+"""What a gate hands back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+
+class Verdict(StrEnum):
+    """How a gate ended; a gate that could not look is never ``passed``."""
+
+    PASSED = "passed"
+    FAILED = "failed"
+    NOT_RUN = "not run"
+
+
+@dataclass(frozen=True)
+class Difference:
+    """The first place where two sides disagree.
+
+    Attributes:
+        kernel: which function, or which file, tool or statement.
+        entry: which of its results.
+        point: the arguments, as text that can be pasted.
+        expected: value of the reference.
+        found: value of what is checked.
+        error: distance of the two.
+        bound: what it may be at most.
+    """
+
+    kernel: str
+    entry: str
+    point: str
+    expected: str
+    found: str
+    error: str
+    bound: str
+
+    def __str__(self) -> str:
+        """Everything, one line an item."""
+        rows = {
+            "where": f"{self.kernel}, {self.entry}",
+            "point": self.point,
+            "expected": self.expected,
+            "found": self.found,
+            "error": f"{self.error}, bound {self.bound}",
+        }
+        return "\n".join(f"{label:9s} {value}" for label, value in rows.items() if value)
+
+
+@dataclass(frozen=True)
+class GateResult:
+    """Outcome of one gate for one model.
+
+    Attributes:
+        name: of the gate.
+        verdict: passed, failed or not run.
+        figure: what was measured, or None where there is nothing to measure.
+        bound: what the figure may be at most.
+        detail: one line: what the figure is, or why the gate failed or could not run.
+        seconds: time it took.
+        difference: the first difference, when there is one.
+        findings: everything else worth reading, one line each.
+    """
+
+    name: str
+    verdict: Verdict
+    figure: float | None
+    bound: float | None
+    detail: str
+    seconds: float = 0.0
+    difference: Difference | None = None
+    findings: tuple[str, ...] = field(default=())
+
+
+def passed(
+    name: str, detail: str, figure: float | None = None, bound: float | None = None, *findings: str
+) -> GateResult:
+    """A gate that found nothing."""
+    return GateResult(name, Verdict.PASSED, figure, bound, detail, findings=findings)
+
+
+def failed(
+    name: str,
+    detail: str,
+    figure: float | None = None,
+    bound: float | None = None,
+    difference: Difference | None = None,
+    findings: tuple[str, ...] = (),
+) -> GateResult:
+    """A gate that found a difference."""
+    return GateResult(name, Verdict.FAILED, figure, bound, detail, difference=difference, findings=findings)
+
+
+def not_run(name: str, reason: str) -> GateResult:
+    """A gate that could not look."""
+    return GateResult(name, Verdict.NOT_RUN, None, None, reason)

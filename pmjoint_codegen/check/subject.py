@@ -1,0 +1,94 @@
+"""What the gates look at: one model, its derivation made anew, and its generated folder as it stands."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from derive import Derivation, Model, derive
+from pmjoint_codegen.build.compiler import Compiler, find_compiler
+from pmjoint_codegen.emit.table import Kernel, kernel_table
+from pmjoint_codegen.identity import Document
+from pmjoint_codegen.kernels import compiled, interpreted
+from pmjoint_codegen.kernels.evaluator import Evaluator
+from pmjoint_codegen.kernels.tape import FILE_NAME, Tape, read_tapes
+from pmjoint_codegen.manifest import Manifest
+from pmjoint_codegen.workspace import cache_dir, generated_root
+
+Notify = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Subject:
+    """One model under check. Everything that costs time is made when a gate first asks for it.
+
+    Attributes:
+        file: the model file.
+        document: its contents.
+        model: the same, as the derivation takes it.
+        folder: ``generated/<name>/``, as it stands.
+        environment: where compiler and cache are found.
+        notify: is told what the user should know, in one line.
+    """
+
+    file: Path
+    document: Document
+    model: Model
+    folder: Path
+    environment: Mapping[str, str]
+    notify: Notify
+
+    @cached_property
+    def derivation(self) -> Derivation:
+        """The symbolic reference, derived anew."""
+        return derive(self.model)
+
+    @cached_property
+    def manifest(self) -> Manifest:
+        """What the generated folder says of itself; raises `StaleError` when it cannot be trusted."""
+        return Manifest.read(self.folder)
+
+    @cached_property
+    def table(self) -> Mapping[str, Kernel]:
+        """Meaning of every kernel but the Taylor ones, in symbols."""
+        return {kernel.name: kernel for kernel in kernel_table(self.derivation)}
+
+    @cached_property
+    def tapes(self) -> Mapping[str, Tape]:
+        """The emitted instructions of every kernel, from ``kernels.tape``."""
+        return read_tapes((self.folder / FILE_NAME).read_text(encoding="utf-8"))
+
+    @cached_property
+    def compiler(self) -> Compiler | None:
+        """The compiler that a run would use."""
+        return find_compiler(self.environment, self.notify)
+
+    @cached_property
+    def compiled(self) -> Evaluator | None:
+        """The generated C, compiled as for a run; None without a compiler."""
+        if self.compiler is None:
+            return None
+        cache = cache_dir(self.environment, self.notify)
+        return compiled.load(self.folder, self.manifest, self.compiler, cache)
+
+    @cached_property
+    def interpreted(self) -> Evaluator:
+        """The emitted functions in CasADi's interpreter."""
+        return interpreted.load(self.folder, self.manifest)
+
+
+def load_subject(file: Path, environment: Mapping[str, str], notify: Notify) -> Subject:
+    """Read a model file and find its generated folder.
+
+    Raises:
+        ModelError: for a model that cannot be read or is outside the class.
+    """
+    from pmjoint_codegen.spec import model_of
+    from pmjoint_codegen.spec.reader import read_document
+
+    document: dict[str, Any] = read_document(file)
+    model = model_of(document, str(file))
+    return Subject(file, document, model, generated_root(file) / model.name, environment, notify)

@@ -1,0 +1,135 @@
+"""``pmjoint check``: the generated code against the symbolic reference, gate by gate."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from pmjoint_codegen.cli.terminal import activity, document, message, result
+
+if TYPE_CHECKING:
+    from pmjoint_codegen.check.gates import Gate
+    from pmjoint_codegen.check.result import GateResult
+    from pmjoint_codegen.check.subject import Subject
+
+
+_EXAMPLES = """\b
+Examples
+  pmjoint check                             every model, every gate
+  pmjoint check paper --gate symbolic       one gate
+  pmjoint check --junit check.xml           for continuous integration
+  pmjoint check paper --update-golden       keep the present trajectory as the reviewed one
+"""
+
+
+@click.command(epilog=_EXAMPLES)
+@click.argument("models", nargs=-1, metavar="[MODEL]...")
+@click.option(
+    "--gate",
+    "names",
+    multiple=True,
+    metavar="NAME",
+    help="Run this gate only; repeatable. `trajectory` stands for all it begins.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
+@click.option(
+    "--junit", "report", type=click.Path(dir_okay=False, path_type=Path), help="Write a JUnit file."
+)
+@click.option(
+    "--update-golden",
+    is_flag=True,
+    help="Write golden/<model>.csv anew before checking; review the difference.",
+)
+def command(
+    models: tuple[str, ...], names: tuple[str, ...], as_json: bool, report: Path | None, update_golden: bool
+) -> int:
+    """Check generated/<name>/ of each MODEL (of all models if none is named).
+
+    Every gate says what it measured and what that may be at most. The exit code is 1 if any gate failed; a
+    gate whose tool is missing says so and is not counted as passed.
+    """
+    with activity("checking"):
+        from pmjoint_codegen.check.gates import select
+
+        gates = select(names)
+        subjects = _subjects(models)
+    results: dict[str, list[GateResult]] = {}
+    for subject in subjects:
+        if update_golden:
+            _update(subject)
+        results[subject.model.name] = list(_checked(subject, gates, quiet=as_json))
+    if report is not None:
+        from pmjoint_codegen.check.junit import junit
+        from pmjoint_codegen.storage import write_text
+
+        write_text(report, junit(results))
+    if as_json:
+        document([_record(model, gate) for model, found in results.items() for gate in found])
+    return int(any(gate.verdict == "failed" for found in results.values() for gate in found))
+
+
+def _subjects(models: Sequence[str]) -> list[Subject]:
+    from pmjoint_codegen.check.subject import load_subject
+    from pmjoint_codegen.workspace import find_model, known_models
+
+    files = [find_model(model) for model in models or known_models()]
+    return [load_subject(file, os.environ, message) for file in files]
+
+
+def _update(subject: Subject) -> None:
+    from pmjoint_codegen.check import golden
+
+    for path in golden.write(subject):
+        message(f"written: {path}")
+
+
+def _checked(subject: Subject, gates: Sequence[Gate], *, quiet: bool) -> Iterator[GateResult]:
+    from pmjoint_codegen.check.gates import run_gates
+
+    if not quiet:
+        result(f"{subject.model.name}: {subject.model.title}")
+    for found in run_gates(subject, gates):
+        if not quiet:
+            result("\n".join(lines(found)))
+        yield found
+
+
+def lines(found: GateResult) -> Iterator[str]:
+    """One line for a gate; for one that failed, everything that helps to see why."""
+    measured = (
+        f"{found.figure:.3g} <= {found.bound:g}"
+        if found.figure is not None and found.bound is not None
+        else ""
+    )
+    if found.verdict == "failed":
+        measured = measured.replace("<=", "against")
+    yield f"  {found.name:23s} {found.verdict.value:8s} {measured:20s} {found.detail} ({found.seconds:.1f} s)"
+    if found.verdict == "failed":
+        details = [*(str(found.difference).splitlines() if found.difference else []), *found.findings]
+        yield from (f"      {line}" for line in details)
+    elif found.name == "proof":
+        yield from (f"      {line}" for line in found.findings)
+
+
+def _record(model: str, gate: GateResult) -> dict[str, object]:
+    difference = gate.difference
+    return {
+        "model": model,
+        "gate": gate.name,
+        "verdict": gate.verdict.value,
+        "figure": gate.figure,
+        "bound": gate.bound,
+        "detail": gate.detail,
+        "seconds": round(gate.seconds, 3),
+        "findings": list(gate.findings),
+        "difference": None
+        if difference is None
+        else {
+            name: getattr(difference, name)
+            for name in ("kernel", "entry", "point", "expected", "found", "error", "bound")
+        },
+    }

@@ -1,0 +1,243 @@
+"""Gates on sound models, on models of other orders, and on machines that lack something."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import shutil
+import textwrap
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pmjoint_codegen.check import certificate, compilers, derivatives, golden, harness, proof, symbolic
+from pmjoint_codegen.check.gates import GATES, Gate, run_gate, run_gates, select
+from pmjoint_codegen.check.result import GateResult, Verdict
+from pmjoint_codegen.check.subject import Subject, load_subject
+from pmjoint_codegen.emit.regenerate import regenerate
+from pmjoint_codegen.errors import UsageError
+
+OTHER = """\
+    schema = 1
+    name   = "{name}"
+    title  = "Nonlinear test plant"
+    source = "made for this test"
+    [parameters]
+    d1    = {{ value = 0.2,  unit = "1/s^2", about = "stiffness" }}
+    b0    = {{ value = 2.0,  unit = "rad/(s^2 V)", about = "input gain" }}
+    kappa = {{ value = 0.1,  unit = "1/rad^2", about = "quadratic gain" }}
+    u_max = {{ value = 10.0, unit = "V", about = "limit" }}
+    [plant]
+    order = {order}
+    phi   = {phi}
+    Phi   = {Phi}
+    theta = ["d1"]
+    b     = {b}
+    sigma = "1 + kappa*y**2"
+    disturbance = {disturbance}
+    [actuator]
+    limit = "u_max"
+    [design]
+    c = {ones}
+    e = {tenths}
+    ck = {ones}
+    k = {k}
+    [simulation]
+    reference   = "sin(t)"
+    x0          = {x0}
+    horizon     = 1.0
+    output_step = 0.1
+    sample_time = 0.01
+"""
+
+
+def other_model(folder: Path, order: int, rho: int) -> Path:
+    """A model with every feature: phi with functions, sigma, zeros; generated beside it."""
+    lists = {
+        "phi": ["-y**3/5", "tanh(y) + exp(-y/9)", "sqrt(1 + y**2)"][:order],
+        "Phi": [*[["0"]] * (order - 1), ["y"]],
+        "b": ["b0", "3", "2"][: order - rho + 1],
+        "disturbance": ["0.01*sin(t)"] * order,
+        "ones": [3.0] * rho,
+        "tenths": [0.1] * rho,
+        "k": [[4.0], [4.0, 4.0], [6.0, 12.0, 8.0]][order - 1],
+        "x0": [0.2, *[0.0] * (order - 1)],
+    }
+    words = {key: json.dumps(value) for key, value in lists.items()}
+    text = textwrap.dedent(OTHER).format(name=f"n{order}rho{rho}", order=order, **words)
+    (folder / "models").mkdir(exist_ok=True)
+    file = folder / "models" / f"n{order}rho{rho}.toml"
+    file.write_text(text)
+    regenerate([str(file)])
+    return file
+
+
+def test_a_value_that_the_code_loses_is_a_difference(paper: Subject) -> None:
+    assert paper.compiled is not None
+    function = paper.manifest.function("estimate")
+    prepared = symbolic.prepare(paper, function, 2)
+    results = [array.copy() for array in paper.compiled.call("estimate", *prepared.arguments)]
+    lost = dataclasses.replace(
+        prepared, bounds=tuple(np.full_like(bound, np.inf) for bound in prepared.bounds)
+    )
+    judgement = symbolic.judge(lost, results)
+    assert judgement.unbounded == judgement.values == results[0].size
+    assert symbolic.conclude([judgement]).verdict is Verdict.FAILED
+    results[0][3, 1] = np.nan
+    found = symbolic.conclude([symbolic.judge(prepared, results)])
+    assert found.difference is not None and found.difference.found == "nan"
+
+
+def silent(_line: str) -> None:
+    """Take no notice."""
+
+
+@pytest.mark.parametrize(("order", "rho"), [(1, 1), (2, 1), (3, 2)])
+def test_other_orders_pass_what_does_not_need_golden_files(tmp_path: Path, order: int, rho: int) -> None:
+    subject = load_subject(other_model(tmp_path, order, rho), os.environ, silent)
+    names = ["current", "proof", "interpreter", "symbolic", "derivatives", "trajectory"]
+    results = {result.name: result for result in run_gates(subject, select(names))}
+    assert results.pop("trajectory.golden").verdict is Verdict.NOT_RUN
+    assert {name: result.detail for name, result in results.items() if result.verdict is Verdict.FAILED} == {}
+    assert results["symbolic"].figure is not None and 0.01 < results["symbolic"].figure <= 1
+
+
+def test_every_gate_passes_on_the_papers_model_or_says_which_tool_is_missing(paper: Subject) -> None:
+    results = list(run_gates(paper))
+    assert [result.name for result in results] == [gate.name for gate in GATES]
+    for result in results:
+        assert result.verdict is Verdict.PASSED or result.detail.startswith("no "), result
+        assert result.seconds < 30
+
+
+def test_the_papers_constants(paper: Subject) -> None:
+    found = certificate.certify(paper.derivation, proof.design_values(paper.derivation), 0.1)
+    assert np.array_equal(found.P, [[1.5, -1.0], [-1.0, 0.9375]])
+    assert sorted(found.poles.real) == pytest.approx([-4, -2])
+    eigenvalue = float(np.linalg.eigvalsh(found.P)[-1])
+    assert found.f_minus == 2.5
+    assert found.f_plus == pytest.approx(eigenvalue / 0.2)
+    assert (round(found.f, 4), round(found.Y or 0, 4), round(found.z_bound or 0, 2)) == (0.2215, 0.5097, 2.15)
+
+
+def test_sharp_bounds_hold_along_the_run_and_are_sharper(paper: Subject) -> None:
+    assert paper.compiled is not None
+    found = certificate.certify(paper.derivation, proof.design_values(paper.derivation), 0.1)
+    run = golden.default_run(paper.compiled)
+    late = run.t > 10
+    z = np.hypot(run["z1"][late], run["z2"][late])
+    assert found.z_sharp is not None and found.z1_sharp is not None and found.z_bound is not None
+    assert z.max() <= found.z_sharp < found.z_bound
+    assert np.abs(run["z1"][late]).max() <= found.z1_sharp < found.z_bound
+
+
+def test_without_a_disturbance_bound_there_is_no_ultimate_bound(paper: Subject) -> None:
+    found = certificate.certify(paper.derivation, proof.design_values(paper.derivation), None)
+    assert (found.Y, found.z_bound, found.z_sharp, found.z1_sharp) == (None, None, None, None)
+    assert "no disturbance_bound" in found.lines()[-1]
+
+
+def test_names_stand_for_the_gates_they_begin() -> None:
+    assert [gate.name for gate in select(["trajectory.golden", "proof"])] == ["proof", "trajectory.golden"]
+    assert len(select(["compilers"])) == 6 and select([]) == GATES
+    with pytest.raises(UsageError, match="no gate is called 'proofs'"):
+        select(["proofs"])
+
+
+def bare(subject: Subject, tmp_path: Path, *tools: str) -> Subject:
+    """The same model on a machine that has these tools only."""
+    for tool in tools:
+        (tmp_path / tool).symlink_to(shutil.which(tool) or "/nonexistent")
+    environment = {"PATH": str(tmp_path), "PMJOINT_CACHE": os.environ["PMJOINT_CACHE"]}
+    return dataclasses.replace(subject, environment=environment)
+
+
+def test_a_machine_without_tools_runs_few_gates_and_passes_none_of_the_others(
+    paper: Subject, tmp_path: Path
+) -> None:
+    results = {result.name: result for result in run_gates(bare(paper, tmp_path))}
+    reasons = {name: result.detail for name, result in results.items() if result.verdict is Verdict.NOT_RUN}
+    assert reasons["compilers.gcc"] == "no gcc" and reasons["compilers.clang"] == "no clang"
+    assert (
+        reasons["compilers.sanitizers"] == "no gcc or clang"
+        and reasons["compilers.cppcheck"] == "no cppcheck"
+    )
+    assert {"interpreter", "symbolic", "derivatives", "compilers.objects", "compilers.valgrind"} <= set(
+        reasons
+    )
+    assert all(results[name].verdict is Verdict.PASSED for name in ("current", "proof", "trajectory.golden"))
+
+
+def test_nm_and_valgrind_are_missed_by_name(paper: Subject, tmp_path: Path) -> None:
+    lean = bare(paper, tmp_path, "gcc")
+    assert compilers.check_objects(lean).detail == "no nm"
+    assert compilers.check_valgrind(lean).detail == "no valgrind"
+
+
+def test_valgrind_without_a_compiler(paper: Subject, tmp_path: Path) -> None:
+    if shutil.which("valgrind") is None:
+        pytest.skip("no valgrind")
+    assert compilers.check_valgrind(bare(paper, tmp_path, "valgrind")).detail == "no C compiler"
+
+
+def test_without_heyoka_the_independent_run_says_so(paper: Subject, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "heyoka", None)
+    (gate,) = select(["trajectory.independent"])
+    assert run_gate(paper, gate).detail == "no heyoka"
+
+
+def test_a_folder_that_cannot_be_trusted_stops_what_looks_into_it(paper: Subject, tmp_path: Path) -> None:
+    shutil.copytree(paper.folder, folder := tmp_path / "paper")
+    (folder / "model.json").write_text("{}")
+    results = list(run_gates(dataclasses.replace(paper, folder=folder)))
+    assert [result.verdict for result in results[:2]] == [Verdict.FAILED, Verdict.PASSED]
+    assert {result.verdict for result in results[2:]} == {Verdict.NOT_RUN}
+    assert all("model.json" in result.detail for result in results[2:])
+
+
+def test_an_error_of_the_models_fails_its_gate(paper: Subject) -> None:
+    def refuse(_subject: Subject) -> GateResult:
+        raise UsageError("is wrong", where="here")
+
+    assert run_gate(paper, Gate("g", refuse)).detail == "here: is wrong"
+
+
+def test_a_manifest_with_other_names_is_not_compared(paper: Subject, tmp_path: Path) -> None:
+    shutil.copytree(paper.folder, folder := tmp_path / "paper")
+    manifest = dataclasses.replace(paper.manifest, partials=(*paper.manifest.partials[:-1], "dalpha1_dx9"))
+    (folder / "model.json").write_text(manifest.to_json())
+    subject = dataclasses.replace(paper, folder=folder)
+    assert "partial derivatives" in symbolic.check(subject).detail
+    assert "dalpha1_dx9" in derivatives.check(subject).detail
+
+
+def test_damaged_golden_files_fail(paper: Subject, tmp_path: Path) -> None:
+    (tmp_path / "models").mkdir()
+    (tmp_path / "golden").mkdir()
+    shutil.copy(paper.file, tmp_path / "models")
+    subject = dataclasses.replace(paper, file=tmp_path / "models" / "paper.toml")
+    assert golden.check(subject).verdict is Verdict.NOT_RUN
+    (tmp_path / "golden" / "paper.csv").write_text("t,x1\n0,zero\n")
+    (tmp_path / "golden" / "paper.switches.csv").write_text("t,mode\n")
+    assert "is damaged" in golden.check(subject).detail
+    golden.write(subject)
+    assert golden.check(subject).figure == 0
+
+
+def test_the_harness_counts_missing_results_as_different() -> None:
+    one, nan = np.array([1.0, np.nan]).tobytes(), np.array([1.0, -np.nan]).tobytes()
+    assert harness.differing(one, nan) == 0
+    assert harness.differing(one, one[:8]) == 1
+    assert harness.differing(one, b"") == 2
+
+
+def test_a_tool_that_hangs_is_given_up(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(compilers, "TIME_LIMIT", 0.1)
+    outcome = compilers.run(["sleep", "5"], tmp_path)
+    assert outcome.code != 0 and "took more than" in outcome.first_line
+
+
+def test_an_outcome_without_words_is_its_exit_code() -> None:
+    assert compilers.Outcome(3, b"", "").first_line == "exit code 3"

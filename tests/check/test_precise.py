@@ -1,0 +1,59 @@
+"""The reference arithmetic: numbers against mpmath, series against derivatives that SymPy takes."""
+
+from __future__ import annotations
+
+import mpmath
+import pytest
+import sympy as sp
+
+from derive import Equation, Equations, parameter_symbol
+from pmjoint_codegen.check.precise import DIGITS, Numbers, PowerSeries
+from pmjoint_codegen.check.program import compile_program
+
+x, a = parameter_symbol("x"), parameter_symbol("a")
+NAMELESS = Equations([])
+EXPRESSIONS = [
+    sp.sin(x), sp.cos(2 * x), sp.tan(x / 3), sp.tanh(x), sp.exp(-x), sp.log(2 + x), sp.sqrt(1 + x),
+    (1 + x) ** -3,
+    (1 + x**2) ** sp.Rational(5, 3), x**4 / (1 + x), sp.pi * x, a**x, sp.exp(sp.sin(x) ** 2) / (x - 5),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("expression", EXPRESSIONS, ids=str)
+def test_numbers_agree_with_sympys_own_evaluation(expression: sp.Expr) -> None:
+    numbers = Numbers()
+    program = compile_program([expression], [x, a], NAMELESS)
+    (found,) = program.run(numbers, {x: numbers.exactly(0.75), a: numbers.exactly(1.5)})
+    wanted = expression.subs({x: sp.Rational(3, 4), a: sp.Rational(3, 2)}).evalf(DIGITS + 5)
+    assert abs(found - numbers.context.mpf(str(wanted))) <= abs(found) * mpmath.mpf(10) ** (3 - DIGITS)
+
+
+@pytest.mark.parametrize("expression", EXPRESSIONS, ids=str)
+def test_series_hold_the_derivatives(expression: sp.Expr) -> None:
+    order, numbers = 6, Numbers()
+    program = compile_program([expression], [x, a], NAMELESS)
+    at = {x: [numbers.exactly(0.75), numbers.context.one], a: [numbers.exactly(1.5)]}
+    (found,) = program.run(PowerSeries(numbers, order), at)
+    for k in range(order + 1):
+        derivative = sp.diff(expression, x, k).subs({x: sp.Rational(3, 4), a: sp.Rational(3, 2)})
+        wanted = numbers.context.mpf(str((derivative / sp.factorial(k)).evalf(DIGITS + 5)))
+        coefficient = found[k] if k < len(found) else 0
+        assert abs(coefficient - wanted) <= max(abs(wanted), 1) * mpmath.mpf(10) ** (8 - DIGITS)
+
+
+def test_names_are_followed_and_shared() -> None:
+    b, c = parameter_symbol("b"), parameter_symbol("c")
+    equations = Equations([Equation(b, x + 1, "", "", "", None), Equation(c, b * b, "", "", "", None)])
+    program = compile_program([c, b, sp.Max(x, 2), sp.Min(x, 2)], [x], equations)
+    numbers = Numbers()
+    assert [int(value) for value in program.run(numbers, {x: numbers.exactly(4.0)})] == [25, 5, 4, 2]
+    assert sum(step.kind == "input" for step in program.operations) == 1
+    with pytest.raises(KeyError):
+        compile_program([a], [x], equations)
+
+
+def test_given_definitions_go_first() -> None:
+    b = parameter_symbol("b")
+    equations = Equations([Equation(b, x + 1, "", "", "", None)])
+    (found,) = compile_program([b], [x], equations, {b: 2 * x}).run(Numbers(), {x: Numbers().exactly(3.0)})
+    assert found == 6

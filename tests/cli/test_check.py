@@ -1,0 +1,109 @@
+"""``pmjoint check``: exit codes, the report of a first difference, JSON and JUnit."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+from click.testing import CliRunner
+
+from pmjoint_codegen.cli.check import command
+from pmjoint_codegen.emit.regenerate import regenerate
+
+
+@pytest.fixture
+def workshop(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with the paper's model, its generated code and golden trajectory, as the current directory."""
+    for name in ("models/paper.toml", "golden/paper.csv", "golden/paper.switches.csv"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        shutil.copy(root / name, tmp_path / name)
+    shutil.copytree(root / "generated" / "paper", tmp_path / "generated" / "paper")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def ask(*arguments: str) -> tuple[int, str]:
+    """Run the command without the outermost error handling."""
+    found = CliRunner().invoke(command, list(arguments), standalone_mode=False)
+    assert found.exception is None, found.exception
+    return int(found.return_value), found.stdout
+
+
+def edit(folder: Path, old: str, new: str) -> None:
+    """Change one text in the generated C."""
+    file = folder / "generated" / "paper" / "kernels.c"
+    text = file.read_text()
+    assert old in text
+    file.write_text(text.replace(old, new, 1))
+
+
+def test_a_sound_model_gives_one_line_a_gate(workshop: Path) -> None:
+    code, out = ask("models/paper.toml", "--gate", "proof", "--gate", "derivatives")
+    assert code == 0
+    lines = [line for line in out.splitlines() if line.startswith("  ") and not line.startswith("   ")]
+    assert [line.split()[:2] for line in lines] == [["proof", "passed"], ["derivatives", "passed"]]
+    assert "f = 0.2215" in out and "squares given away" in out
+
+
+def test_a_changed_sign_is_reported_where_it_shows(workshop: Path) -> None:
+    body = (workshop / "generated/paper/kernels.c").read_text()
+    law = body[body.index("/* law:(") :]
+    line = next(line for line in law.splitlines() if "=(-" in line)
+    edit(workshop, line, line.replace("(-", "("))
+    code, out = ask("models/paper.toml", "--gate", "symbolic")
+    assert code == 1
+    for word in ("failed", "law, alpha1", "point", "y=[", "expected", "found", "error", "bound"):
+        assert word in out
+
+
+def test_json_is_one_document_with_every_gate(workshop: Path) -> None:
+    edit(workshop, "kernels. Generated", "KERNELS. Generated")
+    code, out = ask("models/paper.toml", "--json", "--gate", "current", "--gate", "trajectory.golden")
+    gates = json.loads(out)
+    assert code == 1
+    assert [(gate["gate"], gate["verdict"]) for gate in gates] == [
+        ("current", "failed"),
+        ("trajectory.golden", "passed"),
+    ]
+    assert gates[0]["difference"]["entry"] == "kernels.c"
+    assert gates[1]["bound"] == 1e-9 and gates[1]["difference"] is None
+
+
+def test_junit_holds_failures_and_what_was_not_run(workshop: Path) -> None:
+    (workshop / "golden" / "paper.csv").unlink()
+    edit(workshop, "kernels. Generated", "KERNELS. Generated")
+    names = [word for gate in ("current", "proof", "trajectory.golden") for word in ("--gate", gate)]
+    code, _ = ask("models/paper.toml", "--junit", "out.xml", *names)
+    suite = ElementTree.parse("out.xml").getroot()[0]
+    assert code == 1
+    assert (suite.get("tests"), suite.get("failures"), suite.get("skipped")) == ("3", "1", "1")
+    kinds = [[child.tag for child in case] for case in suite]
+    assert kinds == [["failure", "system-out"], ["system-out"], ["skipped", "system-out"]]
+
+
+def test_every_model_is_checked_when_none_is_named(workshop: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pmjoint_codegen.workspace.known_models", lambda: ("paper",))
+    code, out = ask("--gate", "derivatives")
+    assert code == 0 and out.startswith("paper: ")
+
+
+def test_golden_trajectories_are_written_on_demand_only(workshop: Path) -> None:
+    golden = workshop / "golden" / "paper.csv"
+    text = golden.read_text()
+    golden.write_text(text.replace("1.5,", "1.6,", 1))
+    assert ask("models/paper.toml", "--gate", "trajectory.golden")[0] == 1
+    assert golden.read_text() != text
+    assert ask("models/paper.toml", "--gate", "trajectory.golden", "--update-golden")[0] == 0
+    assert golden.read_text() == text
+
+
+def test_a_changed_model_is_stale_until_it_is_regenerated(workshop: Path) -> None:
+    model = workshop / "models" / "paper.toml"
+    model.write_text(model.read_text().replace('"0.1*sin(x2)*cos(t)"', '"0.2*sin(x2)*cos(t)"'))
+    code, out = ask("models/paper.toml", "--gate", "current")
+    assert code == 1 and "model changed" in out and "D2: " in out and "pmjoint regenerate paper" in out
+    regenerate(["models/paper.toml"])
+    assert ask("models/paper.toml", "--gate", "current")[0] == 0
