@@ -226,6 +226,8 @@ def _rules() -> Mapping[str, Rule]:
         "exp": _library("exp", _exponential_error),
         "log": _library("log", _logarithm_error),
         "pow": _power,
+        "fabs": lambda a: (np.abs(a.value), a.error),
+        "sign": lambda a: (np.sign(a.value), np.where(np.abs(a.value) <= a.error, 2.0, 0.0)),
         "fmin": lambda a, b: (np.fmin(a.value, b.value), _largest_error(a, b)),
         "fmax": lambda a, b: (np.fmax(a.value, b.value), _largest_error(a, b)),
     }

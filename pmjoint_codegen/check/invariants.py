@@ -166,7 +166,7 @@ def decrease(run: Run, certificate: Certificate) -> GateResult:
     allowed += ACCURACY * (1 + V[:-1])  # what the trajectory itself is worth
     ratio = V[1:] / allowed
     row = int(np.argmax(ratio))
-    detail = f"largest V / what (35) allows, row to row; V falls from {V[0]:.4g} to {V[-1]:.3g}"
+    detail = f"largest V / what (35) allows, row to row; V goes from {V[0]:.4g} to {V[-1]:.3g}"
     if ratio[row] <= 1:
         return passed(CERTIFICATE, detail, float(ratio[row]), 1)
     point, values = f"t={run.t[row + 1]!r} s", (repr(float(allowed[row])), repr(float(V[row + 1])))

@@ -113,13 +113,24 @@ class Translator:
         return result
 
     def _product(self, value: sp.Expr) -> ca.SX:
+        """Factors above the line over factors below it, as they stand; no common denominator is formed."""
         if value.could_extract_minus_sign():
             return -self(-value)
-        above, below = value.as_numer_denom() if value.is_commutative else (value, sp.S.One)
-        if below != 1:
-            return self(above) / self(below)
-        factors = value.as_ordered_factors()
-        result = self(factors[0])
+        above: list[sp.Expr] = []
+        below: list[sp.Expr] = []
+        for factor in value.as_ordered_factors():
+            if factor.is_Rational:
+                above += [sp.Integer(factor.p)] if factor.p != 1 else []
+                below += [sp.Integer(factor.q)] if factor.q != 1 else []
+            elif factor.is_Pow and factor.base != sp.E and factor.exp.is_Rational and factor.exp < 0:
+                below.append(factor.base**-factor.exp)
+            else:
+                above.append(factor)
+        numerator = self._chain(above)
+        return numerator / self._chain(below) if below else numerator
+
+    def _chain(self, factors: list[sp.Expr]) -> ca.SX:
+        result = self(factors[0]) if factors else ca.SX(1)
         for factor in factors[1:]:
             result = result * self(factor)
         return result

@@ -55,6 +55,19 @@ def test_rational_literals_are_the_nearest_double(p: int, q: int) -> None:
     assert evaluate(sp.Rational(p, q) + 0 * A) == p / q
 
 
+def test_a_decaying_exponential_is_not_turned_into_a_growing_denominator() -> None:
+    """exp(-a^2) underflows to 0 where exp(a^2) would overflow, and the product is then 0, not inf/inf."""
+    assert evaluate(A**3 * sp.exp(-(A**2)) / B, a=40.0) == 0.0
+
+
+def test_a_sum_in_a_product_keeps_its_own_quotients() -> None:
+    nodes = {A: ca.SX.sym("a"), B: ca.SX.sym("b")}
+    node = Translator("k", nodes, {}, Equations([]))((1 + A / B) * A)
+    function = ca.Function("k", list(nodes.values()), [node])
+    operations = [function.instruction_id(i) for i in range(function.n_instructions())]
+    assert (operations.count(ca.OP_MUL), operations.count(ca.OP_DIV)) == (1, 1)
+
+
 def test_equal_subexpressions_become_one_node() -> None:
     shared = sp.sin(A + B)
     nodes = {A: ca.SX.sym("a"), B: ca.SX.sym("b")}
