@@ -26,6 +26,11 @@ COMMANDS = (
         "pmjoint_codegen.cli.simulate",
         "Integrate the closed loop; write trajectory, summary, figures.",
     ),
+    Entry(
+        "sweep",
+        "pmjoint_codegen.cli.sweep",
+        "Simulate many times, over grids and random values; write one dataset and maps.",
+    ),
     Entry("derive", "pmjoint_codegen.cli.derive", "Print the derivation of a model, equation by equation."),
     Entry(
         "regenerate",

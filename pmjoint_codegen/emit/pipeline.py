@@ -22,7 +22,7 @@ from derive import Derivation, Model, OutsideClassError, derive
 from pmjoint_codegen.emit.c_text import banner, kernels_header, kernels_source
 from pmjoint_codegen.emit.describe import describe, describe_functions, tool_versions
 from pmjoint_codegen.emit.functions import build_functions
-from pmjoint_codegen.emit.lane_text import lanes_header, lanes_source
+from pmjoint_codegen.emit.lane_text import instructions, lanes_header, lanes_source
 from pmjoint_codegen.emit.lanes import lane_functions, lane_sizes
 from pmjoint_codegen.emit.table import vocabulary
 from pmjoint_codegen.emit.tape import tapes_of
@@ -128,10 +128,9 @@ def _lane_files(
 ) -> dict[str, str]:
     words = vocabulary(derivation)
     lanes = lane_functions(functions, [symbol.name for symbol in words.signals])
-    head = banner(
-        f"{derivation.model.title}: functions for many trajectories side by side",
-        [f"Model {derivation.model.name}, structure {structure_hash(document)[:16]}."],
-    )
+    operations = sum(len(instructions(function)) for function in lanes.values())
+    what = f"{operations} operations in {len(lanes)} functions over lanes, for sweeps."
+    head = banner([*provenance(document, derivation, ())[:2], what])
     return {
         "lanes.c": lanes_source(lanes, head),
         "lanes.h": lanes_header(lanes, lane_sizes(words), head),

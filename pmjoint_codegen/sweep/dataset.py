@@ -28,12 +28,17 @@ _INTEGERS: Final = (Column.STATUS, Column.STEPS, Column.SWITCHES)
 
 
 def require(formats: Iterable[str]) -> None:
-    """Make sure that the packages for the dataset are there, before long work.
+    """Make sure that the packages for these formats (or ``dask``) are there, before long work.
 
     Raises:
         MissingToolError: one is absent; the message has the line that installs it.
     """
-    needed = {"zarr": ("xarray", "zarr"), "netcdf": ("xarray", "h5netcdf"), "parquet": ("pandas", "pyarrow")}
+    needed = {
+        "zarr": ("xarray", "zarr"),
+        "netcdf": ("h5netcdf", "h5py"),
+        "parquet": ("pandas", "pyarrow"),
+        "dask": ("distributed",),
+    }
     from importlib.util import find_spec
 
     for name in dict.fromkeys(package for kind in ("zarr", *formats) for package in needed[kind]):
