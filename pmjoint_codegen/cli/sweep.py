@@ -1,4 +1,4 @@
-"""``pmjoint sweep``: many runs over grids and samples; one dataset, and the figures that its dimensions call for."""
+"""``pmjoint sweep``: many runs over grids and samples; one dataset, and the figures that it calls for."""
 
 from __future__ import annotations
 
@@ -31,26 +31,81 @@ Examples
 
 @click.command(epilog=_EXAMPLES)
 @click.argument("model")
-@click.option("--grid", multiple=True, metavar="NAME=A:B:N", help="An axis: N values from A to B, or NAME=A,B,C; repeatable.")
-@click.option("--sample", multiple=True, metavar="NAME~LAW(A,B)", help="A random value: normal(MEAN,SD), uniform(A,B), loguniform(A,B); repeatable.")
-@click.option("--runs", "draws", type=int, metavar="N", help="How many draws --sample makes (on every grid point).")
+@click.option(
+    "--grid",
+    multiple=True,
+    metavar="NAME=A:B:N",
+    help="An axis: N values from A to B, or NAME=A,B,C; repeatable.",
+)
+@click.option(
+    "--sample",
+    multiple=True,
+    metavar="NAME~LAW(A,B)",
+    help="A random value: normal(MEAN,SD), uniform(A,B), loguniform(A,B); repeatable.",
+)
+@click.option(
+    "--runs", "draws", type=int, metavar="N", help="How many draws --sample makes (on every grid point)."
+)
 @click.option("--seed", type=int, default=0, show_default=True, help="Of the draws.")
-@click.option("--method", type=click.Choice(["latin-hypercube", "sobol"]), default="latin-hypercube", show_default=True, help="How draws fill the space.")
-@click.option("--set", "parameters", type=Assignment(), multiple=True, callback=assignments, help="A fixed value for a parameter or gain; repeatable.")
+@click.option(
+    "--method",
+    type=click.Choice(["latin-hypercube", "sobol"]),
+    default="latin-hypercube",
+    show_default=True,
+    help="How draws fill the space.",
+)
+@click.option(
+    "--set",
+    "parameters",
+    type=Assignment(),
+    multiple=True,
+    callback=assignments,
+    help="A fixed value for a parameter or gain; repeatable.",
+)
 @click.option("--x0", type=Numbers(), help="Initial plant states where they are not varied.")
 @click.option("--reference", metavar="EXPR", help="Another y_r, a function of t and parameters.")
-@click.option("--disturbance", metavar="EXPR", multiple=True, help="Another disturbance; repeat it, one a state.")
+@click.option(
+    "--disturbance", metavar="EXPR", multiple=True, help="Another disturbance; repeat it, one a state."
+)
 @click.option("--horizon", type=float, metavar="S", help="Length of every run in seconds.")
-@click.option("--controller", type=click.Choice(["continuous", "sampled"]), default="continuous", show_default=True)
-@click.option("--sample-time", type=float, metavar="S", help="Sample time of the sampled controller in seconds.")
+@click.option(
+    "--controller", type=click.Choice(["continuous", "sampled"]), default="continuous", show_default=True
+)
+@click.option(
+    "--sample-time", type=float, metavar="S", help="Sample time of the sampled controller in seconds."
+)
 @click.option("--no-compensator", is_flag=True, help="Keep r = 0: plain clipping instead of (23).")
 @click.option("--tolerance", type=float, metavar="TOL", default=1e-6, show_default=True, help="Local error.")
-@click.option("--divergence", type=float, metavar="X", default=1e4, show_default=True, help="A state beyond it ends a run.")
-@click.option("--trajectories", "output_step", type=float, metavar="S", help="Keep trajectories too, a row every S seconds.")
-@click.option("--format", "formats", type=click.Choice(["netcdf", "parquet"]), multiple=True, help="Another file beside sweep.zarr; repeatable.")
+@click.option(
+    "--divergence",
+    type=float,
+    metavar="X",
+    default=1e4,
+    show_default=True,
+    help="A state beyond it ends a run.",
+)
+@click.option(
+    "--trajectories",
+    "output_step",
+    type=float,
+    metavar="S",
+    help="Keep trajectories too, a row every S seconds.",
+)
+@click.option(
+    "--format",
+    "formats",
+    type=click.Choice(["netcdf", "parquet"]),
+    multiple=True,
+    help="Another file beside sweep.zarr; repeatable.",
+)
 @click.option("--threads", type=click.IntRange(1), help="To compute with [default: all processors].")
 @click.option("--scheduler", metavar="ADDRESS", help="Compute on the workers of this Dask scheduler instead.")
-@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Results folder [default: runs/<model>-sweep].")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Results folder [default: runs/<model>-sweep].",
+)
 @click.option("--restart", is_flag=True, help="Forget what is in the folder instead of going on with it.")
 @click.option("--no-figures", is_flag=True, help="Draw no figures.")
 @click.option("--json", "wants_json", is_flag=True, help="Print one JSON document.")
@@ -75,8 +130,8 @@ def command(
 ) -> None:
     """Simulate MODEL many times over: on a grid, with random values, or both.
 
-    Writes one dataset, sweep.zarr, and figures into a folder. A sweep that is interrupted, by whatever, goes on where it was when
-    the same command is given again, and its result is the same.
+    Writes one dataset, sweep.zarr, and figures into a folder. A sweep that is interrupted, by whatever, goes
+    on where it was when the same command is given again, and its result is the same.
     """
     from pmjoint_codegen.provision import provide
     from pmjoint_codegen.sweep.dataset import require
@@ -87,7 +142,11 @@ def command(
     plan = make_plan(grid, sample, draws, seed, method)
     settings["compensator"] = False if no_compensator else None
     provided = provide(
-        model, reference=reference, disturbance=disturbance or None, environment=os.environ, notify=lambda line: message(f"pmjoint: {line}")
+        model,
+        reference=reference,
+        disturbance=disturbance or None,
+        environment=os.environ,
+        notify=lambda line: message(f"pmjoint: {line}"),
     )
     request = make_request(provided.manifest, plan, **settings)
     folder = out or Path("runs") / f"{provided.manifest.name}-sweep"
@@ -101,7 +160,13 @@ def command(
 
 
 def _compute(
-    provided: Provided, request: Request, folder: Path, *, threads: int | None, scheduler: str | None, restart: bool
+    provided: Provided,
+    request: Request,
+    folder: Path,
+    *,
+    threads: int | None,
+    scheduler: str | None,
+    restart: bool,
 ) -> Store:
     """Make what is missing, with a bar; say how to go on where that is interrupted."""
     from pmjoint_codegen.sweep.drive import drive
@@ -116,10 +181,18 @@ def _compute(
     kit = make_kit(provided.folder)
     try:
         with activity(f"simulating {total} runs", total=total, unit="runs") as progress:
-            drive(store, kit, threads=threads or _processors(), scheduler=scheduler, tell=lambda done: progress(done / total))
+            drive(
+                store,
+                kit,
+                threads=threads or _processors(),
+                scheduler=scheduler,
+                tell=lambda done: progress(done / total),
+            )
     except KeyboardInterrupt:
         left = sum(store.length(start) for start in store.missing())
-        message(f"pmjoint: {total - left} of {total} runs are kept in {folder}; the same command goes on from there")
+        message(
+            f"pmjoint: {total - left} of {total} runs are kept in {folder}; the same command goes on there"
+        )
         raise
     return store
 
@@ -129,7 +202,9 @@ def _processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _write(store: Store, provided: Provided, formats: tuple[str, ...], *, figures: bool) -> tuple[tuple[Path, ...], xr.Dataset]:
+def _write(
+    store: Store, provided: Provided, formats: tuple[str, ...], *, figures: bool
+) -> tuple[tuple[Path, ...], xr.Dataset]:
     from pmjoint_codegen.sweep.dataset import assemble, export, read
     from pmjoint_codegen.sweep.maps import write_maps
     from pmjoint_codegen.workspace import cache_dir
@@ -154,7 +229,11 @@ def _account(dataset: xr.Dataset, request: Request, files: tuple[Path, ...]) -> 
     from pmjoint_codegen.sweep.reach import held
 
     status = dataset["status"].values
-    counts = {name: int(np.sum(status == value)) for value, name in status_meanings().items() if np.any(status == value)}
+    counts = {
+        name: int(np.sum(status == value))
+        for value, name in status_meanings().items()
+        if np.any(status == value)
+    }
     good = held(dataset).values
     names = ("ise", "max_abs_e", "settling_s", "saturated_s", "max_abs_v")
     return {
@@ -176,7 +255,11 @@ def _quantiles(values: Any) -> dict[str, float] | None:
     import numpy as np
 
     finite = values[np.isfinite(values)]
-    return dict(zip(("p5", "median", "p95"), np.percentile(finite, (5, 50, 95)).tolist(), strict=True)) if finite.size else None
+    return (
+        dict(zip(("p5", "median", "p95"), np.percentile(finite, (5, 50, 95)).tolist(), strict=True))
+        if finite.size
+        else None
+    )
 
 
 def _text(account: Mapping[str, Any]) -> str:

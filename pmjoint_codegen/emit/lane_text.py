@@ -1,8 +1,9 @@
 """C text of functions over lanes, printed from CasADi's own instruction list.
 
-A value of the C is a vector that holds one double of each trajectory (``pmj_lanes`` of ``pmjoint_lanes.h``), every instruction one
-named constant, so that the compiler sees straight-line vector arithmetic without calls, branches or checks. Two things differ from
-CasADi's C: the sine and cosine of one argument are computed together, and a divisor that occurs more than once is inverted once.
+A value of the C is a vector that holds one double of each trajectory (``pmj_lanes`` of ``pmjoint_lanes.h``),
+every instruction one named constant, so that the compiler sees straight-line vector arithmetic without calls,
+branches or checks. Two things differ from CasADi's C: the sine and cosine of one argument are computed
+together, and a divisor that occurs more than once is inverted once.
 """
 
 from __future__ import annotations
@@ -102,7 +103,11 @@ def _statements(listing: Sequence[Instruction]) -> list[str]:
         operation: {item.operands[0]: item.result for item in listing if item.operation == operation}
         for operation in (ca.OP_SIN, ca.OP_COS)
     }
-    pairs = {angle: (sine, angles[ca.OP_COS][angle]) for angle, sine in angles[ca.OP_SIN].items() if angle in angles[ca.OP_COS]}
+    pairs = {
+        angle: (sine, angles[ca.OP_COS][angle])
+        for angle, sine in angles[ca.OP_SIN].items()
+        if angle in angles[ca.OP_COS]
+    }
     divisors = Counter(item.operands[1] for item in listing if item.operation == ca.OP_DIV)
     often = {divisor for divisor, count in divisors.items() if count > 1 and divisor[0].isalpha()}
     lines: list[str] = []
@@ -138,7 +143,11 @@ def _statement(item: Instruction) -> str:
         return f"{item.result} = {value};"
     template = _templates().get(item.operation)
     if template is None:
-        raise ModelError(f"operation {item.operation} has no form for lanes", where="lanes.c", remedy="use analytic functions")
+        raise ModelError(
+            f"operation {item.operation} has no form for lanes",
+            where="lanes.c",
+            remedy="use analytic functions",
+        )
     if item.operation in (ca.OP_CONSTPOW, ca.OP_POW, ca.OP_FMIN, ca.OP_FMAX):
         operands = tuple(name if name[0].isalpha() else f"pmj_all({name})" for name in operands)
     return f"const pmj_lanes {item.result} = {template.format(*operands)};"

@@ -1,11 +1,13 @@
-"""The functions that a sweep evaluates, many trajectories at once: composed from the table's rows, for the lanes printer.
+"""The functions that a sweep evaluates on many trajectories at once, composed from the table's rows.
 
-Continuous: ``taylor_lanes``, coefficients of X, of v and of the tracking error e = y - y_r. Sampled: ``sample_lanes``, one whole
-sample (reference, law, actuator, the plant's and the error's coefficients under the held w, the controller's next state), and
-``plant_lanes``, the coefficients alone, for holds longer than one step. The error is a channel of its own, so that what a sweep
-reports of it follows from its polynomial without evaluating the reference again.
+Continuous: ``taylor_lanes``, coefficients of X, of v and of the tracking error e = y - y_r. Sampled:
+``sample_lanes``, one whole sample (reference, law, actuator, the plant's and the error's coefficients under
+the held w, the controller's next state), and ``plant_lanes``, the coefficients alone, for holds longer than
+one step. The error is a channel of its own, so that what a sweep reports of it follows from its polynomial
+without evaluating the reference again.
 
-Orders are lower than in single runs: a sweep asks for 1e-6 where a single run asks for 1e-10. See docs/sweep.md for the measurement.
+Orders are lower than in single runs: a sweep asks for 1e-6 where a single run asks for 1e-10. See
+    docs/sweep.md for the measurement.
 """
 
 from __future__ import annotations
@@ -117,7 +119,11 @@ def _arrive(states: int, order: int) -> ca.Function:
         values.append(value)
         slopes.append(slope)
     return ca.Function(
-        "arrive_lanes", [c, h], [ca.vertcat(*values[:states]), ca.vertcat(*slopes)], ["c", "h"], ["X", "slope"]
+        "arrive_lanes",
+        [c, h],
+        [ca.vertcat(*values[:states]), ca.vertcat(*slopes)],
+        ["c", "h"],
+        ["X", "slope"],
     )
 
 

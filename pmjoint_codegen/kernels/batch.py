@@ -17,8 +17,9 @@ from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.kernels.processor import Level
 from pmjoint_codegen.manifest import Manifest
 
-# Bits must not depend on the machine: no contraction. Neither of -fno-math-errno, -fno-trapping-math changes a result;
-# without them square roots and selections are not vectors. -Wno-psabi: no vector crosses the border of a file.
+# Bits must not depend on the machine: no contraction. Neither of -fno-math-errno, -fno-trapping-math changes
+# a result; # without them square roots and selections are not vectors. -Wno-psabi: no vector crosses the
+# border of a file.
 FLAGS: Final = (
     "-O2",
     "-std=c99",
@@ -113,14 +114,20 @@ class BatchLibrary:
         sweep.hold_stride = runs.hold.shape[1] if len(runs.hold) > 1 else 0
         for name in ("horizon", "sample_time", "tolerance", "divergence", "max_steps"):
             setattr(sweep, name, getattr(runs, name))
-        wanted = {name: self._pointer(getattr(outcome, name)) for name in ("metrics", "final", "trajectories")}
-        results = self._ffi.new("pmj_results *", {name: value for name, value in wanted.items() if len(value)})
+        wanted = {
+            name: self._pointer(getattr(outcome, name)) for name in ("metrics", "final", "trajectories")
+        }
+        results = self._ffi.new(
+            "pmj_results *", {name: value for name, value in wanted.items() if len(value)}
+        )
         if count:
-            (self._lib.pmj_sampled_batch if runs.sample_time else self._lib.pmj_continuous_batch)(sweep, results)
+            (self._lib.pmj_sampled_batch if runs.sample_time else self._lib.pmj_continuous_batch)(
+                sweep, results
+            )
         return outcome
 
     def matrices(self, p: Array) -> Array:
-        """A0 of (14) and Ar of (23), row by row, one after the other, for every row of p; shape (runs, n^2 + rho^2)."""
+        """A0 of (14) and Ar of (23), each row by row, for every row of p; shape (runs, n^2 + rho^2)."""
         manifest = self.manifest
         result = np.empty((len(p), manifest.n**2 + manifest.rho**2))
         if len(p):
@@ -139,11 +146,17 @@ def batch_sources(folder: Path) -> dict[str, bytes]:
     """
     own = Path(__file__).parent
     paths = [folder / name for name in GENERATED]
-    paths += [*sorted((own / "c_batch").glob("*.[ch]")), own / "c" / "polynomial.c", own / "c" / "pmjoint_runtime.h"]
+    paths += [
+        *sorted((own / "c_batch").glob("*.[ch]")),
+        own / "c" / "polynomial.c",
+        own / "c" / "pmjoint_runtime.h",
+    ]
     try:
         return {path.name: path.read_bytes() for path in paths}
     except OSError as error:
-        raise StaleError(f"{error.filename} cannot be read", where=str(folder), remedy="run pmjoint regenerate") from None
+        raise StaleError(
+            f"{error.filename} cannot be read", where=str(folder), remedy="run pmjoint regenerate"
+        ) from None
 
 
 def load(
@@ -154,7 +167,8 @@ def load(
     Args:
         sources: as `batch_sources` gives them.
         manifest: the model.
-        levels: what this machine can run, the widest first; a compiler that does not know one is asked for the next.
+        levels: what this machine can run, the widest first; a compiler that does not know one is asked for
+            the next.
         compiler: to build with.
         cache: folder for builds.
 

@@ -1,7 +1,8 @@
 """Which vector instructions the compiler may use here: the widest that this processor has.
 
-A library is built for one level and its name in the cache contains it, so that machines that share a cache folder never load what
-they cannot run. Results do not depend on the level: every lane rounds as a single double does (see ``pmjoint_lanes.h``).
+A library is built for one level and its name in the cache contains it, so that machines that share a cache
+folder never load what they cannot run. Results do not depend on the level: every lane rounds as a single
+double does (see ``pmjoint_lanes.h``).
 """
 
 from __future__ import annotations
@@ -37,8 +38,8 @@ class Level:
 
 def known_levels() -> tuple[Level, ...]:
     """All levels, the widest first; the last one runs everywhere."""
-    v3 = frozenset("avx avx2 bmi1 bmi2 f16c fma abm movbe".split())
-    v4 = v3 | frozenset("avx512f avx512bw avx512cd avx512dq avx512vl".split())
+    v3 = frozenset(["avx", "avx2", "bmi1", "bmi2", "f16c", "fma", "abm", "movbe"])
+    v4 = v3 | frozenset(["avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl"])
     return (
         Level("x86-64-v4", ("-march=x86-64-v4",), 8, v4),
         Level("x86-64-v3", ("-march=x86-64-v3",), 4, v3),

@@ -11,7 +11,6 @@ from pmjoint_codegen.kernels.batch import METRICS, BatchLibrary, Runs
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.status import Status
-from pmjoint_codegen.sweep.kit import Kit, library_of
 from pmjoint_codegen.sweep.metrics import INVALID, Column
 from pmjoint_codegen.sweep.request import Request
 from pmjoint_codegen.sweep.validity import valid_rows
@@ -30,23 +29,14 @@ class Result:
     trajectories: Array
 
 
-def simulate_chunk(kit: Kit, request: Request, columns: Mapping[str, Array]) -> Result:
-    """Simulate some runs, in whichever process this is.
+def simulate_chunk(library: BatchLibrary, request: Request, columns: Mapping[str, Array]) -> Result:
+    """Simulate some runs.
 
     Args:
-        kit: the model.
+        library: of the model; several threads may share it.
         request: the sweep.
         columns: values of every varied name, shape (runs,).
-
-    Raises:
-        MissingToolError: no compiler here.
-        BuildError: the compiler failed.
     """
-    return simulate_values(library_of(kit), request, columns)
-
-
-def simulate_values(library: BatchLibrary, request: Request, columns: Mapping[str, Array]) -> Result:
-    """Simulate some runs with a library at hand."""
     manifest = library.manifest
     x0, p = fill_in(manifest, request, columns)
     count, rows = len(p), len(request.times())
@@ -63,7 +53,7 @@ def simulate_values(library: BatchLibrary, request: Request, columns: Mapping[st
 
 
 def fill_in(manifest: Manifest, request: Request, columns: Mapping[str, Array]) -> tuple[Array, Array]:
-    """X(0), shape (runs, nX), and parameters, shape (runs, np): the fixed values with the varied ones put in."""
+    """X(0), shape (runs, nX), and p, shape (runs, np): the fixed values with the varied ones put in."""
     count = len(next(iter(columns.values())))
     x0 = np.zeros((count, manifest.nX))
     x0[:, : manifest.nx] = request.x0
@@ -92,7 +82,7 @@ def _runs(library: BatchLibrary, request: Request, x0: Array, p: Array) -> Runs:
 
 
 def hold_matrices(library: BatchLibrary, p: Array, sample_time: float) -> Array:
-    """``expm(A T)`` and its integral over the hold, of A0 (14) and Ar (23), row by row; as `simulate.hold` has them.
+    """``expm(A T)`` and its integral over the hold, of A0 (14) and Ar (23); as `simulate.hold` has them.
 
     Returns:
         Shape (1, 2 n^2 + 2 rho^2) where all runs have the same gains, else (runs, 2 n^2 + 2 rho^2).
@@ -100,7 +90,10 @@ def hold_matrices(library: BatchLibrary, p: Array, sample_time: float) -> Array:
     manifest = library.manifest
     rows, which = np.unique(library.matrices(p), axis=0, return_inverse=True)
     split = manifest.n**2
-    blocks = [_exponentials(rows[:, :split], manifest.n, sample_time), _exponentials(rows[:, split:], manifest.rho, sample_time)]
+    blocks = [
+        _exponentials(rows[:, :split], manifest.n, sample_time),
+        _exponentials(rows[:, split:], manifest.rho, sample_time),
+    ]
     whole = np.concatenate(blocks, axis=1)
     return whole if len(whole) == 1 else np.ascontiguousarray(whole[which.reshape(-1)])
 

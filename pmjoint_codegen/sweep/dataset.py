@@ -47,7 +47,9 @@ def require(formats: Iterable[str]) -> None:
 
 
 def assemble(store: Store, manifest: Manifest) -> None:
-    """Write ``sweep.zarr`` from the chunks, whole or not at all, one variable in memory at a time; then remove the chunks.
+    """Write ``sweep.zarr`` from the chunks, whole or not at all; then remove the chunks.
+
+    One variable is in memory at a time.
 
     Raises:
         UsageError: the folder cannot be written.
@@ -72,7 +74,9 @@ def read(path: Path) -> xr.Dataset:
 
     dataset = xr.open_zarr(path, consolidated=False, chunks=None)
     order = json.loads(dataset.attrs["variables"])
-    return dataset[[*order, *(name for name in ("trajectory",) if name in dataset)]]
+    more = sorted(str(name) for name in dataset.data_vars if str(name) not in order)
+    ordered: xr.Dataset = dataset[[*order, *more]]
+    return ordered
 
 
 def export(dataset: xr.Dataset, folder: Path, kind: str) -> Path:
@@ -88,8 +92,7 @@ def export(dataset: xr.Dataset, folder: Path, kind: str) -> Path:
     if kind == "netcdf":
         dataset.to_netcdf(staged, engine="h5netcdf")
     else:
-        plain = dataset.drop_vars([name for name in ("trajectory",) if name in dataset])
-        frame = plain.drop_dims([name for name in ("t", "signal") if name in plain.dims]).to_dataframe()
+        frame = dataset.drop_dims("t", errors="ignore").to_dataframe()
         frame.attrs = dict(dataset.attrs)
         frame.to_parquet(staged)
     staged.replace(path)
@@ -137,8 +140,9 @@ def _attributes(request: Request, manifest: Manifest) -> dict[str, Any]:
 
 
 def _units(manifest: Manifest) -> dict[str, dict[str, str]]:
-    items = (*manifest.states[: manifest.nx], *manifest.parameters)
-    return {item.name: {"units": item.unit, "long_name": item.about} for item in items}
+    states = {item.name: (item.unit, item.about) for item in manifest.states[: manifest.nx]}
+    parameters = {item.name: (item.unit, item.about) for item in manifest.parameters}
+    return {name: {"units": u, "long_name": about} for name, (u, about) in (states | parameters).items()}
 
 
 def _variable(store: Store, header: xr.Dataset, index: int, item: Quantity) -> xr.Dataset:
@@ -150,16 +154,27 @@ def _variable(store: Store, header: xr.Dataset, index: int, item: Quantity) -> x
     if index == Column.STATUS:
         meanings = status_meanings()
         attributes |= {"flag_values": list(meanings), "flag_meanings": " ".join(meanings.values())}
-    return header.assign({item.name: (tuple(dimensions), values, attributes)})[[item.name]].drop_vars(list(header.coords))
+    return header.assign({item.name: (tuple(dimensions), values, attributes)})[[item.name]].drop_vars(
+        list(header.coords)
+    )
 
 
 def _trajectories(store: Store, header: xr.Dataset, manifest: Manifest) -> xr.Dataset:
+    """One variable a signal, over the sweep's dimensions and t."""
     dimensions = store.request.plan.dimensions
     times = store.request.times()
-    names = [*(state.name for state in manifest.states), "v", "e"]
+    names = trajectory_names(manifest)
     values = store.trajectories().reshape(*dimensions.values(), len(times), len(names))
-    shape = (*dimensions, "t", "signal")
-    coordinates = {"t": ("t", times, {"units": "s"}), "signal": ("signal", np.array(names))}
-    import xarray as xr
+    units = {item.name: item.unit for item in (*manifest.states, *manifest.signals)}
+    variables = {
+        f"trajectory_{name}": ((*dimensions, "t"), values[..., i], {"units": units[name]})
+        for i, name in enumerate(names)
+    }
+    return (
+        header.assign_coords(t=("t", times, {"units": "s"})).assign(variables).drop_vars(list(header.coords))
+    )
 
-    return xr.Dataset({"trajectory": (shape, values)}, coords=coordinates)
+
+def trajectory_names(manifest: Manifest) -> tuple[str, ...]:
+    """What trajectories are kept of, in the batch library's order."""
+    return (*(state.name for state in manifest.states), "v", "e")

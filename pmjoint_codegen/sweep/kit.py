@@ -1,19 +1,17 @@
-"""What a process needs in order to compute: the manifest and the C sources, a few hundred kilobytes that can be sent.
+"""What a process needs in order to compute: the manifest and the C sources, small enough to send.
 
-Each process compiles for the vectors of its own machine, into its own cache folder; results are the same everywhere.
+Each process compiles for the vectors of its own machine, into its own cache folder; results are the same
+everywhere.
 """
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 
 from pmjoint_codegen.build.compiler import INSTALL, find_compiler
 from pmjoint_codegen.errors import MissingToolError
-from pmjoint_codegen.identity import canonical_hash
 from pmjoint_codegen.kernels.batch import BatchLibrary, batch_sources, load
 from pmjoint_codegen.kernels.processor import usable_levels
 from pmjoint_codegen.manifest import FILE_NAME, Manifest
@@ -47,19 +45,12 @@ def make_kit(folder: Path) -> Kit:
     return Kit(text, tuple((name, content.decode()) for name, content in sorted(sources.items())))
 
 
-@lru_cache(maxsize=4)
-def library_of(kit: Kit) -> BatchLibrary:
-    """The library of a kit, built or reused, and loaded once a process.
+def library_of(kit: Kit, environment: Mapping[str, str]) -> BatchLibrary:
+    """The library of a kit, built for this machine or reused from its cache folder.
 
-    Raises:
-        MissingToolError: no compiler here.
-        BuildError: the compiler failed.
-    """
-    return build_library(kit, os.environ)
-
-
-def build_library(kit: Kit, environment: Mapping[str, str]) -> BatchLibrary:
-    """The same, for a given environment and without memory.
+    Args:
+        kit: the model.
+        environment: for the compiler, the cache folder and the vector level.
 
     Raises:
         MissingToolError: no compiler here.
@@ -67,12 +58,9 @@ def build_library(kit: Kit, environment: Mapping[str, str]) -> BatchLibrary:
     """
     compiler = find_compiler(environment)
     if compiler is None:
-        raise MissingToolError("a sweep needs a C compiler (CC, cc, gcc, clang)", remedy=f"install one: {INSTALL}")
+        raise MissingToolError(
+            "a sweep needs a C compiler (CC, cc, gcc, clang)", remedy=f"install one: {INSTALL}"
+        )
     manifest = Manifest.from_json(kit.manifest, FILE_NAME)
     sources = {name: text.encode() for name, text in kit.sources}
     return load(sources, manifest, usable_levels(environment), compiler, cache_dir(environment))
-
-
-def kit_hash(kit: Kit) -> str:
-    """SHA-256 of a kit."""
-    return canonical_hash([kit.manifest, kit.sources])

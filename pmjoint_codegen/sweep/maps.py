@@ -1,6 +1,7 @@
-"""Figures of a sweep: maps over two axes, curves over one, histograms over draws; compensator on and off side by side.
+"""Figures of a sweep: maps over two axes, curves over one, histograms over draws.
 
-Like the figures of a run, these are drawn without Matplotlib's global state.
+Compensator on and off stand side by side. Like the figures of a run, these are drawn without Matplotlib's
+global state.
 """
 
 from __future__ import annotations
@@ -111,20 +112,23 @@ def cases(dataset: xr.Dataset) -> tuple[Case, ...]:
         return (Case("", dataset),)
     titles = {1.0: "with the compensator (23)", 0.0: "plain clipping, $r = 0$"}
     values = sorted(dataset[COMPENSATOR].values.tolist(), reverse=True)
-    return tuple(Case(titles.get(value, "not simulated"), dataset.sel({COMPENSATOR: value})) for value in values)
+    return tuple(
+        Case(titles.get(value, "not simulated"), dataset.sel({COMPENSATOR: value})) for value in values
+    )
 
 
 def region(dataset: xr.Dataset, manifest: Manifest, x: str, y: str, note: str) -> Figure:
-    """Region of attraction: where the joint is held, coloured by how long settling takes; where it is lost, grey."""
-    import xarray as xr
-
+    """Region of attraction: settling time where the joint is held; grey where it is lost."""
     columns = cases(dataset)
     figure, panels = _canvas(len(columns))
     line = border(manifest, _fixed(dataset)) if (x, y) == ("x1", "x2") else None
     for case, panel in zip(columns, panels, strict=True):
         good = held(case.data)
-        image = _image(panel, case.data["settling_s"].where(good), x, y, (0.0, float(dataset.attrs["horizon"])))
-        _image(panel, xr.where(good & case.data["settling_s"].isnull(), 1.0, np.nan), x, y, (0.0, 1.0), colours="Greys_r")
+        image = _image(
+            panel, case.data["settling_s"].where(good), x, y, (0.0, float(dataset.attrs["horizon"]))
+        )
+        undefined = good.copy(data=np.where(good & case.data["settling_s"].isnull(), 1.0, np.nan))
+        _image(panel, undefined, x, y, (0.0, 1.0), colours="Greys_r")
         if line is not None:
             _draw_border(panel, case.data, line)
         share = f"{100 * float(good.mean()):.1f} % held"
@@ -132,7 +136,12 @@ def region(dataset: xr.Dataset, manifest: Manifest, x: str, y: str, note: str) -
         _labels(panel, dataset, x, y)
     figure.colorbar(image, ax=panels, label="settling (s)", fraction=0.05, pad=0.02)
     dashed = " Dashed: beyond it, nothing within the limit can hold the joint." if line else ""
-    _caption(figure, dataset, f"Grey: the joint is lost. White: no initial error, so no settling time.{dashed}", note)
+    _caption(
+        figure,
+        dataset,
+        f"Grey: the joint is lost. White: no initial error, so no settling time.{dashed}",
+        note,
+    )
     return figure
 
 
@@ -182,9 +191,13 @@ def histograms(dataset: xr.Dataset) -> Figure:
         panel.set_yticks([])
     if COMPENSATOR in dataset.dims:
         panels[0].legend()
-    drawn = ", ".join(f"{name} ~ {law}({a:g}, {b:g})" for name, law, a, b in json.loads(dataset.attrs["samples"]))
+    drawn = ", ".join(
+        f"{name} ~ {law}({a:g}, {b:g})" for name, law, a, b in json.loads(dataset.attrs["samples"])
+    )
     share = 100 * float(held(dataset).mean())
-    _caption(figure, dataset, f"{drawn}. {dataset['status'].size} runs, {share:.4g} % held. Lines: medians.", "")
+    _caption(
+        figure, dataset, f"{drawn}. {dataset['status'].size} runs, {share:.4g} % held. Lines: medians.", ""
+    )
     return figure
 
 
@@ -192,8 +205,18 @@ def _histogram(panel: Axes, case: Case, name: str, colour: str) -> None:
     values = case.data[name].values[held(case.data).values]
     values = values[np.isfinite(values)]
     if values.size:
-        low, high = (float(end) for end in np.percentile(values, (0.1, 99.9)))  # a few far ones would squeeze the rest
-        panel.hist(values, BINS, range=(low, high), histtype="stepfilled", color=colour, alpha=0.5, label=case.title or None)
+        low, high = (
+            float(end) for end in np.percentile(values, (0.1, 99.9))
+        )  # a few far ones would squeeze the rest
+        panel.hist(
+            values,
+            BINS,
+            range=(low, high),
+            histtype="stepfilled",
+            color=colour,
+            alpha=0.5,
+            label=case.title or None,
+        )
         panel.axvline(float(np.median(values)), color=colour, lw=0.8)
 
 
@@ -209,13 +232,22 @@ def _canvas(columns: int, rows: int = 1) -> tuple[Figure, list[Axes]]:
 
 
 def _image(
-    panel: Axes, values: xr.DataArray, x: str, y: str, limits: tuple[float, float], *, steep: bool = False, colours: str = "viridis_r"
+    panel: Axes,
+    values: xr.DataArray,
+    x: str,
+    y: str,
+    limits: tuple[float, float],
+    *,
+    steep: bool = False,
+    colours: str = "viridis_r",
 ) -> Any:
     from matplotlib.colors import LogNorm, Normalize
 
     data = values.transpose(y, x)
     norm = LogNorm(*limits) if steep else Normalize(*limits)
-    return panel.pcolormesh(data[x].values, data[y].values, data.values, cmap=colours, shading="nearest", norm=norm)
+    return panel.pcolormesh(
+        data[x].values, data[y].values, data.values, cmap=colours, shading="nearest", norm=norm
+    )
 
 
 def _draw_border(panel: Axes, data: xr.Dataset, line: Border) -> None:
@@ -254,6 +286,7 @@ def _caption(figure: Figure, dataset: xr.Dataset, words: str, note: str) -> None
     controller = attributes["controller"]
     if attributes["sample_time"]:
         controller += f" at {attributes['sample_time']:g} s"
-    made = f"{attributes['model']}: {controller}, y_r = {attributes['reference']}, horizon {attributes['horizon']:g} s"
+    run = f"{controller}, y_r = {attributes['reference']}, horizon {attributes['horizon']:g} s"
+    made = f"{attributes['model']}: {run}"
     text = f"{words}\n{made}{', ' if note else ''}{note}"
     figure.supxlabel(text, fontsize=7.5, color="#444444")

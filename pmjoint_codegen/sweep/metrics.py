@@ -1,6 +1,7 @@
 """What a sweep reports of each run: the columns of the batch library, with their meaning.
 
-As ``summary.json`` has them, but that ``max_abs_e`` and ``settling_s`` are taken on the dense output instead of the output instants.
+As ``summary.json`` has them, but that ``max_abs_e`` and ``settling_s`` are taken on the dense output instead
+of the output instants.
 """
 
 from __future__ import annotations
@@ -61,7 +62,9 @@ def quantities(manifest: Manifest) -> tuple[Quantity, ...]:
         Quantity("max_abs_v", v, "largest |v|"),
         Quantity("final_e", y, "e at the end"),
     )
-    states = (Quantity(f"final_{item.name}", item.unit, f"{item.name} at the end") for item in manifest.states)
+    states = (
+        Quantity(f"final_{item.name}", item.unit, f"{item.name} at the end") for item in manifest.states
+    )
     return (*metrics, *states)
 
 

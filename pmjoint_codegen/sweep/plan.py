@@ -1,4 +1,4 @@
-"""Which runs a sweep makes: the product of its grid axes, and on every grid point the same draws of its sampled values."""
+"""Which runs a sweep makes: the product of its grid axes, and at every grid point the same random draws."""
 
 from __future__ import annotations
 
@@ -83,6 +83,11 @@ class Plan:
     method: Method = "latin-hypercube"
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """What is varied: the axes' names, then the samples'."""
+        return (*(axis.name for axis in self.axes), *(sample.name for sample in self.samples))
+
+    @property
     def dimensions(self) -> dict[str, int]:
         """Name and length of every dimension of the result."""
         lengths = {axis.name: len(axis.values) for axis in self.axes}
@@ -133,16 +138,28 @@ def make_plan(
         seed=seed,
         method="sobol" if method == "sobol" else "latin-hypercube",
     )
-    names = [item.name for item in (*plan.axes, *plan.samples)]
+    names = list(plan.names)
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
-        raise UsageError(f"{twice} is varied twice", where="sweep", remedy="give each name one --grid or one --sample")
+        raise UsageError(
+            f"{twice} is varied twice", where="sweep", remedy="give each name one --grid or one --sample"
+        )
     if not names:
-        raise UsageError("nothing is varied", where="sweep", remedy="give --grid x1=-100:100:201, or --sample 'b0~normal(2,0.1)'")
+        raise UsageError(
+            "nothing is varied",
+            where="sweep",
+            remedy="give --grid x1=-100:100:201, or --sample 'b0~normal(2,0.1)'",
+        )
     if bool(plan.samples) != (draws is not None):
-        raise UsageError("belong together", where="--sample and --runs", remedy="--runs says how many draws --sample makes")
+        raise UsageError(
+            "belong together", where="--sample and --runs", remedy="--runs says how many draws --sample makes"
+        )
     if (draws is not None and draws < 1) or seed < 0 or plan.runs > MAX_RUNS:
-        raise UsageError(f"asks for {plan.runs} runs with seed {seed}", where="sweep", remedy=f"1 to {MAX_RUNS} runs, a seed from 0")
+        raise UsageError(
+            f"asks for {plan.runs} runs with seed {seed}",
+            where="sweep",
+            remedy=f"1 to {MAX_RUNS} runs, a seed from 0",
+        )
     return plan
 
 
@@ -165,7 +182,11 @@ def read_axis(text: str) -> Axis:
     except ValueError:
         values = ()
     if not sign or not name.strip() or not values or not all(map(math.isfinite, values)):
-        raise UsageError(f"is {text!r}", where="--grid", remedy="allowed: NAME=FIRST:LAST:COUNT or NAME=A,B,C, such as x1=-100:100:201")
+        raise UsageError(
+            f"is {text!r}",
+            where="--grid",
+            remedy="allowed: NAME=FIRST:LAST:COUNT or NAME=A,B,C, such as x1=-100:100:201",
+        )
     return Axis(name.strip(), values)
 
 
@@ -182,11 +203,19 @@ def read_sample(text: str) -> Sample:
         sample = Sample(match[1], _law(match[2]), float(match[3]), float(match[4]))
     except ValueError:
         raise UsageError(
-            f"is {text!r}", where="--sample", remedy="allowed: NAME~normal(MEAN,SD), NAME~uniform(LOW,HIGH), NAME~loguniform(LOW,HIGH)"
+            f"is {text!r}",
+            where="--sample",
+            remedy="allowed: NAME~normal(MEAN,SD), NAME~uniform(LOW,HIGH), NAME~loguniform(LOW,HIGH)",
         ) from None
     good = sample.second > 0 if sample.law == "normal" else sample.second > sample.first
-    if not (good and math.isfinite(sample.first + sample.second)) or (sample.law == "loguniform" and sample.first <= 0):
-        raise UsageError(f"is {text!r}", where="--sample", remedy="a normal needs SD > 0, the others LOW < HIGH, loguniform LOW > 0")
+    if not (good and math.isfinite(sample.first + sample.second)) or (
+        sample.law == "loguniform" and sample.first <= 0
+    ):
+        raise UsageError(
+            f"is {text!r}",
+            where="--sample",
+            remedy="a normal needs SD > 0, the others LOW < HIGH, loguniform LOW > 0",
+        )
     return sample
 
 
@@ -203,7 +232,9 @@ def _unit_draws(method: Method, size: int, draws: int, seed: int) -> Array:
 
     generator = np.random.default_rng(seed)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Sobol's balance holds for powers of two; other numbers are the user's choice
+        warnings.simplefilter(
+            "ignore"
+        )  # Sobol's balance holds for powers of two; other numbers are the user's choice
         kind = qmc.Sobol if method == "sobol" else qmc.LatinHypercube
         u = kind(size, seed=generator).random(draws)
     return np.clip(np.asarray(u, dtype=np.float64), 2.0**-53, 1.0 - 2.0**-53)

@@ -13,7 +13,9 @@ from pmjoint_codegen.simulate.status import Status
 if TYPE_CHECKING:
     import xarray as xr
 
-GROWING: Final = 0.95  # of the largest |e|: a lost joint leaves exponentially, so its last error is its largest
+GROWING: Final = (
+    0.95  # of the largest |e|: a lost joint leaves exponentially, so its last error is its largest
+)
 
 
 @dataclass(frozen=True)
@@ -47,7 +49,7 @@ def border(manifest: Manifest, values: Mapping[str, float]) -> Border | None:
 
 
 def held(dataset: xr.Dataset) -> xr.DataArray:
-    """Whether a run reached the horizon and its error is not largest just there, as that of a joint that is lost is.
+    """Whether a run reached the horizon with an error that is not largest just there, as a lost joint's is.
 
     A run that is held may still be far from its reference: its settling time then is the horizon.
     """

@@ -1,4 +1,4 @@
-"""Everything that the result of a sweep depends on, checked, as one record that can be hashed, stored and sent."""
+"""All that the result of a sweep depends on, checked, as one record that can be hashed, stored and sent."""
 
 from __future__ import annotations
 
@@ -17,7 +17,9 @@ from pmjoint_codegen.simulate.settings import Settings, make_settings
 from pmjoint_codegen.sweep.plan import Plan
 
 DEFAULT_TOLERANCE: Final = 1e-6
-DEFAULT_DIVERGENCE: Final = 1e4  # a run that passes it has left; following it further costs more than all others
+DEFAULT_DIVERGENCE: Final = (
+    1e4  # a run that passes it has left; following it further costs more than all others
+)
 MAX_STEPS: Final = 1_000_000
 MAX_TRAJECTORIES: Final = 2**31  # bytes
 
@@ -130,14 +132,16 @@ def make_request(
         raise UsageError(
             f"would keep {size / 2**30:.1f} GiB of trajectories",
             where="--output-step",
-            remedy=f"at most {MAX_TRAJECTORIES / 2**30:g} GiB: fewer runs, a shorter horizon or a longer step",
+            remedy=f"at most {MAX_TRAJECTORIES / 2**30:g} GiB: fewer runs, a shorter horizon, a longer step",
         )
     return request
 
 
 def _positive(divergence: float) -> float:
     if not 0 < divergence < float("inf"):
-        raise UsageError(f"is {divergence:g}", where="--divergence", remedy="allowed: a number greater than 0")
+        raise UsageError(
+            f"is {divergence:g}", where="--divergence", remedy="allowed: a number greater than 0"
+        )
     return float(divergence)
 
 
@@ -169,10 +173,16 @@ def varied_names(manifest: Manifest) -> tuple[str, ...]:
 
 def _check_names(manifest: Manifest, plan: Plan, fixed: Mapping[str, float]) -> None:
     names = varied_names(manifest)
-    for item in (*plan.axes, *plan.samples):
-        if item.name not in names:
-            close = difflib.get_close_matches(item.name, names, n=1)
+    for name in plan.names:
+        if name not in names:
+            close = difflib.get_close_matches(name, names, n=1)
             hint = f"did you mean {close[0]}? " if close else ""
-            raise UsageError(f"{manifest.name} has no {item.name!r} to vary", remedy=f"{hint}names: {', '.join(names)}")
-        if item.name in fixed:
-            raise UsageError(f"{item.name} is both set and varied", where="sweep", remedy="leave out --set, or --grid and --sample")
+            raise UsageError(
+                f"{manifest.name} has no {name!r} to vary", remedy=f"{hint}names: {', '.join(names)}"
+            )
+        if name in fixed:
+            raise UsageError(
+                f"{name} is both set and varied",
+                where="sweep",
+                remedy="leave out --set, or --grid and --sample",
+            )

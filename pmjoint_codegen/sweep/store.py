@@ -1,8 +1,10 @@
-"""What is done of a sweep, on disk: one file a chunk, written whole or not at all, so that a killed sweep goes on where it was.
+"""What is done of a sweep, on disk, so that a killed one goes on where it was.
 
-    <folder>/request.json            what the sweep is
-    <folder>/chunks/<start>.npy      table of the runs from <start> on; beside it <start>.trajectories.npy if kept
-    <folder>/sweep.zarr              the dataset, made from the chunks when all are there; the chunks are then removed
+    <folder>/request.json         what the sweep is
+    <folder>/chunks/<start>.npy   table of the runs from <start> on; <start>.trajectories.npy, if kept
+    <folder>/sweep.zarr           the dataset, made from all chunks, which are then removed
+
+Every file appears whole or not at all.
 """
 
 from __future__ import annotations
@@ -78,7 +80,9 @@ class Store:
         path = self.folder / REQUEST
         if path.exists() and not restart and _recorded(path) != self.request.hash:
             raise UsageError(
-                "holds another sweep", where=str(self.folder), remedy="give another --out, or --restart to replace it"
+                "holds another sweep",
+                where=str(self.folder),
+                remedy="give another --out, or --restart to replace it",
             )
         if restart:
             self.clear_chunks()

@@ -1,6 +1,7 @@
 """The rules of :mod:`pmjoint_codegen.values` for many designs at once: which rows of p a sweep may simulate.
 
-A draw from a normal distribution may make a gain negative: such a run is marked, not made, and the sweep goes on.
+A draw from a normal distribution may make a gain negative: such a run is marked, not made, and the sweep goes
+    on.
 """
 
 from __future__ import annotations
@@ -25,16 +26,21 @@ def valid_rows(manifest: Manifest, p: Array, x0: Array) -> Mask:
     """
     column = {name: p[:, i] for i, name in enumerate(manifest.parameter_names)}
     good = np.all(np.isfinite(p), axis=1) & np.all(np.isfinite(x0), axis=1)
-    for name in (*gain_names(("c", "e", "ck"), manifest.rho), *([manifest.limit] if manifest.limit in column else [])):
+    for name in (
+        *gain_names(("c", "e", "ck"), manifest.rho),
+        *([manifest.limit] if manifest.limit in column else []),
+    ):
         good &= column[name] > 0
     if manifest.leading in column:
         good &= column[manifest.leading] != 0
     good &= np.isin(column[COMPENSATOR], (0.0, 1.0))
-    return good & _hurwitz(np.column_stack([column[name] for name in gain_names(("k",), manifest.n)]), good)
+    k = np.column_stack([column[name] for name in gain_names(("k",), manifest.n)])
+    result: Mask = good & _hurwitz(k, good)
+    return result
 
 
 def _hurwitz(k: Array, among: Mask) -> Mask:
-    """Whether ``s^n + k_1 s^(n-1) + ... + k_n`` is Hurwitz, row by row; each set of gains is looked at once."""
+    """Whether ``s^n + k_1 s^(n-1) + ... + k_n`` is Hurwitz, row by row; equal rows are looked at once."""
     result = np.zeros(len(k), dtype=bool)
     rows, which = np.unique(k[among], axis=0, return_inverse=True)
     verdicts = np.array([is_hurwitz([1.0, *row]) for row in rows.tolist()], dtype=bool)

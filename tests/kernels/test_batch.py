@@ -1,4 +1,4 @@
-"""The batch loops: every run as if it were alone, at every vector width, and as the single run computes it."""
+"""The batch loops: every run as if it were alone, at every vector width, and as a single run has it."""
 
 from __future__ import annotations
 
@@ -65,7 +65,9 @@ def some(runs: Runs, rows: slice | list[int]) -> Runs:
 
 
 @pytest.mark.parametrize("sample_time", [0.0, 0.004])
-def test_a_run_is_the_same_alone_in_any_company_and_in_any_order(paper: BatchLibrary, sample_time: float) -> None:
+def test_a_run_is_the_same_alone_in_any_company_and_in_any_order(
+    paper: BatchLibrary, sample_time: float
+) -> None:
     runs = make_runs(paper, 37, horizon=4.0)
     runs = sampled(paper, runs, sample_time) if sample_time else runs
     together = paper.simulate(runs)
@@ -81,7 +83,9 @@ def test_a_run_is_the_same_alone_in_any_company_and_in_any_order(paper: BatchLib
 
 @pytest.mark.parametrize("model", ["paper", "joint-exact"])
 @pytest.mark.parametrize("sample_time", [0.0, 0.004])
-def test_every_vector_width_gives_the_same_bits(root: Path, cache: Path, model: str, sample_time: float) -> None:
+def test_every_vector_width_gives_the_same_bits(
+    root: Path, cache: Path, model: str, sample_time: float
+) -> None:
     results = []
     for level in usable_levels({}):
         one = library(root, cache, model, level.name)
@@ -125,7 +129,12 @@ def test_sampled_runs_agree_with_single_ones(paper: BatchLibrary, sample_time: f
     for i in range(len(runs.p)):
         p = dict(zip(paper.manifest.parameter_names, runs.p[i].tolist(), strict=True))
         run = loop.simulate(
-            parameters=p, x0=runs.x0[i, :2], tolerance=1e-12, horizon=3.0, controller="sampled", sample_time=sample_time
+            parameters=p,
+            x0=runs.x0[i, :2],
+            tolerance=1e-12,
+            horizon=3.0,
+            controller="sampled",
+            sample_time=sample_time,
         )
         metrics, summary = outcome.metrics[i], run.summary
         bound = DEFECT * runs.tolerance * metrics[Column.STEPS]
@@ -140,7 +149,10 @@ def test_sampled_runs_agree_with_single_ones(paper: BatchLibrary, sample_time: f
 def test_the_error_shrinks_with_the_tolerance(paper: BatchLibrary) -> None:
     runs = make_runs(paper, 16)
     best = paper.simulate(replace(runs, tolerance=1e-12)).final
-    errors = [np.max(np.abs(paper.simulate(replace(runs, tolerance=tol)).final - best)) for tol in (1e-4, 1e-6, 1e-8)]
+    errors = [
+        np.max(np.abs(paper.simulate(replace(runs, tolerance=tol)).final - best))
+        for tol in (1e-4, 1e-6, 1e-8)
+    ]
     assert errors[1] < errors[0] / 10
     assert errors[2] < errors[1] / 10
 
@@ -153,7 +165,10 @@ def test_a_diverging_run_ends_and_leaves_its_neighbours_alone(paper: BatchLibrar
     wild.x0[7, 0] = np.inf
     outcome = paper.simulate(wild)
     lost = np.isin(np.arange(24), [0, 5, 7, 10, 15, 20])
-    assert set(outcome.metrics[lost, Column.STATUS].tolist()) == {float(Status.DIVERGED), float(Status.NON_FINITE)}
+    assert set(outcome.metrics[lost, Column.STATUS].tolist()) == {
+        float(Status.DIVERGED),
+        float(Status.NON_FINITE),
+    }
     assert np.all(outcome.metrics[::5, Column.T_END] < 20.0)
     assert outcome.metrics[~lost].tobytes() == calm.metrics[~lost].tobytes()
 
@@ -173,9 +188,16 @@ def test_trajectories_are_the_single_run_s(paper: BatchLibrary, sample_time: flo
     more = {"controller": "sampled", "sample_time": sample_time} if sample_time else {}
     run = loop.simulate(horizon=2.0, output_step=0.02, tolerance=1e-12, **more)  # type: ignore[arg-type]
     found = outcome.trajectories[0]
-    bound = DEFECT * runs.tolerance * outcome.metrics[0, Column.STEPS] * np.maximum(1.0, np.max(np.abs(found), axis=0))
+    bound = (
+        DEFECT
+        * runs.tolerance
+        * outcome.metrics[0, Column.STEPS]
+        * np.maximum(1.0, np.max(np.abs(found), axis=0))
+    )
     wanted = np.column_stack([run.states, run["v"], run["e"]])
-    rows = slice(0, -1) if sample_time else slice(None)  # the last sample, at the horizon, is not taken in a batch
+    rows = (
+        slice(0, -1) if sample_time else slice(None)
+    )  # the last sample, at the horizon, is not taken in a batch
     assert np.all(np.abs(found - wanted)[rows] <= bound)
 
 
@@ -207,11 +229,15 @@ def test_elementary_functions_are_right_to_units_in_the_last_place(root: Path, c
     header = root / "pmjoint_codegen" / "kernels" / "c_batch" / "pmjoint_lanes.h"
     source = '#include "pmjoint_lanes.h"\n' + "\n".join(lines)
     declared = "\n".join(f"void each_{name}(const double *x, double *y, long long n);" for name in FUNCTIONS)
-    folder = build({"each.c": source.encode(), header.name: header.read_bytes()}, COMPILER, cache, None, batch.FLAGS)
+    folder = build(
+        {"each.c": source.encode(), header.name: header.read_bytes()}, COMPILER, cache, None, batch.FLAGS
+    )
     ffi = load_module(to_module(declared))
     lib = ffi.dlopen(str(folder / "kernels.so"))
     generator = np.random.default_rng(0)
-    sizes = np.concatenate([generator.uniform(0, 3, 4000), 10.0 ** generator.uniform(-300, 8, 4000), [0.0, 5e-324]])
+    sizes = np.concatenate(
+        [generator.uniform(0, 3, 4000), 10.0 ** generator.uniform(-300, 8, 4000), [0.0, 5e-324]]
+    )
     x = np.concatenate([sizes, -sizes, [np.nan, np.inf, -np.inf]])
     for name, (exact, ulps) in FUNCTIONS.items():
         y = np.empty_like(x)
@@ -230,7 +256,9 @@ def test_levels_follow_the_processor_and_the_variable() -> None:
     middle = "flags : avx avx2 bmi1 bmi2 f16c fma abm movbe sse2\n"
     assert [level.name for level in usable_levels({}, old)] == names[2:]
     assert [level.name for level in usable_levels({}, middle)] == names[1:]
-    assert [level.name for level in usable_levels({}, middle + old)] == names[2:]  # the weakest processor counts
+    assert [level.name for level in usable_levels({}, middle + old)] == names[
+        2:
+    ]  # the weakest processor counts
     assert [level.name for level in usable_levels({"PMJOINT_VECTOR_LEVEL": "baseline"}, middle)] == names[2:]
     with pytest.raises(Exception, match="PMJOINT_VECTOR_LEVEL: is 'fast'; allowed: x86-64-v4"):
         usable_levels({"PMJOINT_VECTOR_LEVEL": "fast"}, old)

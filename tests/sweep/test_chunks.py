@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -14,7 +15,6 @@ from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.hold import hold_matrices as single_hold
 from pmjoint_codegen.simulate.status import Status
 from pmjoint_codegen.sweep import chunks
-from pmjoint_codegen.sweep.kit import library_of
 from pmjoint_codegen.sweep.metrics import INVALID, Column, quantities, status_meanings
 from pmjoint_codegen.sweep.plan import make_plan
 from pmjoint_codegen.sweep.request import make_request, varied_names
@@ -25,10 +25,13 @@ from .conftest import Case
 
 
 def table(case: Case, bounds: list[int], threads: int = 1) -> bytes:
-    pairs = list(zip(bounds[:-1], bounds[1:], strict=True))
+    pairs = list(pairwise(bounds))
     with ThreadPoolExecutor(threads) as pool:
         parts = pool.map(
-            lambda pair: chunks.simulate_chunk(case.kit, case.request, case.request.plan.columns(*pair)).table, pairs
+            lambda pair: (
+                chunks.simulate_chunk(case.library, case.request, case.request.plan.columns(*pair)).table
+            ),
+            pairs,
         )
         return np.concatenate(list(parts)).tobytes()
 
@@ -37,11 +40,13 @@ def test_neither_the_cut_nor_the_threads_change_a_bit(case: Case) -> None:
     runs = case.request.plan.runs
     whole = table(case, [0, runs])
     assert table(case, [0, 1, 1000, 1003, 4444, runs]) == whole
-    assert table(case, list(range(0, runs, 410)) + [runs], threads=2) == whole
+    assert table(case, [*range(0, runs, 410), runs], threads=2) == whole
 
 
 def test_values_reach_the_runs_they_belong_to(case: Case) -> None:
-    x0, p = chunks.fill_in(case.manifest, case.request, {"x2": np.array([1.0, 2.0]), "c1": np.array([3.0, 4.0])})
+    x0, p = chunks.fill_in(
+        case.manifest, case.request, {"x2": np.array([1.0, 2.0]), "c1": np.array([3.0, 4.0])}
+    )
     names = case.manifest.parameter_names
     assert x0[:, 0].tolist() == [case.request.x0[0]] * 2
     assert x0[:, 1].tolist() == [1.0, 2.0]
@@ -51,7 +56,7 @@ def test_values_reach_the_runs_they_belong_to(case: Case) -> None:
 
 def test_runs_outside_the_design_s_rules_are_marked_and_the_others_made(case: Case) -> None:
     plan = case.request.plan
-    result = chunks.simulate_chunk(case.kit, case.request, plan.columns(0, plan.runs)).table
+    result = chunks.simulate_chunk(case.library, case.request, plan.columns(0, plan.runs)).table
     invalid = plan.columns(0, plan.runs)["c1"] < 0
     assert np.all(result[invalid, Column.STATUS] == INVALID)
     assert np.all(np.isnan(result[invalid, 1:]))
@@ -87,7 +92,7 @@ def is_valid(manifest: Manifest, row: list[float]) -> bool:
 
 
 def test_hold_matrices_are_the_single_run_s_and_shared_where_gains_are(case: Case) -> None:
-    library = library_of(case.kit)
+    library = case.library
     p = np.tile(np.array(case.request.p), (5, 1))
     loop = ClosedLoop.load("paper")
     shared = chunks.hold_matrices(library, p, 0.01)
@@ -133,7 +138,9 @@ def test_a_request_is_known_by_everything_that_its_result_depends_on(case: Case)
         ("c1=1,2", {"divergence": -1.0}, "--divergence"),
     ],
 )
-def test_a_request_that_cannot_be_met_is_refused(case: Case, grid: str, settings: dict[str, object], words: str) -> None:
+def test_a_request_that_cannot_be_met_is_refused(
+    case: Case, grid: str, settings: dict[str, object], words: str
+) -> None:
     plan = make_plan((grid,), (), None, 0, "sobol")
     with pytest.raises(UsageError, match=words):
         make_request(case.manifest, plan, **settings)  # type: ignore[arg-type]

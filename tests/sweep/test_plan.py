@@ -51,7 +51,9 @@ def test_an_axis_may_list_its_values() -> None:
     assert Plan((read_axis("a=1,2,3"),)).runs == 3
 
 
-@pytest.mark.parametrize("text", ["x1", "x1=", "=1:2:3", "x1=1:2", "x1=1:2:0", "x1=1:2:2.5", "x1=a,b", "x1=1:nan:3", "x1=1,inf"])
+@pytest.mark.parametrize(
+    "text", ["x1", "x1=", "=1:2:3", "x1=1:2", "x1=1:2:0", "x1=1:2:2.5", "x1=a,b", "x1=1:nan:3", "x1=1,inf"]
+)
 def test_an_axis_that_cannot_be_read_is_refused(text: str) -> None:
     with pytest.raises(UsageError, match="--grid"):
         read_axis(text)
@@ -59,7 +61,17 @@ def test_an_axis_that_cannot_be_read_is_refused(text: str) -> None:
 
 @pytest.mark.parametrize(
     "text",
-    ["J", "J~normal", "J~normal(1)", "J~cauchy(0,1)", "J~normal(1,0)", "J~uniform(2,1)", "J~loguniform(0,1)", "J~normal(1,x)", "J~uniform(0,inf)"],
+    [
+        "J",
+        "J~normal",
+        "J~normal(1)",
+        "J~cauchy(0,1)",
+        "J~normal(1,0)",
+        "J~uniform(2,1)",
+        "J~loguniform(0,1)",
+        "J~normal(1,x)",
+        "J~uniform(0,inf)",
+    ],
 )
 def test_a_sample_that_cannot_be_read_or_is_no_distribution_is_refused(text: str) -> None:
     with pytest.raises(UsageError, match="--sample"):

@@ -1,201 +1,17 @@
-#include "actuator.h"
-#include "metrics.h"
-#include "pmjoint_batch.h"
+#include "continuous_lanes.h"
 #include "pmjoint_runtime.h"
 #include "stepping.h"
 
 #include <float.h>
 #include <string.h>
 
-/* Channels of `taylor_lanes`: X, v, e. */
-#define V PMJ_NS
-#define E (PMJ_NS + 1)
-#define CHANNELS (PMJ_NS + 2)
 /* A step's polynomial may miss the right-hand side at its end by this multiple of the tolerance. */
 #define DEFECT 64.0
 /* A threshold on which rounding alone decides the side is left alone for this long, s. */
 #define UNDECIDED_STEP 1e-7
 
-/* What a lane needs only now and then. */
-typedef struct {
-    long long run;        /* -1: the lane is empty */
-    pmj_actuator actuator;
-    int mode;
-    int next_mode;        /* mode after the step on trial */
-    int crossing;         /* threshold that the step on trial ends at, or -1 */
-    int touching;         /* threshold that v stands on, or -1 */
-    int undecided;        /* switches since time last moved */
-    int switches;
-    int before;           /* mode before the last switch */
-    double last_switch;
-    long long row;        /* next output instant */
-} lane;
-
-/* A group of lanes. */
-typedef struct {
-    pmj_lanes c[2][(PMJ_ORDER + 1) * CHANNELS]; /* coefficients: of the step on trial, and at its end */
-    pmj_lanes p[PMJ_NP];
-    pmj_lanes X[PMJ_NS];
-    pmj_lanes X_before[PMJ_NS]; /* where the step on trial began */
-    pmj_lanes g[2 * PMJ_NW];
-    pmj_lanes slope[PMJ_NS + 1];
-    pmj_lanes scales[CHANNELS]; /* 1/max(1, |c_0|) of the step on trial */
-    pmj_lanes t;
-    pmj_lanes t_before;
-    pmj_lanes h;          /* of the step on trial */
-    pmj_lanes h_most;     /* half of a rejected step, else infinite */
-    pmj_lanes low;        /* thresholds on both sides of the mode */
-    pmj_lanes high;
-    pmj_lanes tried;      /* steps tried */
-    pmj_lanes accepted;
-    pmj_lanes limited;    /* 1.0 in a mode where u stands at a limit */
-    pmj_mask live;        /* a run is in the lane */
-    pmj_mask fresh;       /* a run has just been loaded: its mode is not known */
-    pmj_mask on_trial;    /* a step has been made whose end is not checked */
-    pmj_mask alert;       /* v stands on a threshold, or rounding decides: the search takes the long way */
-    pmj_metrics metrics;
-    lane lanes[PMJ_WIDTH];
-    long long next;       /* first run that waits */
-    int busy;             /* lanes that are not empty */
-} group;
-
-static void set_mode(group *all, int w, int mode)
-{
-    const pmj_actuator *actuator = &all->lanes[w].actuator;
-    for (int j = 0; j < 2 * PMJ_NW; ++j) {
-        all->g[j][w] = actuator->modes[mode][j];
-    }
-    all->low[w] = mode > 0 ? actuator->at[mode - 1] : -HUGE_VAL;
-    all->high[w] = mode < actuator->thresholds ? actuator->at[mode] : HUGE_VAL;
-    all->limited[w] = actuator->labels[mode] != 0 ? 1.0 : 0.0;
-}
-
-/* The next waiting run into lane w, or an empty lane that goes on harmlessly. */
-static void load(const pmj_sweep *sweep, group *all, int w)
-{
-    lane *one = &all->lanes[w];
-    const int empty = all->next == sweep->runs;
-    all->busy -= one->run >= 0 && empty;
-    one->run = empty ? -1 : all->next;
-    all->next += !empty;
-    const double *x0 = sweep->x0 + (empty ? 0 : one->run) * PMJ_NS;
-    const double *p = sweep->p + (empty ? 0 : one->run) * PMJ_NP;
-    for (int i = 0; i < PMJ_NS; ++i) {
-        all->X[i][w] = empty ? 0.0 : x0[i];
-    }
-    for (int i = 0; i < PMJ_NP; ++i) {
-        all->p[i][w] = p[i];
-    }
-    all->t[w] = 0.0;
-    all->h[w] = 0.0;
-    all->h_most[w] = HUGE_VAL;
-    all->tried[w] = 0.0;
-    all->accepted[w] = 0.0;
-    all->metrics.ise[w] = 0.0;
-    all->metrics.max_e[w] = 0.0;
-    all->metrics.max_v[w] = 0.0;
-    all->metrics.settling[w] = 0.0;
-    all->metrics.saturated[w] = 0.0;
-    all->live[w] = empty ? 0 : -1;
-    all->fresh[w] = empty ? 0 : -1;
-    all->on_trial[w] = 0;
-    all->alert[w] = 0;
-    one->row = 0;
-}
-
-/* The actuator of every lane that has just been loaded: one call for the group. */
-static void load_actuators(group *all)
-{
-    pmj_lanes limits[4 * PMJ_NW];
-    actuation_lanes(all->p, limits);
-    for (int w = 0; w < PMJ_WIDTH; ++w) {
-        lane *one = &all->lanes[w];
-        if (all->fresh[w]) {
-            double channels[4 * PMJ_NW];
-            for (int j = 0; j < 4 * PMJ_NW; ++j) {
-                channels[j] = limits[j][w];
-            }
-            pmj_make_actuator(channels, &one->actuator);
-            one->mode = 0;
-            one->touching = -1;
-            one->crossing = -1;
-            one->undecided = 0;
-            one->switches = 0;
-            one->before = 0;
-            one->last_switch = -1.0;
-            set_mode(all, w, 0);
-        }
-    }
-}
-
-/* Write down how the run of lane w ended. */
-static void finish(const pmj_sweep *sweep, const pmj_results *results, group *all, const pmj_lanes *c, int w,
-                   int status)
-{
-    const lane *one = &all->lanes[w];
-    double *metrics = results->metrics + one->run * PMJ_METRICS;
-    metrics[PMJ_STATUS] = (double)status;
-    metrics[PMJ_TIME] = all->t[w];
-    metrics[PMJ_STEPS] = all->accepted[w];
-    metrics[PMJ_SWITCHES] = (double)one->switches;
-    metrics[PMJ_ISE] = all->metrics.ise[w];
-    metrics[PMJ_MAX_ABS_E] = all->metrics.max_e[w];
-    metrics[PMJ_SETTLING] = all->metrics.band[w] > 0.0 ? all->metrics.settling[w] : NAN;
-    metrics[PMJ_SATURATED] = all->metrics.saturated[w];
-    metrics[PMJ_MAX_ABS_V] = all->metrics.max_v[w];
-    metrics[PMJ_FINAL_E] = status == PMJ_DONE || status == PMJ_DIVERGED ? c[E][w] : NAN;
-    for (int i = 0; i < PMJ_NS; ++i) {
-        results->final[one->run * PMJ_NS + i] = all->X[i][w];
-    }
-    for (long long row = one->row; results->trajectories && row < sweep->rows; ++row) {
-        double *entry = results->trajectories + (one->run * sweep->rows + row) * CHANNELS;
-        for (int i = 0; i < CHANNELS; ++i) {
-            entry[i] = NAN;
-        }
-    }
-}
-
-/* A change of label at t; a touch, there and back at one instant, is none. */
-static void cross(group *all, int w, double t)
-{
-    lane *one = &all->lanes[w];
-    const int old = one->mode;
-    one->mode = one->next_mode;
-    one->touching = one->crossing;
-    one->crossing = -1;
-    if (one->actuator.labels[old] == one->actuator.labels[one->mode]) {
-        return;
-    }
-    if (one->last_switch == t && one->before == one->mode) {
-        one->switches -= 1;
-        one->last_switch = -1.0;
-    } else {
-        one->switches += t > 0.0;
-        one->before = old;
-        one->last_switch = t;
-    }
-}
-
-/* Output rows of lane w in its accepted step, from the polynomial `c` that began at t_before. */
-static void write_rows(const pmj_sweep *sweep, const pmj_results *results, group *all, const pmj_lanes *c, int w)
-{
-    lane *one = &all->lanes[w];
-    while (one->row < sweep->rows && sweep->times[one->row] <= all->t[w]) {
-        const double tau = sweep->times[one->row] - all->t_before[w];
-        double *entry = results->trajectories + (one->run * sweep->rows + one->row) * CHANNELS;
-        for (int i = 0; i < CHANNELS; ++i) {
-            double value = c[PMJ_ORDER * CHANNELS + i][w];
-            for (int k = PMJ_ORDER - 1; k >= 0; --k) {
-                value = value * tau + c[k * CHANNELS + i][w];
-            }
-            entry[i] = value;
-        }
-        one->row += 1;
-    }
-}
-
 /* A lane's v, a_k = c_k, into q; see continuous.c: 1 and the time until v passes threshold `index` outwards, or 0. */
-static int passes(const lane *one, const pmj_lanes *c, int w, int index, int outward, double h, double *tau)
+static int passes(const pmj_lane *one, const pmj_lanes *c, int w, int index, int outward, double h, double *tau)
 {
     double q[PMJ_ORDER + 1];
     int zeros = 0;
@@ -214,9 +30,9 @@ static int passes(const lane *one, const pmj_lanes *c, int w, int index, int out
 }
 
 /* The long way for lane w: the step to the first threshold within h. 0 where the mode changes without one. */
-static int search(group *all, const pmj_lanes *c, int w, double h)
+static int search(pmj_group *all, const pmj_lanes *c, int w, double h)
 {
-    lane *one = &all->lanes[w];
+    pmj_lane *one = &all->lanes[w];
     double when = 0.0;
     one->crossing = -1;
     one->next_mode = one->mode;
@@ -237,9 +53,9 @@ static int search(group *all, const pmj_lanes *c, int w, double h)
     all->h[w] = h;
     if (one->crossing >= 0) {
         all->alert[w] = -1;
-        set_mode(all, w, one->next_mode);
+        pmj_set_mode(all, w, one->next_mode);
         if (h == 0.0) {
-            cross(all, w, all->t[w]);
+            pmj_cross(all, w, all->t[w]);
             one->undecided += 1;
             return 0;
         }
@@ -248,15 +64,15 @@ static int search(group *all, const pmj_lanes *c, int w, double h)
 }
 
 /* A run begins: its mode from v(0). 1 where the coefficients hold in that mode. */
-static int begin(group *all, const pmj_lanes *c, int w)
+static int begin(pmj_group *all, const pmj_lanes *c, int w)
 {
-    lane *one = &all->lanes[w];
+    pmj_lane *one = &all->lanes[w];
     all->fresh[w] = 0;
     all->metrics.band[w] = PMJ_SETTLED * fabs(c[E][w]);
     all->metrics.max_e[w] = fabs(c[E][w]);
     all->metrics.max_v[w] = fabs(c[V][w]);
     one->mode = pmj_mode_of(&one->actuator, c[V][w]);
-    set_mode(all, w, one->mode);
+    pmj_set_mode(all, w, one->mode);
     return one->mode == 0;
 }
 
@@ -271,7 +87,7 @@ static int finite_rows(const pmj_lanes *c, int w)
 }
 
 /* Where the step on trial fits: the slope at its end against the right-hand side there. */
-static pmj_mask fits(const pmj_sweep *sweep, const group *all, const pmj_lanes *next)
+static pmj_mask fits(const pmj_sweep *sweep, const pmj_group *all, const pmj_lanes *next)
 {
     pmj_lanes worst = pmj_all(0.0);
     for (int i = 0; i <= V; ++i) {
@@ -282,9 +98,9 @@ static pmj_mask fits(const pmj_sweep *sweep, const group *all, const pmj_lanes *
 }
 
 /* Lane w goes back to where its step began and tries half of it; the status, where that is too small. */
-static int reject(group *all, const pmj_lanes *next, int w)
+static int reject(pmj_group *all, const pmj_lanes *next, int w)
 {
-    lane *one = &all->lanes[w];
+    pmj_lane *one = &all->lanes[w];
     const double smallest = PMJ_SMALLEST_STEP * (all->t_before[w] > 1.0 ? all->t_before[w] : 1.0);
     for (int i = 0; i < PMJ_NS; ++i) {
         all->X[i][w] = all->X_before[i][w];
@@ -292,7 +108,7 @@ static int reject(group *all, const pmj_lanes *next, int w)
     all->t[w] = all->t_before[w];
     all->h_most[w] = 0.5 * all->h[w];
     one->crossing = -1;
-    set_mode(all, w, one->mode);
+    pmj_set_mode(all, w, one->mode);
     if (!(all->h_most[w] >= smallest)) {
         return finite_rows(next, w) ? PMJ_STALLED : PMJ_NON_FINITE;
     }
@@ -300,14 +116,14 @@ static int reject(group *all, const pmj_lanes *next, int w)
 }
 
 /* What an accepted step of lane w leaves to do beyond the arithmetic that all lanes share; the status. */
-static int settle(const pmj_sweep *sweep, group *all, int w)
+static int settle(const pmj_sweep *sweep, pmj_group *all, int w)
 {
-    lane *one = &all->lanes[w];
+    pmj_lane *one = &all->lanes[w];
     one->undecided = all->t[w] > all->t_before[w] ? 0 : one->undecided + 1;
     one->touching = -1;
     all->alert[w] = 0;
     if (one->crossing >= 0) {
-        cross(all, w, all->t[w]);
+        pmj_cross(all, w, all->t[w]);
         all->alert[w] = -1;
     } else if (one->undecided) {
         all->alert[w] = -1;
@@ -321,7 +137,7 @@ static int settle(const pmj_sweep *sweep, group *all, int w)
 }
 
 /* Take in what the steps on trial have come to. Gives the lanes whose coefficients `next` hold for a step. */
-static pmj_mask judge(const pmj_sweep *sweep, const pmj_results *results, group *all, const pmj_lanes *c,
+static pmj_mask judge(const pmj_sweep *sweep, const pmj_results *results, pmj_group *all, const pmj_lanes *c,
                       const pmj_lanes *next)
 {
     const pmj_mask accepted = fits(sweep, all, next) & all->on_trial;
@@ -347,7 +163,7 @@ static pmj_mask judge(const pmj_sweep *sweep, const pmj_results *results, group 
     if (results->trajectories) {
         for (int w = 0; w < PMJ_WIDTH; ++w) {
             if (accepted[w]) {
-                write_rows(sweep, results, all, c, w);
+                pmj_write_rows(sweep, results, all, c, w);
             }
         }
     }
@@ -356,7 +172,7 @@ static pmj_mask judge(const pmj_sweep *sweep, const pmj_results *results, group 
     }
     int loaded = 0;
     for (int w = 0; w < PMJ_WIDTH; ++w) {
-        lane *one = &all->lanes[w];
+        pmj_lane *one = &all->lanes[w];
         int status = PMJ_RUNNING;
         if (!special[w] || !all->live[w]) {
             continue;
@@ -378,20 +194,20 @@ static pmj_mask judge(const pmj_sweep *sweep, const pmj_results *results, group 
             status = PMJ_TOO_MANY_STEPS;
         }
         if (status != PMJ_RUNNING) {
-            finish(sweep, results, all, next, w, status);
-            load(sweep, all, w);
+            pmj_finish(sweep, results, all, next, w, status);
+            pmj_load(sweep, all, w);
             ready[w] = 0;
             loaded = 1;
         }
     }
     if (loaded) {
-        load_actuators(all);
+        pmj_load_actuators(all);
     }
     return ready;
 }
 
 /* Make a step in the lanes that are ready; the others stand still. */
-static void advance(const pmj_sweep *sweep, group *all, const pmj_lanes *c, pmj_mask ready)
+static void advance(const pmj_sweep *sweep, pmj_group *all, const pmj_lanes *c, pmj_mask ready)
 {
     const pmj_lanes remaining = sweep->horizon - all->t;
     pmj_lanes a[PMJ_ORDER + 1];
@@ -422,15 +238,15 @@ static void advance(const pmj_sweep *sweep, group *all, const pmj_lanes *c, pmj_
 
 void pmj_continuous_batch(const pmj_sweep *sweep, const pmj_results *results)
 {
-    group all;
+    pmj_group all;
     int current = 0;
     memset(&all, 0, sizeof all);
     all.busy = PMJ_WIDTH;
     for (int w = 0; w < PMJ_WIDTH; ++w) {
         all.lanes[w].run = 0; /* taken, as far as `load` counts */
-        load(sweep, &all, w);
+        pmj_load(sweep, &all, w);
     }
-    load_actuators(&all);
+    pmj_load_actuators(&all);
     while (all.busy > 0) {
         taylor_lanes(&all.t, all.X, all.g, all.p, all.c[1 - current]);
         const pmj_mask ready = judge(sweep, results, &all, all.c[current], all.c[1 - current]);
