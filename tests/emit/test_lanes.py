@@ -73,11 +73,30 @@ def test_a_step_arrives_where_its_polynomial_does(lanes: dict[str, ca.Function])
     function = lanes["arrive_lanes"]
     c, h = point(function, 3)
     rows = c.reshape(LANE_ORDER + 1, -1)
-    X, slope = (np.array(part).ravel() for part in function(c, h))
+    X, slope, v, e, square = (np.array(part).ravel() for part in function(c, h))
     powers = h[0] ** np.arange(LANE_ORDER + 1)
     k = np.arange(LANE_ORDER + 1)
     assert close(X, (powers @ rows)[: len(X)], 50)
     assert close(slope, ((k[1:] * powers[:-1]) @ rows[1:])[: len(slope)], 50)
+    assert close(v, powers * rows[:, -2], 50)
+    assert close(e, powers * rows[:, -1], 50)
+
+
+def test_the_mean_of_a_converging_error_is_exact_enough(lanes: dict[str, ca.Function]) -> None:
+    k = np.arange(LANE_ORDER + 1)
+    for ratio in (0.1, 0.3, 0.5):  # of neighbouring terms; 0.3 leaves 5e-7 at the last one
+        c = np.zeros((LANE_ORDER + 1, 12))
+        c[:, -1] = ratio**k * (-1.0) ** (k // 2)
+        square = float(lanes["arrive_lanes"](c.ravel(), 1.0)[4])
+        product = np.convolve(c[:, -1], c[:, -1])
+        degrees = np.arange(len(product))
+        nodes, weights = np.polynomial.legendre.leggauss(5)
+        missed = np.abs(((nodes[:, None] + 1) / 2) ** degrees * (weights / 2)[:, None]).sum(0) - 1 / (
+            degrees + 1
+        )
+        exact = float(np.sum(product / (degrees + 1)))
+        assert abs(square - exact) <= 1e-14 + float(np.sum(np.abs(product * missed)))
+        assert abs(square - exact) <= 1e-9 * exact or ratio > 0.3
 
 
 def test_bernstein_coefficients_end_at_the_ends_and_enclose(lanes: dict[str, ca.Function]) -> None:

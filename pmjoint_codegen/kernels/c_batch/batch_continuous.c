@@ -57,6 +57,8 @@ static int search(pmj_group *all, const pmj_lanes *c, int w, double h)
         if (h == 0.0) {
             pmj_cross(all, w, all->t[w]);
             one->undecided += 1;
+            all->touching[w] = -1;
+            all->stuck[w] = -1;
             return 0;
         }
     }
@@ -121,13 +123,12 @@ static int settle(const pmj_sweep *sweep, pmj_group *all, int w)
     pmj_lane *one = &all->lanes[w];
     one->undecided = all->t[w] > all->t_before[w] ? 0 : one->undecided + 1;
     one->touching = -1;
-    all->alert[w] = 0;
     if (one->crossing >= 0) {
         pmj_cross(all, w, all->t[w]);
-        all->alert[w] = -1;
-    } else if (one->undecided) {
-        all->alert[w] = -1;
     }
+    all->touching[w] = one->touching >= 0 ? -1 : 0;
+    all->stuck[w] = one->undecided > 0 ? -1 : 0;
+    all->alert[w] = all->touching[w] | all->stuck[w];
     for (int i = 0; i < PMJ_NS; ++i) {
         if (fabs(all->X[i][w]) > sweep->divergence) {
             return PMJ_DIVERGED;
@@ -143,14 +144,11 @@ static pmj_mask judge(const pmj_sweep *sweep, const pmj_results *results, pmj_gr
     const pmj_mask accepted = fits(sweep, all, next) & all->on_trial;
     const pmj_mask rejected = all->on_trial & ~accepted;
     pmj_lanes largest = pmj_abs(all->X[0]);
-    pmj_lanes a[PMJ_ORDER + 1];
     for (int i = 1; i < PMJ_NS; ++i) {
         largest = pmj_max(pmj_abs(all->X[i]), largest);
     }
-    pmj_scale(c + E, CHANNELS, PMJ_ORDER, all->h, a);
-    pmj_note_error(&all->metrics, a, PMJ_ORDER, all->t_before, all->h, accepted);
-    pmj_scale(c + V, CHANNELS, PMJ_ORDER, all->h, a);
-    pmj_note_control(&all->metrics, a, PMJ_ORDER, accepted);
+    pmj_note_error(&all->metrics, all->e, PMJ_ORDER, all->square, all->t_before, all->h, accepted);
+    pmj_note_control(&all->metrics, all->v, PMJ_ORDER, accepted);
     const pmj_lanes spent = pmj_select(accepted, all->h, pmj_all(0.0));
     all->accepted = all->accepted + pmj_select(accepted, pmj_all(1.0), pmj_all(0.0));
     all->h_most = pmj_select(accepted, pmj_all(HUGE_VAL), all->h_most);
@@ -216,7 +214,7 @@ static void advance(const pmj_sweep *sweep, pmj_group *all, const pmj_lanes *c, 
     all->h = pmj_min(pmj_step(c, all->scales, CHANNELS, PMJ_ORDER, sweep->tolerance), remaining);
     all->h = pmj_min(all->h, all->h_most);
     pmj_scale(c + V, CHANNELS, PMJ_ORDER, all->h, a);
-    const pmj_mask risky = pmj_may_leave(a, PMJ_ORDER, all->low, all->high, ready) | (ready & all->alert);
+    const pmj_mask risky = pmj_may_leave(a, PMJ_ORDER, all->low, all->high, ready, all->touching) | (ready & all->stuck);
     if (pmj_any(risky)) {
         for (int w = 0; w < PMJ_WIDTH; ++w) {
             if (risky[w]) {
@@ -228,7 +226,7 @@ static void advance(const pmj_sweep *sweep, pmj_group *all, const pmj_lanes *c, 
     const pmj_lanes end = pmj_select(all->h < remaining, all->t + all->h, pmj_all(sweep->horizon));
     all->t_before = all->t;
     all->t = pmj_select(ready, end, all->t);
-    arrive_lanes(c, &all->h, X, all->slope);
+    arrive_lanes(c, &all->h, X, all->slope, all->v, all->e, &all->square);
     for (int i = 0; i < PMJ_NS; ++i) {
         all->X_before[i] = all->X[i];
         all->X[i] = pmj_select(ready, X[i], all->X[i]);

@@ -211,7 +211,7 @@ static pmj_lanes hold(const pmj_sweep *sweep, const pmj_results *results, group 
             h = pmj_select(h > left * 1e-9, h, left); /* not finite, or hopeless: what follows finds it out */
         }
         pmj_scale(all->c + E, CHANNELS, PMJ_HOLD_ORDER, h, a);
-        pmj_note_error(&all->metrics, a, PMJ_HOLD_ORDER, t, h, going);
+        pmj_note_error(&all->metrics, a, PMJ_HOLD_ORDER, pmj_mean_square(a, PMJ_HOLD_ORDER), t, h, going);
         all->tried = all->tried + pmj_select(going, pmj_all(1.0), pmj_all(0.0));
         for (int w = 0; results->trajectories && w < PMJ_WIDTH; ++w) {
             if (going[w]) {

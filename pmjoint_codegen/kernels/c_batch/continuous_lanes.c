@@ -41,6 +41,8 @@ void pmj_load(const pmj_sweep *sweep, pmj_group *all, int w)
     all->fresh[w] = empty ? 0 : -1;
     all->on_trial[w] = 0;
     all->alert[w] = 0;
+    all->touching[w] = 0;
+    all->stuck[w] = 0;
     one->row = 0;
 }
 

@@ -35,6 +35,9 @@ typedef struct {
     pmj_lanes g[2 * PMJ_NW];
     pmj_lanes slope[PMJ_NS + 1];
     pmj_lanes scales[CHANNELS]; /* 1/max(1, |c_0|) of the step on trial */
+    pmj_lanes v[PMJ_ORDER + 1];  /* of the step on trial, a_k = c_k h^k */
+    pmj_lanes e[PMJ_ORDER + 1];
+    pmj_lanes square;     /* mean of e^2 over it */
     pmj_lanes t;
     pmj_lanes t_before;
     pmj_lanes h;          /* of the step on trial */
@@ -47,7 +50,9 @@ typedef struct {
     pmj_mask live;        /* a run is in the lane */
     pmj_mask fresh;       /* a run has just been loaded: its mode is not known */
     pmj_mask on_trial;    /* a step has been made whose end is not checked */
-    pmj_mask alert;       /* v stands on a threshold, or rounding decides: the search takes the long way */
+    pmj_mask alert;       /* a step on trial ends at a threshold, or has begun on one */
+    pmj_mask touching;    /* v stands on a threshold of the mode */
+    pmj_mask stuck;       /* rounding decides the mode: time has not moved */
     pmj_metrics metrics;
     pmj_lane lanes[PMJ_WIDTH];
     long long next;       /* first run that waits */

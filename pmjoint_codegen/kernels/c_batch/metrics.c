@@ -30,28 +30,19 @@ pmj_lanes pmj_reach(const pmj_lanes *a, int degree)
     return sum;
 }
 
-/* Integral over s in [0, 1] of the square of sum_k a_k s^k, by Gauss and Legendre: three nodes for the short steps of a
- * hold, five for long ones, whose last terms the tolerance makes small; the remainder is below 1e-9 of the integral. */
-static pmj_lanes square_integral(const pmj_lanes *a, int degree)
+pmj_lanes pmj_mean_square(const pmj_lanes *a, int degree)
 {
-    static const double nodes[2][5] = {
-        {0.11270166537925831, 0.5, 0.8872983346207417, 0.0, 0.0},
-        {0.04691007703066802, 0.23076534494715845, 0.5, 0.7692346550528415, 0.953089922969332},
-    };
-    static const double weights[2][5] = {
-        {0.2777777777777778, 0.4444444444444444, 0.2777777777777778, 0.0, 0.0},
-        {0.11846344252809454, 0.23931433524968324, 0.28444444444444444, 0.23931433524968324, 0.11846344252809454},
-    };
-    const int rule = degree > 8;
-    pmj_lanes total = pmj_all(0.0);
-    for (int i = 0; i < (rule ? 5 : 3); ++i) {
+    static const double nodes[3] = {0.11270166537925831, 0.5, 0.8872983346207417};
+    static const double weights[3] = {0.2777777777777778, 0.4444444444444444, 0.2777777777777778};
+    pmj_lanes sum = pmj_all(0.0);
+    for (int i = 0; i < 3; ++i) {
         pmj_lanes value = a[degree];
         for (int k = degree - 1; k >= 0; --k) {
-            value = value * nodes[rule][i] + a[k];
+            value = value * nodes[i] + a[k];
         }
-        total = total + value * value * weights[rule][i];
+        sum = sum + value * value * weights[i];
     }
-    return total;
+    return sum;
 }
 
 /* Bernstein coefficients on [0, 1] of sum_k a_k s^k: their largest and smallest bound the polynomial, closely. */
@@ -274,13 +265,14 @@ static pmj_lanes total(const pmj_lanes *a, int degree)
     return sum;
 }
 
-void pmj_note_error(pmj_metrics *metrics, const pmj_lanes *a, int degree, pmj_lanes t, pmj_lanes h, pmj_mask taken)
+void pmj_note_error(pmj_metrics *metrics, const pmj_lanes *a, int degree, pmj_lanes square, pmj_lanes t, pmj_lanes h,
+                    pmj_mask taken)
 {
     const pmj_lanes end = total(a, degree);
     const pmj_lanes bound = pmj_max(pmj_abs(a[0]), pmj_abs(a[0] + a[1])) + pmj_reach(a, degree);
     const pmj_mask at_end = (pmj_abs(end) > metrics->band) & taken;
     const pmj_mask outside = (bound > metrics->band) & taken & ~at_end;
-    metrics->ise = metrics->ise + pmj_select(taken, h * square_integral(a, degree), pmj_all(0.0));
+    metrics->ise = metrics->ise + pmj_select(taken, h * square, pmj_all(0.0));
     metrics->settling = pmj_select(at_end, t + h, metrics->settling);
     metrics->max_e = raised(metrics->max_e, a[0], end, taken);
     const pmj_mask larger = (bound > metrics->max_e) & taken;
@@ -308,17 +300,19 @@ void pmj_note_control(pmj_metrics *metrics, const pmj_lanes *a, int degree, pmj_
     }
 }
 
-pmj_mask pmj_may_leave(const pmj_lanes *a, int degree, pmj_lanes low, pmj_lanes high, pmj_mask among)
+pmj_mask pmj_may_leave(const pmj_lanes *a, int degree, pmj_lanes low, pmj_lanes high, pmj_mask among,
+                       pmj_mask touching)
 {
     const pmj_lanes reach = pmj_reach(a, degree);
     const pmj_lanes line = a[0] + a[1];
-    pmj_mask near = ~((pmj_min(a[0], line) - reach > low) & (pmj_max(a[0], line) + reach < high)) & among;
+    const pmj_mask clear = (pmj_min(a[0], line) - reach > low) & (pmj_max(a[0], line) + reach < high);
+    pmj_mask near = (~clear | touching) & among;
     if (pmj_any(near)) {
         pmj_lanes b[MAX_DEGREE + 1];
         const pmj_lanes size = pmj_abs(a[0]) + pmj_abs(a[1]) + reach;
-        pmj_mask within = near | ~near;
+        pmj_mask within = touching | ((a[0] > low) & (a[0] < high));
         bernstein(a, degree, b);
-        for (int j = 0; j <= degree; ++j) {
+        for (int j = 1; j <= degree; ++j) {
             within = within & (b[j] - NOISE * size > low) & (b[j] + NOISE * size < high);
         }
         near = near & ~within;
