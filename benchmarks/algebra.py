@@ -1,4 +1,4 @@
-"""A kernel's tape evaluated over anything that can be added and multiplied: a peer's expressions, or Python text."""
+"""A kernel's tape evaluated over whatever can be added and multiplied: a peer's expressions, or Python text."""
 
 from __future__ import annotations
 
@@ -17,7 +17,9 @@ def arithmetic(functions: Any, constant: Callable[[float], Any] = float) -> Oper
         functions: has sin, cos, tan, tanh, exp, log and sqrt.
         constant: makes a number of the algebra.
     """
-    elementary = {name: getattr(functions, name) for name in ("sin", "cos", "tan", "tanh", "exp", "log", "sqrt")}
+    elementary = {
+        name: getattr(functions, name) for name in ("sin", "cos", "tan", "tanh", "exp", "log", "sqrt")
+    }
     return {
         **elementary,
         "const": constant,
@@ -66,7 +68,14 @@ def python_function(tape: Tape, names: Sequence[str]) -> Callable[..., Any]:
         names: of the arguments.
     """
     symbols = {"neg": "-{0}", "sq": "{0} * {0}", "twice": "{0} + {0}", "inv": "1.0 / {0}", "add": "{0} + {1}"}
-    symbols |= {"fmin": "min({0}, {1})", "fmax": "max({0}, {1})", "sub": "{0} - {1}", "mul": "{0} * {1}", "div": "{0} / {1}", "pow": "{0} ** {1}"}
+    symbols |= {
+        "fmin": "min({0}, {1})",
+        "fmax": "max({0}, {1})",
+        "sub": "{0} - {1}",
+        "mul": "{0} * {1}",
+        "div": "{0} / {1}",
+        "pow": "{0} ** {1}",
+    }
     lines, count = [f"def function({', '.join(names)}):"], 0
     wanted = ["0.0"] * tape.outputs[0][1]
     for item in tape.instructions:

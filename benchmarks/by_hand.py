@@ -1,4 +1,4 @@
-"""The yardstick in C, ``c/sampled_by_hand.c``: compiled for this processor with everything that GCC allows."""
+"""The yardstick in C, ``c/sampled_by_hand.c``: compiled for this processor with all that GCC allows."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ from benchmarks.cvodes import Array
 
 SOURCE = Path(__file__).resolve().parent / "c" / "sampled_by_hand.c"
 FLAGS = ("-O3", "-march=native", "-Wno-psabi", "-fPIC", "-shared")
-DECLARATION = "void by_hand_many(double *x, const double *p, const double *h, double T, long long n, long long runs, double *m);"
+DECLARATION = (
+    "void by_hand_many(double *x, const double *p, const double *h, double T, long long n, long long runs,"
+    " double *m);"
+)
 
 
 class ByHand:
@@ -23,7 +26,9 @@ class ByHand:
         """Compile it into a folder."""
         library = folder / f"by_hand_{width}.so"
         vectors = [f"-DHAND_WIDTH={width}"] if width > 1 else []
-        subprocess.run(["gcc", *FLAGS, *vectors, str(SOURCE), "-o", str(library), "-lmvec", "-lm"], check=True)
+        subprocess.run(
+            ["gcc", *FLAGS, *vectors, str(SOURCE), "-o", str(library), "-lmvec", "-lm"], check=True
+        )
         self.ffi: Any = cffi.FFI()
         self.ffi.cdef(DECLARATION)
         self.lib: Any = self.ffi.dlopen(str(library))

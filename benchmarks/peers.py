@@ -21,10 +21,10 @@ def heyoka_present() -> bool:
 
 
 class Heyoka:
-    """heyoka's adaptive Taylor integrator with located saturation events, many trajectories side by side or one.
+    """heyoka's adaptive Taylor integrator with located saturation events, one trajectory or many.
 
-    The right-hand side is symbolic and compiled by heyoka for this processor. An event where v passes a limit changes two
-    parameters, as the modes of our own loop do.
+    The right-hand side is symbolic and compiled by heyoka for this processor. An event where v passes a limit
+    changes two parameters, as the modes of our own loop do.
     """
 
     def __init__(self, manifest: Manifest, tapes: Mapping[str, Tape], tolerance: float, width: int) -> None:
@@ -43,11 +43,11 @@ class Heyoka:
         pars = (self.count + 2, width) if width > 1 else (self.count + 2,)
         event = hy.t_event_batch if width > 1 else hy.t_event
         integrator = hy.taylor_adaptive_batch if width > 1 else hy.taylor_adaptive
-        events = [
-            event(v + side * p[self.limit], callback=self._switch(side)) for side in (1.0, -1.0)
-        ]
+        events = [event(v + side * p[self.limit], callback=self._switch(side)) for side in (1.0, -1.0)]
         system = list(zip(states, rates, strict=True))
-        self.integrator = integrator(system, np.zeros(shape), pars=np.zeros(pars), t_events=events, tol=tolerance)
+        self.integrator = integrator(
+            system, np.zeros(shape), pars=np.zeros(pars), t_events=events, tol=tolerance
+        )
 
     def _switch(self, side: float) -> Callable[..., bool]:
         """Change the mode of one lane; `side` 1 is the lower limit, -1 the upper one."""
@@ -89,7 +89,7 @@ class Heyoka:
 
 
 class Scipy:
-    """scipy.integrate.solve_ivp in a loop, the right-hand side as straight Python, which is SciPy's fastest for one run."""
+    """scipy.integrate.solve_ivp in a loop; the right-hand side is straight Python, its fastest for one run."""
 
     def __init__(self, manifest: Manifest, tapes: Mapping[str, Tape], method: str, tolerance: float) -> None:
         """Make the right-hand side."""
@@ -112,6 +112,8 @@ class Scipy:
                 result: list[float] = self.rates(time, state, (u, 0.0), own)
                 return result
 
-            done = solve_ivp(rates, (0.0, horizon), x0[i], method=self.method, rtol=self.tolerance, atol=self.tolerance)
+            done = solve_ivp(
+                rates, (0.0, horizon), x0[i], method=self.method, rtol=self.tolerance, atol=self.tolerance
+            )
             final[i] = done.y[:, -1]
         return final

@@ -1,4 +1,4 @@
-"""Sweeps against their peers: ratios of medians of interleaved calls, on one core unless it says otherwise."""
+"""Sweeps against their peers: ratios of medians of calls that take turns, on one core unless it says so."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +25,11 @@ from pmjoint_codegen.kernels.batch import BatchLibrary, Runs
 from pmjoint_codegen.kernels.tape import FILE_NAME, read_tapes
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.hold import hold_matrices
+from pmjoint_codegen.sweep.drive import drive
 from pmjoint_codegen.sweep.kit import library_of, make_kit
+from pmjoint_codegen.sweep.plan import make_plan
+from pmjoint_codegen.sweep.request import make_request
+from pmjoint_codegen.sweep.store import Store
 
 ACCURACY = 1e-6  # largest error in any state at the horizon, over all runs
 
@@ -58,7 +63,9 @@ class Field:
 def field(root: Path) -> Field:
     """Load the paper's model."""
     folder = root / "generated" / "paper"
-    return Field(folder, Manifest.read(folder), library_of(make_kit(folder), os.environ), ClosedLoop.load("paper"))
+    return Field(
+        folder, Manifest.read(folder), library_of(make_kit(folder), os.environ), ClosedLoop.load("paper")
+    )
 
 
 def random_runs(paper: Field, count: int, tolerance: float = 1e-6) -> Runs:
@@ -78,7 +85,8 @@ def random_runs(paper: Field, count: int, tolerance: float = 1e-6) -> Runs:
 def cpu_times(contestants: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, float]:
     """Return the median processor time of one call, s, of contestants that take turns in one thread.
 
-    Processor time, as other work on the machine would count as wall time; each has one call that does not count.
+    Processor time, as other work on the machine would count as wall time; each has one call that does not
+    count.
     """
     times: dict[str, list[float]] = {name: [] for name in contestants}
     for index in range(rounds + 1):
@@ -99,7 +107,9 @@ def sampled(paper: Field, folder: Path, rounds: int) -> list[Comparison]:
     """The sampled controller at 1 ms against the same loop written by hand, scalar and in vectors."""
     count, samples, T = 64, 20_000, 1e-3
     runs = random_runs(paper, count, 1e-8)
-    runs.p[:] = np.where(np.isin(np.arange(len(paper.p)), (0, 1, 2)), runs.p, paper.p)  # gains shared, so one hold
+    runs.p[:] = np.where(
+        np.isin(np.arange(len(paper.p)), (0, 1, 2)), runs.p, paper.p
+    )  # gains shared, so one hold
     hold = hold_matrices(paper.loop.evaluator, paper.p, T)
     ours = replace(runs, sample_time=T, hold=hold[np.newaxis])
     one = replace(ours, x0=ours.x0[:1].copy(), p=ours.p[:1].copy())
@@ -126,14 +136,24 @@ def sampled(paper: Field, folder: Path, rounds: int) -> list[Comparison]:
     by_hand = times["scalar"] / steps
     return [
         Comparison("sampled, batch, a step", times["ours"] / steps, "C by hand", by_hand, 1 / 4),
-        Comparison("sampled, batch, a step", times["ours"] / steps, "C by hand, vectors", times["vector"] / steps, 1.5),
-        Comparison("sampled, one run in the batch loop, a step", times["one"] / samples, "C by hand", by_hand, 1.15),
-        Comparison("sampled, pmjoint simulate, a step", times["single"] / samples, "C by hand", by_hand, 1.15),
+        Comparison(
+            "sampled, batch, a step",
+            times["ours"] / steps,
+            "C by hand, vectors",
+            times["vector"] / steps,
+            1.5,
+        ),
+        Comparison(
+            "sampled, one run in the batch loop, a step", times["one"] / samples, "C by hand", by_hand, 1.15
+        ),
+        Comparison(
+            "sampled, pmjoint simulate, a step", times["single"] / samples, "C by hand", by_hand, 1.15
+        ),
     ]
 
 
 def loosest(name: str, at: Callable[[float], Array], exact: Array) -> float:
-    """Return the loosest tolerance, decade by decade, at which a contestant has the accuracy; that is its best time."""
+    """Return the loosest tolerance, decade by decade, at which a contestant is as accurate as asked."""
     for exponent in range(4, 14):
         found = worst(at(10.0**-exponent), exact)
         if found <= ACCURACY:
@@ -143,7 +163,7 @@ def loosest(name: str, at: Callable[[float], Array], exact: Array) -> float:
 
 
 def continuous(paper: Field, rounds: int) -> list[Comparison]:
-    """The continuous controller over random initial states and parameters, everyone as accurate as asked and no more."""
+    """The continuous controller over random initial states and parameters, all as accurate as asked."""
     count, few = 1024, 8
     runs = random_runs(paper, count)
     tapes = read_tapes((paper.folder / FILE_NAME).read_text(encoding="utf-8"))
@@ -164,13 +184,17 @@ def continuous(paper: Field, rounds: int) -> list[Comparison]:
     rows = []
     if times:
         name = min(times, key=lambda name: times[name])
-        rows.append(Comparison("continuous sweep, a run", ours, f"{name}, events", times[name] / count, 1 / 2))
+        rows.append(
+            Comparison("continuous sweep, a run", ours, f"{name}, events", times[name] / count, 1 / 2)
+        )
     else:
         print("heyoka is not installed (pip install heyoka): its row is left out")
     for method in ("LSODA", "DOP853"):
 
         def scipy(tol: float, method: str = method) -> Array:
-            return Scipy(paper.manifest, tapes, method, tol).simulate(runs.x0[:few], runs.p[:few], runs.horizon)
+            return Scipy(paper.manifest, tapes, method, tol).simulate(
+                runs.x0[:few], runs.p[:few], runs.horizon
+            )
 
         tolerance = loosest(f"SciPy {method}", scipy, exact[:few])
         taken = cpu_times({"scipy": partial(scipy, tolerance)}, 3)["scipy"] / few
@@ -186,7 +210,10 @@ def ours_at(paper: Field, runs: Runs, tolerance: float) -> Array:
 def threads(paper: Field, rounds: int) -> list[Comparison]:
     """Two threads against one; a machine that others use shows less than it can."""
     runs = random_runs(paper, 8192)
-    halves = [replace(runs, x0=runs.x0[part].copy(), p=runs.p[part].copy()) for part in (slice(0, 4096), slice(4096, 8192))]
+    halves = [
+        replace(runs, x0=runs.x0[part].copy(), p=runs.p[part].copy())
+        for part in (slice(0, 4096), slice(4096, 8192))
+    ]
     with ThreadPoolExecutor(2) as pool:
         times = interleaved(
             {
@@ -198,13 +225,58 @@ def threads(paper: Field, rounds: int) -> list[Comparison]:
     return [Comparison("continuous sweep, two threads", times["two"], "one thread", times["one"], 1 / 1.9)]
 
 
+def workers(paper: Field, folder: Path) -> list[Comparison]:
+    """Two Dask workers against one, each a process with one thread, on loopback; wall time of the driving alone."""
+    try:
+        distributed = import_module("distributed")
+    except ModuleNotFoundError:
+        print("Dask is not installed (pip install 'pmjoint-codegen[sweep]'): its row is left out")
+        return []
+    plan = make_plan(("x1=-60:60:400", "x2=-20:20:400"), (), None, 0, "sobol")
+    request = make_request(paper.manifest, plan)
+    kit = make_kit(paper.folder)
+    times = {}
+    for count in (1, 2):
+        with distributed.LocalCluster(
+            n_workers=count, threads_per_worker=1, dashboard_address=None
+        ) as cluster:
+            taken = []
+            for turn in range(3):
+                store = Store(folder / f"workers-{count}-{turn}", request, paper.manifest.nX)
+                store.open()
+                begun = time.perf_counter()
+                drive(store, kit, threads=1, scheduler=cluster.scheduler_address, tell=lambda done: None)
+                taken.append(time.perf_counter() - begun)
+            times[count] = min(taken[1:])  # the first builds and loads
+    return [Comparison("continuous sweep, two Dask workers", times[2], "one worker", times[1], 1 / 1.7)]
+
+
 def memory(folder: Path) -> str:
     """Peak memory of a whole `pmjoint sweep` over a million runs, and how long it takes."""
-    grid = ["--grid", "x1=-60:60:1000", "--grid", "x2=-20:20:1000", "--no-figures", "--out", str(folder / "million")]
+    grid = [
+        "--grid",
+        "x1=-60:60:1000",
+        "--grid",
+        "x2=-20:20:1000",
+        "--no-figures",
+        "--out",
+        str(folder / "million"),
+    ]
     program = (
-        "import resource, subprocess, sys, time; a = time.perf_counter(); subprocess.run(sys.argv[1:], check=True);"
+        "import resource, subprocess, sys, time; a = time.perf_counter();"
+        "subprocess.run(sys.argv[1:], check=True);"
         "print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss, time.perf_counter() - a)"
     )
-    command = [sys.executable, "-c", program, sys.executable, "-m", "pmjoint_codegen", "sweep", "paper", *grid]
+    command = [
+        sys.executable,
+        "-c",
+        program,
+        sys.executable,
+        "-m",
+        "pmjoint_codegen",
+        "sweep",
+        "paper",
+        *grid,
+    ]
     done = subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()[-1].split()
     return f"10^6 runs: {float(done[0]) / 2**20:.2f} GiB at most, {float(done[1]):.1f} s in all"

@@ -73,7 +73,7 @@ def test_a_step_arrives_where_its_polynomial_does(lanes: dict[str, ca.Function])
     function = lanes["arrive_lanes"]
     c, h = point(function, 3)
     rows = c.reshape(LANE_ORDER + 1, -1)
-    X, slope, v, e, square = (np.array(part).ravel() for part in function(c, h))
+    X, slope, v, e, _ = (np.array(part).ravel() for part in function(c, h))
     powers = h[0] ** np.arange(LANE_ORDER + 1)
     k = np.arange(LANE_ORDER + 1)
     assert close(X, (powers @ rows)[: len(X)], 50)
