@@ -1,4 +1,4 @@
-"""A kernel's tape evaluated over whatever can be added and multiplied: a peer's expressions, or Python text."""
+"""A kernel's tape evaluated over whatever can be added and multiplied: symbols, or Python text."""
 
 from __future__ import annotations
 

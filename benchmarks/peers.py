@@ -89,7 +89,7 @@ class Heyoka:
 
 
 class Scipy:
-    """scipy.integrate.solve_ivp in a loop; the right-hand side is straight Python, its fastest for one run."""
+    """scipy.integrate.solve_ivp in a loop; the right-hand side is straight Python, its fastest way."""
 
     def __init__(self, manifest: Manifest, tapes: Mapping[str, Tape], method: str, tolerance: float) -> None:
         """Make the right-hand side."""

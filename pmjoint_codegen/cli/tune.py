@@ -69,7 +69,7 @@ def command(
     out: Path | None,
     wants_json: bool,
 ) -> None:
-    """Choose gains of MODEL within bounds, so that weighted metrics, averaged over perturbed plants, are least.
+    """Choose gains of MODEL within bounds, so that weighted metrics over perturbed plants are least.
 
     Writes a copy of the model file with the gains found, tune.json and a figure. Weights apply to metrics
     relative to what the gains of the model file give.
