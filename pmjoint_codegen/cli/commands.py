@@ -29,12 +29,12 @@ COMMANDS = (
     Entry(
         "sweep",
         "pmjoint_codegen.cli.sweep",
-        "Simulate many times, over grids and random values; write one dataset and maps.",
+        "Simulate over grids and random draws; write data and maps.",
     ),
     Entry(
         "tune",
         "pmjoint_codegen.cli.tune",
-        "Choose gains within bounds for an objective, over perturbed plants.",
+        "Choose gains within bounds, over perturbed plants.",
     ),
     Entry("derive", "pmjoint_codegen.cli.derive", "Print the derivation of a model, equation by equation."),
     Entry(

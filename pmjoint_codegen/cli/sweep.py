@@ -69,7 +69,11 @@ Examples
 )
 @click.option("--horizon", type=float, metavar="S", help="Length of every run in seconds.")
 @click.option(
-    "--controller", type=click.Choice(["continuous", "sampled"]), default="continuous", show_default=True
+    "--controller",
+    type=click.Choice(["continuous", "sampled"]),
+    default="continuous",
+    show_default=True,
+    help="continuous: as in the paper; sampled: as on a microcontroller.",
 )
 @click.option(
     "--sample-time", type=float, metavar="S", help="Sample time of the sampled controller in seconds."
