@@ -51,7 +51,7 @@ compile = UV_CUSTOM_COMPILE_COMMAND="make lock" $(run) uv pip compile --quiet --
 
 lock: environment-dev ## pin every dependency with its hashes in requirements/
 	@$(compile) --output-file requirements/simulate.txt
-	@$(compile) --extra test --extra dev --constraint requirements/simulate.txt --output-file requirements/dev.txt
+	@$(compile) --extra test --extra dev --extra sweep --constraint requirements/simulate.txt --output-file requirements/dev.txt
 
 environment:
 	@$(PYTHON) tools/environment.py simulate

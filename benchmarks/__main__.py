@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks import cvodes
+from benchmarks import cvodes, sweeps
 from benchmarks.clock import interleaved
 from pmjoint_codegen import ClosedLoop, Run
 
@@ -65,7 +65,15 @@ def table(rows: Sequence[Row]) -> str:
 
 def _shown(seconds: float) -> str:
     """Write a time with three digits and a unit."""
-    unit, factor = ("s", 1.0) if seconds >= 1 else ("ms", 1e3) if seconds >= 1e-3 else ("us", 1e6)
+    unit, factor = (
+        ("s", 1.0)
+        if seconds >= 1
+        else ("ms", 1e3)
+        if seconds >= 1e-3
+        else ("us", 1e6)
+        if seconds >= 1e-6
+        else ("ns", 1e9)
+    )
     return f"{seconds * factor:.3g} {unit}"
 
 
@@ -122,6 +130,21 @@ def regenerate(folder: Path, rounds: int) -> Row:
     return Row("pmjoint regenerate paper", interleaved({"ours": call}, rounds)["ours"], "a clock", 5.0, 1.0)
 
 
+def many_runs(folder: Path, *, quick: bool) -> list[Row]:
+    """Compare the batch loops with their peers, and print the memory of a sweep over a million runs."""
+    paper = sweeps.field(ROOT)
+    found = [
+        *sweeps.sampled(paper, folder, 3 if quick else 11),
+        *sweeps.one_run(paper, 31 if quick else 301),
+        *sweeps.continuous(paper, 3 if quick else 11),
+        *sweeps.threads(paper, 5 if quick else 21),
+        *sweeps.workers(paper, folder),
+    ]
+    if not quick:
+        print(sweeps.memory(folder))
+    return [Row(item.what, item.ours, item.peer, item.theirs, item.bound) for item in found]
+
+
 def main() -> None:
     """Measure, print one table, and exit with 1 if a promise is missed; `--quick` takes few rounds."""
     quick = "--quick" in sys.argv[1:]
@@ -132,6 +155,7 @@ def main() -> None:
             one_run(5 if quick else 41),
             whole_process(folder, 3 if quick else 15),
             regenerate(folder, 1 if quick else 3),
+            *many_runs(folder, quick=quick),
         ]
     print(table(rows))
     sys.exit(not all(row.holds for row in rows))

@@ -13,7 +13,7 @@ import json
 import os
 import subprocess
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -31,7 +31,11 @@ Extras = Callable[[], Mapping[str, bytes]]
 
 
 def build(
-    sources: Mapping[str, bytes], compiler: Compiler, cache: Path, extras: Extras | None = None
+    sources: Mapping[str, bytes],
+    compiler: Compiler,
+    cache: Path,
+    extras: Extras | None = None,
+    flags: Sequence[str] = FLAGS,
 ) -> Path:
     """Give the folder of the compiled library, building it if the cache has no sound copy.
 
@@ -42,6 +46,7 @@ def build(
         cache: folder for builds.
         extras: gives further files (name -> content) to keep beside the library; called only when it is
             built.
+        flags: of the compiler; they are part of the build's name.
 
     Returns:
         The folder, which holds `LIBRARY` and the extras.
@@ -50,18 +55,18 @@ def build(
         BuildError: the compiler failed; ``output`` is its whole text.
         UsageError: the cache cannot be written.
     """
-    folder = cache / build_key(sources, compiler)
+    folder = cache / build_key(sources, compiler, flags)
     if not is_sound(folder):
-        files = {LIBRARY: _compile(sources, compiler, cache), **(extras() if extras else {})}
+        files = {LIBRARY: _compile(sources, compiler, cache, flags), **(extras() if extras else {})}
         hashes = {name: sha256(data) for name, data in files.items()}
         replace_folder(folder, {**files, HASHES: json.dumps(hashes, indent=1).encode()})
     return folder
 
 
-def build_key(sources: Mapping[str, bytes], compiler: Compiler) -> str:
+def build_key(sources: Mapping[str, bytes], compiler: Compiler, flags: Sequence[str] = FLAGS) -> str:
     """Name of the build: a hash of sources, flags, compiler and machine type."""
     digest = hashlib.sha256()
-    for text in (*FLAGS, *compiler.command, compiler.identity, os.uname().sysname, os.uname().machine):
+    for text in (*flags, *compiler.command, compiler.identity, os.uname().sysname, os.uname().machine):
         digest.update(text.encode() + b"\0")
     for name, content in sorted(sources.items()):
         digest.update(f"{name} {len(content)}\0".encode() + content)
@@ -79,14 +84,16 @@ def is_sound(folder: Path) -> bool:
         return False
 
 
-def _compile(sources: Mapping[str, bytes], compiler: Compiler, cache: Path) -> bytes:
+def _compile(
+    sources: Mapping[str, bytes], compiler: Compiler, cache: Path, flags: Sequence[str]
+) -> bytes:
     ensure_folder(cache)
     try:
         with tempfile.TemporaryDirectory(prefix=".build-", dir=cache) as private:
             for name, content in sources.items():
                 (Path(private) / name).write_bytes(content)
             units = sorted(name for name in sources if name.endswith(".c"))
-            _call([*compiler.command, *FLAGS, *units, "-o", LIBRARY, "-lm"], Path(private))
+            _call([*compiler.command, *flags, *units, "-o", LIBRARY, "-lm"], Path(private))
             return (Path(private) / LIBRARY).read_bytes()
     except OSError as error:
         reason = (error.strerror or str(error)).lower()

@@ -26,6 +26,16 @@ COMMANDS = (
         "pmjoint_codegen.cli.simulate",
         "Integrate the closed loop; write trajectory, summary, figures.",
     ),
+    Entry(
+        "sweep",
+        "pmjoint_codegen.cli.sweep",
+        "Simulate over grids and random draws; write data and maps.",
+    ),
+    Entry(
+        "tune",
+        "pmjoint_codegen.cli.tune",
+        "Choose gains within bounds, over perturbed plants.",
+    ),
     Entry("derive", "pmjoint_codegen.cli.derive", "Print the derivation of a model, equation by equation."),
     Entry(
         "regenerate",

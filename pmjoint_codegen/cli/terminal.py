@@ -14,6 +14,7 @@ import math
 import os
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -91,8 +92,13 @@ def table(rows: Sequence[Sequence[str]], *, indent: int = 2, gap: int = 2) -> st
 
 
 @contextmanager
-def activity(label: str) -> Iterator[Callable[[float], None]]:
+def activity(label: str, *, total: int = 0, unit: str = "") -> Iterator[Callable[[float], None]]:
     """Show a progress bar on a terminal while the block takes longer than a second.
+
+    Args:
+        label: what is being done.
+        total: number of things done at the end, to show how many a second; 0 shows none.
+        unit: what they are called.
 
     Yields:
         a function to call with the fraction done, 0 to 1; until then, the bar says only that time passes.
@@ -100,7 +106,7 @@ def activity(label: str) -> Iterator[Callable[[float], None]]:
     if sys.stderr is None or not sys.stderr.isatty():
         yield lambda fraction: None
         return
-    bar = _Bar(label)
+    bar = _Bar(label, total, unit)
     waiting = threading.Timer(_PATIENCE_S, bar.show)
     waiting.daemon = True
     waiting.start()
@@ -114,8 +120,11 @@ def activity(label: str) -> Iterator[Callable[[float], None]]:
 class _Bar:
     """A bar that exists from its first showing on, and is told of progress before that too."""
 
-    def __init__(self, label: str) -> None:
+    def __init__(self, label: str, total: int = 0, unit: str = "") -> None:
         self._label = label
+        self._total = total
+        self._unit = unit
+        self._first: tuple[float, float] | None = None  # when the first fraction came, and which
         self._lock = threading.Lock()
         self._closed = False
         self._fraction: float | None = None
@@ -126,12 +135,19 @@ class _Bar:
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-        columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+        rate = TextColumn("{task.fields[rate]}")
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            rate,
+            TimeElapsedColumn(),
+            TimeRemainingColumn(),
+        )
         with self._lock:
             if self._closed:
                 return
             self._progress = Progress(*columns, console=Console(stderr=True), transient=True)
-            self._progress.add_task(self._label, total=None)
+            self._progress.add_task(self._label, total=None, rate="")
             self._progress.start()
             self._update()
 
@@ -139,11 +155,21 @@ class _Bar:
         """Take note of the fraction done, 0 to 1."""
         with self._lock:
             self._fraction = fraction
+            self._first = self._first or (time.monotonic(), fraction)
             self._update()
 
     def _update(self) -> None:
         if self._progress is not None and self._fraction is not None:
-            self._progress.update(self._progress.task_ids[0], total=1.0, completed=self._fraction)
+            task = self._progress.task_ids[0]
+            self._progress.update(task, total=1.0, completed=self._fraction, rate=self._rate())
+
+    def _rate(self) -> str:
+        """How many things a second since the first report; what an earlier command did does not count."""
+        if not self._total or self._first is None or self._fraction is None:
+            return ""
+        seconds = time.monotonic() - self._first[0]
+        done = (self._fraction - self._first[1]) * self._total
+        return f"{done / seconds:,.0f} {self._unit}/s" if seconds > 0 else ""
 
     def close(self) -> None:
         """Take the bar away; one that has not appeared yet never will."""

@@ -7,6 +7,7 @@ Stages, input to output:
     kernels kernels_source   functions           -> kernels.c
     kernels_header   function records    -> kernels.h
     tapes_of         functions           -> kernels.tape, for the interpreted evaluator
+    lane_functions   functions           -> functions over lanes -> lanes.c, lanes.h, for sweeps
     describe         all of the above    -> model.json
 """
 
@@ -21,6 +22,9 @@ from derive import Derivation, Model, OutsideClassError, derive
 from pmjoint_codegen.emit.c_text import banner, kernels_header, kernels_source
 from pmjoint_codegen.emit.describe import describe, describe_functions, tool_versions
 from pmjoint_codegen.emit.functions import build_functions
+from pmjoint_codegen.emit.lane_text import instructions, lanes_header, lanes_source
+from pmjoint_codegen.emit.lanes import lane_functions, lane_sizes
+from pmjoint_codegen.emit.table import vocabulary
 from pmjoint_codegen.emit.tape import tapes_of
 from pmjoint_codegen.errors import ModelError
 from pmjoint_codegen.identity import Document, structure_hash
@@ -68,7 +72,10 @@ def generate(document: Document, model: Model, order: int | None = None) -> Arti
     else:
         functions = build_functions(derivation, order)
     records = describe_functions(derivation, functions)
-    texts = _kernel_files(document, derivation, functions, records)
+    texts = {
+        **_kernel_files(document, derivation, functions, records),
+        **_lane_files(document, derivation, functions),
+    }
     hashes = {name: sha256(text.encode()) for name, text in texts.items()}
     manifest = describe(document, derivation, records, order, hashes)
     return Artifacts(manifest, {**texts, FILE_NAME: manifest.to_json()})
@@ -114,3 +121,17 @@ def provenance(document: Document, derivation: Derivation, records: tuple[Functi
         f"Model {derivation.model.name}, structure {structure_hash(document)[:16]}; {versions}.",
         f"{operations} operations in {len(records)} functions.",
     ]
+
+
+def _lane_files(
+    document: Document, derivation: Derivation, functions: Mapping[str, ca.Function]
+) -> dict[str, str]:
+    words = vocabulary(derivation)
+    lanes = lane_functions(functions, [symbol.name for symbol in words.signals])
+    operations = sum(len(instructions(function)) for function in lanes.values())
+    what = f"{operations} operations in {len(lanes)} functions over lanes, for sweeps."
+    head = banner([*provenance(document, derivation, ())[:2], what])
+    return {
+        "lanes.c": lanes_source(lanes, head),
+        "lanes.h": lanes_header(lanes, lane_sizes(words), head),
+    }

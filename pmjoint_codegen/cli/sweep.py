@@ -1,0 +1,278 @@
+"""``pmjoint sweep``: many runs over grids and samples; one dataset, and the figures that it calls for."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from pmjoint_codegen.cli.options import Assignment, Numbers, assignments
+from pmjoint_codegen.cli.terminal import activity, document, message, result, table
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from pmjoint_codegen.provision import Provided
+    from pmjoint_codegen.sweep.request import Request
+    from pmjoint_codegen.sweep.store import Store
+
+_EXAMPLES = """\b
+Examples
+  pmjoint sweep paper --grid x1=-100:100:201 --grid x2=-40:40:81 --grid compensator=0,1
+  pmjoint sweep paper --grid c1=2:40:77 --grid ck1=0.2:8:79
+  pmjoint sweep joint --sample "J~normal(0.05,0.005)" --runs 100000 --seed 7
+  pmjoint sweep paper --grid x1=-90:90:1001 --controller sampled --sample-time 0.002
+  pmjoint sweep paper --grid x1=-90:90:2001 --scheduler tcp://10.0.0.1:8786
+"""
+
+
+@click.command(epilog=_EXAMPLES)
+@click.argument("model")
+@click.option(
+    "--grid",
+    multiple=True,
+    metavar="NAME=A:B:N",
+    help="An axis: N values from A to B, or NAME=A,B,C; repeatable.",
+)
+@click.option(
+    "--sample",
+    multiple=True,
+    metavar="NAME~LAW(A,B)",
+    help="A random value: normal(MEAN,SD), uniform(A,B), loguniform(A,B); repeatable.",
+)
+@click.option(
+    "--runs", "draws", type=int, metavar="N", help="How many draws --sample makes (on every grid point)."
+)
+@click.option("--seed", type=int, default=0, show_default=True, help="Of the draws.")
+@click.option(
+    "--method",
+    type=click.Choice(["latin-hypercube", "sobol"]),
+    default="latin-hypercube",
+    show_default=True,
+    help="How draws fill the space.",
+)
+@click.option(
+    "--set",
+    "parameters",
+    type=Assignment(),
+    multiple=True,
+    callback=assignments,
+    help="A fixed value for a parameter or gain; repeatable.",
+)
+@click.option("--x0", type=Numbers(), help="Initial plant states where they are not varied.")
+@click.option("--reference", metavar="EXPR", help="Another y_r, a function of t and parameters.")
+@click.option(
+    "--disturbance", metavar="EXPR", multiple=True, help="Another disturbance; repeat it, one a state."
+)
+@click.option("--horizon", type=float, metavar="S", help="Length of every run in seconds.")
+@click.option(
+    "--controller",
+    type=click.Choice(["continuous", "sampled"]),
+    default="continuous",
+    show_default=True,
+    help="continuous: as in the paper; sampled: as on a microcontroller.",
+)
+@click.option(
+    "--sample-time", type=float, metavar="S", help="Sample time of the sampled controller in seconds."
+)
+@click.option("--no-compensator", is_flag=True, help="Keep r = 0: plain clipping instead of (23).")
+@click.option("--tolerance", type=float, metavar="TOL", default=1e-6, show_default=True, help="Local error.")
+@click.option(
+    "--divergence",
+    type=float,
+    metavar="X",
+    default=1e4,
+    show_default=True,
+    help="A state beyond it ends a run.",
+)
+@click.option(
+    "--trajectories",
+    "output_step",
+    type=float,
+    metavar="S",
+    help="Keep trajectories too, a row every S seconds.",
+)
+@click.option(
+    "--format",
+    "formats",
+    type=click.Choice(["netcdf", "parquet"]),
+    multiple=True,
+    help="Another file beside sweep.zarr; repeatable.",
+)
+@click.option("--threads", type=click.IntRange(1), help="To compute with [default: all processors].")
+@click.option("--scheduler", metavar="ADDRESS", help="Compute on the workers of this Dask scheduler instead.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Results folder [default: runs/<model>-sweep].",
+)
+@click.option("--restart", is_flag=True, help="Forget what is in the folder instead of going on with it.")
+@click.option("--no-figures", is_flag=True, help="Draw no figures.")
+@click.option("--json", "wants_json", is_flag=True, help="Print one JSON document.")
+def command(
+    model: str,
+    grid: tuple[str, ...],
+    sample: tuple[str, ...],
+    draws: int | None,
+    seed: int,
+    method: str,
+    reference: str | None,
+    disturbance: tuple[str, ...],
+    no_compensator: bool,
+    formats: tuple[str, ...],
+    threads: int | None,
+    scheduler: str | None,
+    out: Path | None,
+    restart: bool,
+    no_figures: bool,
+    wants_json: bool,
+    **settings: Any,
+) -> None:
+    """Simulate MODEL many times over: on a grid, with random values, or both.
+
+    Writes one dataset, sweep.zarr, and figures into a folder. A sweep that is interrupted, by whatever, goes
+    on where it was when the same command is given again, and its result is the same.
+    """
+    from pmjoint_codegen.provision import provide
+    from pmjoint_codegen.sweep.dataset import require
+    from pmjoint_codegen.sweep.plan import make_plan
+    from pmjoint_codegen.sweep.request import make_request
+
+    require((*formats, *(["dask"] if scheduler else [])))
+    plan = make_plan(grid, sample, draws, seed, method)
+    settings["compensator"] = False if no_compensator else None
+    provided = provide(
+        model,
+        reference=reference,
+        disturbance=disturbance or None,
+        environment=os.environ,
+        notify=lambda line: message(f"pmjoint: {line}"),
+    )
+    request = make_request(provided.manifest, plan, **settings)
+    folder = out or Path("runs") / f"{provided.manifest.name}-sweep"
+    store = _compute(provided, request, folder, threads=threads, scheduler=scheduler, restart=restart)
+    files, dataset = _write(store, provided, formats, figures=not no_figures)
+    account = _account(dataset, request, files)
+    if wants_json:
+        document(account)
+    else:
+        result(_text(account))
+
+
+def _compute(
+    provided: Provided,
+    request: Request,
+    folder: Path,
+    *,
+    threads: int | None,
+    scheduler: str | None,
+    restart: bool,
+) -> Store:
+    """Make what is missing, with a bar; say how to go on where that is interrupted."""
+    from pmjoint_codegen.sweep.drive import drive
+    from pmjoint_codegen.sweep.kit import make_kit
+    from pmjoint_codegen.sweep.store import Store
+
+    store = Store(folder, request, provided.manifest.nX)
+    store.open(restart=restart)
+    total = request.plan.runs
+    if store.dataset.exists():
+        return store
+    kit = make_kit(provided.folder)
+    try:
+        with activity(f"simulating {total} runs", total=total, unit="runs") as progress:
+            drive(
+                store,
+                kit,
+                threads=threads or _processors(),
+                scheduler=scheduler,
+                tell=lambda done: progress(done / total),
+            )
+    except KeyboardInterrupt:
+        left = sum(store.length(start) for start in store.missing())
+        message(
+            f"pmjoint: {total - left} of {total} runs are kept in {folder}; the same command goes on there"
+        )
+        raise
+    return store
+
+
+def _processors() -> int:
+    """Processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _write(
+    store: Store, provided: Provided, formats: tuple[str, ...], *, figures: bool
+) -> tuple[tuple[Path, ...], xr.Dataset]:
+    from pmjoint_codegen.sweep.dataset import assemble, export, read
+    from pmjoint_codegen.sweep.maps import write_maps
+    from pmjoint_codegen.workspace import cache_dir
+
+    with activity("writing the dataset"):
+        if not store.dataset.exists():
+            assemble(store, provided.manifest)
+        dataset = read(store.dataset)
+        files = [store.dataset, *(export(dataset, store.folder, kind) for kind in formats)]
+    if figures:
+        os.environ.setdefault("MPLCONFIGDIR", str(cache_dir(os.environ) / "matplotlib"))
+        with activity("drawing figures"):
+            files += write_maps(dataset, provided.manifest, store.folder)
+    return tuple(files), dataset
+
+
+def _account(dataset: xr.Dataset, request: Request, files: tuple[Path, ...]) -> dict[str, Any]:
+    """The sweep in a few numbers."""
+    import numpy as np
+
+    from pmjoint_codegen.sweep.metrics import status_meanings
+    from pmjoint_codegen.sweep.reach import held
+
+    status = dataset["status"].values
+    counts = {
+        name: int(np.sum(status == value))
+        for value, name in status_meanings().items()
+        if np.any(status == value)
+    }
+    good = held(dataset).values
+    names = ("ise", "max_abs_e", "settling_s", "saturated_s", "max_abs_v")
+    return {
+        "model": request.model,
+        "model_hash": request.model_hash,
+        "request_hash": request.hash,
+        "runs": request.plan.runs,
+        "dimensions": request.plan.dimensions,
+        "seed": request.plan.seed,
+        "status": counts,
+        "held": int(good.sum()),
+        "quantiles_of_held": {name: _quantiles(dataset[name].values[good]) for name in names},
+        "units": {name: dataset[name].attrs["units"] for name in names},
+        "files": files,
+    }
+
+
+def _quantiles(values: Any) -> dict[str, float] | None:
+    import numpy as np
+
+    finite = values[np.isfinite(values)]
+    return (
+        dict(zip(("p5", "median", "p95"), np.percentile(finite, (5, 50, 95)).tolist(), strict=True))
+        if finite.size
+        else None
+    )
+
+
+def _text(account: Mapping[str, Any]) -> str:
+    size = " x ".join(f"{name} {length}" for name, length in account["dimensions"].items())
+    ends = ", ".join(f"{count} {name.replace('_', ' ')}" for name, count in account["status"].items())
+    head = f"{account['model']}: {account['runs']} runs ({size}): {ends}; {account['held']} hold the joint"
+    rows = [("of these", "5 %", "median", "95 %", "")]
+    for name, values in account["quantiles_of_held"].items():
+        if values:
+            rows.append((name, *(f"{value:.6g}" for value in values.values()), account["units"][name]))
+    lines = [head, table(rows), *(f"  {path}" for path in account["files"])]
+    return "\n".join(lines)

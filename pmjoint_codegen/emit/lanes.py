@@ -1,0 +1,171 @@
+"""The functions that a sweep evaluates on many trajectories at once, composed from the table's rows.
+
+Continuous: ``taylor_lanes``, coefficients of X, of v and of the tracking error e = y - y_r. Sampled:
+``sample_lanes``, one whole sample (reference, law, actuator, the plant's and the error's coefficients under
+the held w, the controller's next state), and ``plant_lanes``, the coefficients alone, for holds longer than
+one step. The error is a channel of its own, so that what a sweep reports of it follows from its polynomial
+without evaluating the reference again.
+
+Orders are lower than in single runs: a sweep asks for 1e-6 where a single run asks for 1e-10. See
+    docs/sweep.md for the measurement.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import casadi as ca
+
+from pmjoint_codegen.emit.table import Vocabulary
+from pmjoint_codegen.emit.taylor import taylor_function
+
+LANE_ORDER = 12  # continuous: least time a run from 1e-5 to 1e-8
+HOLD_ORDER = 5  # sampled: one step over a hold of 10 ms at 1e-10
+
+
+def lane_functions(functions: Mapping[str, ca.Function], signals: Sequence[str]) -> dict[str, ca.Function]:
+    """The functions for lanes, by name.
+
+    Args:
+        functions: the kernels, as :func:`pmjoint_codegen.emit.functions.build_functions` gives them.
+        signals: names of the ``signals`` kernel's entries, in order.
+
+    Raises:
+        ModelError: for an operation without a Taylor recurrence.
+    """
+    loop = _loop_with_error(functions, signals)
+    plant = _plant_with_error(functions)
+    held = taylor_function("plant_lanes", plant, HOLD_ORDER, state="x")
+    return {
+        "actuation_lanes": _renamed("actuation_lanes", functions["actuation"]),
+        "matrices_lanes": _matrices(functions),
+        "taylor_lanes": taylor_function("taylor_lanes", loop, LANE_ORDER, state="X"),
+        "arrive_lanes": _arrive(loop.size1_in("X"), LANE_ORDER),
+        "bernstein_lanes": _bernstein(LANE_ORDER),
+        "plant_lanes": held,
+        "sample_lanes": _sample(functions, held),
+    }
+
+
+def lane_sizes(words: Vocabulary) -> dict[str, int]:
+    """The constants of ``lanes.h``: sizes of all vectors, and the two orders."""
+    return {
+        "PMJ_NX": len(words.x),
+        "PMJ_NS": len(words.x) + len(words.s),
+        "PMJ_NW": len(words.w),
+        "PMJ_NP": len(words.p),
+        "PMJ_NH": len(words.h),
+        "PMJ_NM": len(words.h) // 2,
+        "PMJ_ORDER": LANE_ORDER,
+        "PMJ_HOLD_ORDER": HOLD_ORDER,
+    }
+
+
+def _loop_with_error(functions: Mapping[str, ca.Function], signals: Sequence[str]) -> ca.Function:
+    loop = functions["closed_loop"]
+    inputs = _symbols(loop)
+    t, X, _, p = inputs
+    reported = functions["signals"](t, X, p)
+    entries = [reported[signals.index(name)] for name in ("v", "e")]
+    return ca.Function("loop", inputs, ca.cse([loop(*inputs), *entries]), loop.name_in(), ["X_dot", "v", "e"])
+
+
+def _plant_with_error(functions: Mapping[str, ca.Function]) -> ca.Function:
+    plant = functions["plant"]
+    inputs = _symbols(plant)
+    t, x, _, p = inputs
+    e = x[0] - functions["reference"](t, p)[0]
+    return ca.Function("held", inputs, ca.cse([plant(*inputs), e]), plant.name_in(), ["x_dot", "e"])
+
+
+def _matrices(functions: Mapping[str, ca.Function]) -> ca.Function:
+    p = ca.SX.sym("p", functions["filter_matrix"].size1_in("p"))
+    both = [functions[name](p) for name in ("filter_matrix", "compensator_matrix")]
+    return ca.Function("matrices_lanes", [p], [ca.densify(ca.vertcat(*both))], ["p"], ["matrices"])
+
+
+def _sample(functions: Mapping[str, ca.Function], held: ca.Function) -> ca.Function:
+    """One sample: y taken, v of (29), w of (10), the plant under w, the controller's next state."""
+    law, update = functions["law"], functions["sampled_update"]
+    nx, nw = held.size1_in("x"), held.size1_in("w")
+    t, p = ca.SX.sym("t"), ca.SX.sym("p", law.size1_in("p"))
+    X, h = ca.SX.sym("X", nx + law.size1_in("s")), ca.SX.sym("h", update.size1_in("h"))
+    x, s = X[:nx], X[nx:]
+    v = law(x[0], s, functions["reference"](t, p), p)[2]
+    limits = functions["actuation"](p)
+    w = ca.vertcat(
+        *(
+            ca.fmin(ca.fmax(limits[4 * j] + limits[4 * j + 1] * v, limits[4 * j + 2]), limits[4 * j + 3])
+            for j in range(nw)
+        )
+    )
+    results = [v, w, held(t, x, w, p), update(x[0], s, w[0], v, h, p)]
+    return ca.Function(
+        "sample_lanes", [t, X, h, p], ca.cse(results), ["t", "X", "h", "p"], ["v", "w", "c", "s_next"]
+    )
+
+
+def _arrive(states: int, order: int) -> ca.Function:
+    """The end of a step of ``taylor_lanes``, and what is asked of the step, as straight lines.
+
+    X there, the slopes of X and v there, both by Horner; v and e as ``sum_k a_k s^k`` over s in [0, 1]; the
+    mean of e^2, by five Gauss nodes: what they leave out, the tolerance makes small (below 1e-9 of it).
+    """
+    channels = states + 2
+    c, h = ca.SX.sym("c", (order + 1) * channels), ca.SX.sym("h")
+    values, slopes = [], []
+    for i in range(states + 1):
+        value, slope = c[order * channels + i], ca.SX(0)
+        for k in range(order - 1, -1, -1):
+            slope = slope * h + value
+            value = value * h + c[k * channels + i]
+        values.append(value)
+        slopes.append(slope)
+    powers = [ca.SX(1)]
+    for _ in range(order):
+        powers.append(powers[-1] * h)
+    v, e = ([c[k * channels + i] * powers[k] for k in range(order + 1)] for i in (states, states + 1))
+    results = [values[:states], slopes, v, e, [_mean_square(e)]]
+    names = ["X", "slope", "v", "e", "square"]
+    return ca.Function(
+        "arrive_lanes", [c, h], [ca.vertcat(*entries) for entries in results], ["c", "h"], names
+    )
+
+
+def _mean_square(a: list[ca.SX]) -> ca.SX:
+    """Integral over s in [0, 1] of the square of ``sum_k a_k s^k``, by Gauss and Legendre."""
+    nodes = (0.04691007703066802, 0.23076534494715845, 0.5, 0.7692346550528415, 0.953089922969332)
+    weights = (
+        0.11846344252809454,
+        0.23931433524968324,
+        0.28444444444444444,
+        0.23931433524968324,
+        0.11846344252809454,
+    )
+    total = ca.SX(0)
+    for node, weight in zip(nodes, weights, strict=True):
+        value = a[-1]
+        for entry in reversed(a[:-1]):
+            value = value * node + entry
+        total += value * value * weight
+    return total
+
+
+def _bernstein(order: int) -> ca.Function:
+    """Bernstein coefficients on [0, 1] of ``sum_k a_k s^k``: their extremes bound the polynomial, closely."""
+    a = ca.SX.sym("a", order + 1)
+    b = [a[k] * (1 / math.comb(order, k)) for k in range(order + 1)]
+    for level in range(1, order + 1):
+        for j in range(order, level - 1, -1):
+            b[j] = b[j] + b[j - 1]
+    return ca.Function("bernstein_lanes", [a], [ca.vertcat(*b)], ["a"], ["b"])
+
+
+def _renamed(name: str, function: ca.Function) -> ca.Function:
+    inputs = _symbols(function)
+    return ca.Function(name, inputs, function.call(inputs), function.name_in(), function.name_out())
+
+
+def _symbols(function: ca.Function) -> list[ca.SX]:
+    return [ca.SX.sym(label, function.size1_in(i)) for i, label in enumerate(function.name_in())]

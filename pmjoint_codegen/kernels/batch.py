@@ -1,0 +1,193 @@
+"""The batch loops of ``kernels/c_batch``, compiled with a model's ``lanes.c`` for this machine's vectors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import numpy as np
+
+from pmjoint_codegen.build.compiler import Compiler
+from pmjoint_codegen.build.library import LIBRARY, build
+from pmjoint_codegen.errors import BuildError, StaleError
+from pmjoint_codegen.kernels.declarations import MODULE, declarations, load_module, to_module
+from pmjoint_codegen.kernels.evaluator import Array
+from pmjoint_codegen.kernels.processor import Level
+from pmjoint_codegen.manifest import Manifest
+
+# Bits must not depend on the machine: no contraction. Neither of -fno-math-errno, -fno-trapping-math changes
+# a result; # without them square roots and selections are not vectors. -Wno-psabi: no vector crosses the
+# border of a file.
+FLAGS: Final = (
+    "-O2",
+    "-std=c99",
+    "-ffp-contract=off",
+    "-fno-math-errno",
+    "-fno-trapping-math",
+    "-Wno-psabi",
+    "-fPIC",
+    "-shared",
+)
+HEADER: Final = "pmjoint_batch.h"
+GENERATED: Final = ("lanes.c", "lanes.h")
+METRICS: Final = 10  # columns of `Outcome.metrics`: PMJ_METRICS
+
+Controller = Literal["continuous", "sampled"]
+
+
+@dataclass(frozen=True)
+class Runs:
+    """Many runs to make.
+
+    Attributes:
+        x0: shape (runs, nX), X(0).
+        p: shape (runs, np), parameters.
+        horizon: s.
+        tolerance: local error, relative to max(1, |value|).
+        sample_time: s; 0 for the continuous controller.
+        hold: shape (runs or 1, nh), matrices of the zero-order hold, for the sampled controller.
+        times: instants at which trajectories are wanted, s, ascending from 0 to the horizon; empty for none.
+        divergence: |X_i| above it ends a run.
+        max_steps: limit of steps of one run.
+    """
+
+    x0: Array
+    p: Array
+    horizon: float
+    tolerance: float
+    sample_time: float
+    hold: Array
+    times: Array
+    divergence: float
+    max_steps: int
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of them.
+
+    Attributes:
+        metrics: shape (runs, METRICS), columns as in ``pmjoint_batch.h``.
+        final: shape (runs, nX), X at the horizon or where the run ended.
+        trajectories: shape (runs, times, nX + 2): X, v, e; NaN after a run has ended.
+    """
+
+    metrics: Array
+    final: Array
+    trajectories: Array
+
+
+class BatchLibrary:
+    """A loaded library; its one method may be called from several threads at once.
+
+    Attributes:
+        manifest: the model.
+        level: vector instructions that it was built for.
+    """
+
+    def __init__(self, manifest: Manifest, level: Level, ffi: Any, lib: Any) -> None:
+        self.manifest = manifest
+        self.level = level
+        self._ffi = ffi
+        self._lib = lib
+
+    @property
+    def width(self) -> int:
+        """Trajectories side by side."""
+        return int(self._lib.pmj_width())
+
+    def simulate(self, runs: Runs) -> Outcome:
+        """Make the runs; the interpreter's lock is free meanwhile."""
+        count, size = runs.x0.shape
+        rows = len(runs.times)
+        outcome = Outcome(
+            metrics=np.empty((count, METRICS)),
+            final=np.empty((count, size)),
+            trajectories=np.empty((count, rows, size + 2)),
+        )
+        arrays = {"x0": runs.x0, "p": runs.p, "hold": runs.hold, "times": runs.times}
+        held = {name: self._pointer(array) for name, array in arrays.items()}
+        sweep = self._ffi.new("pmj_sweep *", {name: value for name, value in held.items() if len(value)})
+        sweep.runs, sweep.rows = count, rows
+        sweep.hold_stride = runs.hold.shape[1] if len(runs.hold) > 1 else 0
+        for name in ("horizon", "sample_time", "tolerance", "divergence", "max_steps"):
+            setattr(sweep, name, getattr(runs, name))
+        wanted = {
+            name: self._pointer(getattr(outcome, name)) for name in ("metrics", "final", "trajectories")
+        }
+        results = self._ffi.new(
+            "pmj_results *", {name: value for name, value in wanted.items() if len(value)}
+        )
+        if count:
+            (self._lib.pmj_sampled_batch if runs.sample_time else self._lib.pmj_continuous_batch)(
+                sweep, results
+            )
+        return outcome
+
+    def matrices(self, p: Array) -> Array:
+        """A0 of (14) and Ar of (23), each row by row, for every row of p; shape (runs, n^2 + rho^2)."""
+        manifest = self.manifest
+        result = np.empty((len(p), manifest.n**2 + manifest.rho**2))
+        if len(p):
+            self._lib.pmj_matrices(len(p), self._pointer(p), self._pointer(result))
+        return result
+
+    def _pointer(self, array: Array) -> Any:
+        return self._ffi.from_buffer("double[]", array)
+
+
+def batch_sources(folder: Path) -> dict[str, bytes]:
+    """Everything that is compiled: a model's generated lanes, and the package's own loops.
+
+    Raises:
+        StaleError: a generated file is missing.
+    """
+    own = Path(__file__).parent
+    paths = [folder / name for name in GENERATED]
+    paths += [
+        *sorted((own / "c_batch").glob("*.[ch]")),
+        own / "c" / "polynomial.c",
+        own / "c" / "pmjoint_runtime.h",
+    ]
+    try:
+        return {path.name: path.read_bytes() for path in paths}
+    except OSError as error:
+        raise StaleError(
+            f"{error.filename} cannot be read", where=str(folder), remedy="run pmjoint regenerate"
+        ) from None
+
+
+def load(
+    sources: Mapping[str, bytes], manifest: Manifest, levels: Sequence[Level], compiler: Compiler, cache: Path
+) -> BatchLibrary:
+    """Build the batch loops, or reuse the build, and load them.
+
+    Args:
+        sources: as `batch_sources` gives them.
+        manifest: the model.
+        levels: what this machine can run, the widest first; a compiler that does not know one is asked for
+            the next.
+        compiler: to build with.
+        cache: folder for builds.
+
+    Raises:
+        BuildError: the compiler failed at the last level.
+        UsageError: the cache cannot be written.
+    """
+
+    def extras() -> Mapping[str, bytes]:
+        return {MODULE: to_module(declarations("", sources[HEADER].decode(), [])).encode()}
+
+    for level in levels:
+        flags = (*FLAGS, *level.flags, f"-DPMJ_WIDTH={level.width}")
+        try:
+            built = build(sources, compiler, cache, extras, flags)
+        except BuildError:
+            if level is levels[-1]:
+                raise
+            continue
+        ffi = load_module((built / MODULE).read_text(encoding="utf-8"))
+        return BatchLibrary(manifest, level, ffi, ffi.dlopen(str(built / LIBRARY)))
+    raise AssertionError("levels end with one that runs everywhere")

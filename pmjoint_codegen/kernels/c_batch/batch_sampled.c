@@ -1,0 +1,317 @@
+#include "actuator.h"
+#include "metrics.h"
+#include "pmjoint_batch.h"
+#include "pmjoint_runtime.h"
+#include "stepping.h"
+
+#include <float.h>
+#include <string.h>
+
+/* Channels of `plant_lanes`: x, e. */
+#define E PMJ_NX
+#define CHANNELS (PMJ_NX + 1)
+#define S (PMJ_NS - PMJ_NX)
+/* Output instants closer to a sample than this fraction of the sample time are the sample itself. */
+#define SAME_INSTANT 1e-9
+
+typedef struct {
+    long long run; /* -1: the lane is empty */
+    int mode;
+    int label;
+    int switches;
+    pmj_actuator actuator;
+    long long row;
+} lane;
+
+typedef struct {
+    pmj_lanes c[(PMJ_HOLD_ORDER + 1) * CHANNELS];
+    pmj_lanes p[PMJ_NP];
+    pmj_lanes h[PMJ_NH];
+    pmj_lanes X[PMJ_NS];      /* at the sample */
+    pmj_lanes x[PMJ_NX];      /* plant states inside the hold */
+    pmj_lanes next[S];        /* controller states at the next sample */
+    pmj_lanes w[PMJ_NW];
+    pmj_lanes v;
+    pmj_lanes sample;         /* index of the sample */
+    pmj_lanes t;
+    pmj_lanes tried;
+    pmj_lanes low;            /* of the saturation mode at the last sample */
+    pmj_lanes high;
+    pmj_lanes limited;
+    pmj_mask live;
+    pmj_mask fresh;
+    pmj_metrics metrics;
+    lane lanes[PMJ_WIDTH];
+    long long next_run;
+    int busy;
+} group;
+
+static void load(const pmj_sweep *sweep, group *all, int w)
+{
+    lane *one = &all->lanes[w];
+    const int empty = all->next_run == sweep->runs;
+    all->busy -= one->run >= 0 && empty;
+    one->run = empty ? -1 : all->next_run;
+    all->next_run += !empty;
+    const long long run = empty ? 0 : one->run;
+    for (int i = 0; i < PMJ_NS; ++i) {
+        all->X[i][w] = empty ? 0.0 : sweep->x0[run * PMJ_NS + i];
+    }
+    for (int i = 0; i < PMJ_NP; ++i) {
+        all->p[i][w] = sweep->p[run * PMJ_NP + i];
+    }
+    for (int i = 0; i < PMJ_NH; ++i) {
+        all->h[i][w] = sweep->hold[run * sweep->hold_stride + i];
+    }
+    all->sample[w] = 0.0;
+    all->tried[w] = 0.0;
+    all->metrics.ise[w] = 0.0;
+    all->metrics.max_e[w] = 0.0;
+    all->metrics.max_v[w] = 0.0;
+    all->metrics.settling[w] = 0.0;
+    all->metrics.saturated[w] = 0.0;
+    all->low[w] = HUGE_VAL; /* no mode yet: the first sample finds it */
+    all->high[w] = -HUGE_VAL;
+    all->live[w] = empty ? 0 : -1;
+    all->fresh[w] = empty ? 0 : -1;
+    one->row = 0;
+}
+
+static void load_actuators(group *all)
+{
+    pmj_lanes limits[4 * PMJ_NW];
+    actuation_lanes(all->p, limits);
+    for (int w = 0; w < PMJ_WIDTH; ++w) {
+        lane *one = &all->lanes[w];
+        if (all->fresh[w]) {
+            double channels[4 * PMJ_NW];
+            for (int j = 0; j < 4 * PMJ_NW; ++j) {
+                channels[j] = limits[j][w];
+            }
+            pmj_make_actuator(channels, &one->actuator);
+            one->switches = 0;
+        }
+    }
+}
+
+static void finish(const pmj_sweep *sweep, const pmj_results *results, group *all, int w, int status, double e)
+{
+    const lane *one = &all->lanes[w];
+    double *metrics = results->metrics + one->run * PMJ_METRICS;
+    metrics[PMJ_STATUS] = (double)status;
+    metrics[PMJ_TIME] = all->t[w];
+    metrics[PMJ_STEPS] = all->tried[w];
+    metrics[PMJ_SWITCHES] = (double)one->switches;
+    metrics[PMJ_ISE] = all->metrics.ise[w];
+    metrics[PMJ_MAX_ABS_E] = all->metrics.max_e[w];
+    metrics[PMJ_SETTLING] = all->metrics.band[w] > 0.0 ? all->metrics.settling[w] : NAN;
+    metrics[PMJ_SATURATED] = all->metrics.saturated[w];
+    metrics[PMJ_MAX_ABS_V] = all->metrics.max_v[w];
+    metrics[PMJ_FINAL_E] = e;
+    for (int i = 0; i < PMJ_NS; ++i) {
+        results->final[one->run * PMJ_NS + i] = all->X[i][w];
+    }
+    for (long long row = one->row; results->trajectories && row < sweep->rows; ++row) {
+        for (int i = 0; i < PMJ_NS + 2; ++i) {
+            results->trajectories[(one->run * sweep->rows + row) * (PMJ_NS + 2) + i] = NAN;
+        }
+    }
+}
+
+/* The lanes whose v has left the mode of the sample before: their new mode. */
+static void note_modes(group *all, pmj_mask left)
+{
+    for (int w = 0; w < PMJ_WIDTH; ++w) {
+        lane *one = &all->lanes[w];
+        if (left[w]) {
+            const pmj_actuator *actuator = &one->actuator;
+            const int mode = pmj_mode_of(actuator, all->v[w]);
+            const int label = actuator->labels[mode];
+            one->switches += !all->fresh[w] && label != one->label;
+            one->mode = mode;
+            one->label = label;
+            all->low[w] = mode > 0 ? actuator->at[mode - 1] : -HUGE_VAL;
+            all->high[w] = mode < actuator->thresholds ? actuator->at[mode] : HUGE_VAL;
+            all->limited[w] = label != 0 ? 1.0 : 0.0;
+        }
+        if (all->fresh[w]) {
+            all->metrics.band[w] = PMJ_SETTLED * fabs(all->c[E][w]);
+            all->metrics.max_e[w] = fabs(all->c[E][w]);
+        }
+    }
+    all->fresh = all->fresh & 0LL;
+}
+
+/* Output rows of lane w within [t, t + h], or up to but not at its end: x and e go on inside the hold, all else is held. */
+static void write_rows(const pmj_sweep *sweep, const pmj_results *results, group *all, int w, double t, double until)
+{
+    lane *one = &all->lanes[w];
+    while (one->row < sweep->rows && sweep->times[one->row] < until) {
+        double *entry = results->trajectories + (one->run * sweep->rows + one->row) * (PMJ_NS + 2);
+        const double tau = sweep->times[one->row] > t ? sweep->times[one->row] - t : 0.0;
+        for (int i = 0; i < CHANNELS; ++i) {
+            double value = all->c[PMJ_HOLD_ORDER * CHANNELS + i][w];
+            for (int k = PMJ_HOLD_ORDER - 1; k >= 0; --k) {
+                value = value * tau + all->c[k * CHANNELS + i][w];
+            }
+            entry[i < PMJ_NX ? i : PMJ_NS + 1] = value;
+        }
+        for (int i = PMJ_NX; i < PMJ_NS; ++i) {
+            entry[i] = all->X[i][w];
+        }
+        entry[PMJ_NS] = all->v[w];
+        one->row += 1;
+    }
+}
+
+/* The row at the horizon itself, of lane w. */
+static void write_last(const pmj_sweep *sweep, const pmj_results *results, group *all, int w, double e)
+{
+    lane *one = &all->lanes[w];
+    for (; one->row < sweep->rows; one->row += 1) {
+        double *entry = results->trajectories + (one->run * sweep->rows + one->row) * (PMJ_NS + 2);
+        for (int i = 0; i < PMJ_NS; ++i) {
+            entry[i] = all->X[i][w];
+        }
+        entry[PMJ_NS] = all->v[w];
+        entry[PMJ_NS + 1] = e;
+    }
+}
+
+/* Whether one step to the end of the hold keeps the last two terms below the tolerance. */
+static pmj_mask whole(const pmj_sweep *sweep, const group *all, const pmj_lanes *scales, pmj_lanes h)
+{
+    const pmj_lanes stretched = h * (1.0 / pmj_safety(PMJ_HOLD_ORDER));
+    pmj_lanes power = stretched;
+    for (int k = 2; k < PMJ_HOLD_ORDER; ++k) {
+        power = power * stretched;
+    }
+    const pmj_lanes before = pmj_norm(all->c + (PMJ_HOLD_ORDER - 1) * CHANNELS, scales, CHANNELS) * power;
+    const pmj_lanes last = pmj_norm(all->c + PMJ_HOLD_ORDER * CHANNELS, scales, CHANNELS) * (power * stretched);
+    return (before <= sweep->tolerance) & (last <= sweep->tolerance);
+}
+
+/* Integrate the plant of the lanes in `on` for the time `length` under constant w; `c` comes expanded at t.
+ * Gives the error at the end. */
+static pmj_lanes hold(const pmj_sweep *sweep, const pmj_results *results, group *all, pmj_mask on, pmj_lanes length)
+{
+    pmj_lanes left = pmj_select(on, length, pmj_all(0.0));
+    pmj_lanes t = all->t;
+    pmj_lanes a[PMJ_HOLD_ORDER + 1];
+    pmj_lanes scales[CHANNELS];
+    pmj_lanes e = all->c[E];
+    for (;;) {
+        pmj_inverse_scales(all->c, CHANNELS, scales);
+        const pmj_mask once = whole(sweep, all, scales, left);
+        const pmj_mask going = left > 0.0;
+        pmj_lanes h = left;
+        if (pmj_any(going & ~once)) {
+            const pmj_lanes allowed = pmj_step(all->c, scales, CHANNELS, PMJ_HOLD_ORDER, sweep->tolerance);
+            h = pmj_select(once, left, pmj_min(allowed, left));
+            h = pmj_select(h > left * 1e-9, h, left); /* not finite, or hopeless: what follows finds it out */
+        }
+        pmj_scale(all->c + E, CHANNELS, PMJ_HOLD_ORDER, h, a);
+        pmj_note_error(&all->metrics, a, PMJ_HOLD_ORDER, pmj_mean_square(a, PMJ_HOLD_ORDER), t, h, going);
+        all->tried = all->tried + pmj_select(going, pmj_all(1.0), pmj_all(0.0));
+        for (int w = 0; results->trajectories && w < PMJ_WIDTH; ++w) {
+            if (going[w]) {
+                const double slack = h[w] < left[w] ? 0.0 : SAME_INSTANT * sweep->sample_time;
+                write_rows(sweep, results, all, w, t[w], t[w] + h[w] - slack);
+            }
+        }
+        for (int i = 0; i < CHANNELS; ++i) {
+            pmj_lanes value = all->c[PMJ_HOLD_ORDER * CHANNELS + i];
+            for (int k = PMJ_HOLD_ORDER - 1; k >= 0; --k) {
+                value = value * h + all->c[k * CHANNELS + i];
+            }
+            if (i < PMJ_NX) {
+                all->x[i] = pmj_select(going, value, all->x[i]);
+            } else {
+                e = pmj_select(going, value, e);
+            }
+        }
+        t = t + h;
+        left = pmj_select(h < left, left - h, pmj_all(0.0));
+        if (!pmj_any(left > 0.0)) {
+            return e;
+        }
+        plant_lanes(&t, all->x, all->w, all->p, all->c);
+    }
+}
+
+/* After a hold: the states at the next sample, and the runs that end there. */
+static void settle(const pmj_sweep *sweep, const pmj_results *results, group *all, pmj_lanes e, pmj_mask whole_hold,
+                   pmj_mask last)
+{
+    pmj_lanes largest = pmj_all(0.0);
+    pmj_mask bad = ~(pmj_abs(all->v) <= DBL_MAX);
+    for (int i = 0; i < PMJ_NX; ++i) {
+        all->X[i] = all->x[i];
+    }
+    for (int i = 0; i < S; ++i) {
+        all->X[PMJ_NX + i] = pmj_select(whole_hold, all->next[i], all->X[PMJ_NX + i]);
+    }
+    for (int i = 0; i < PMJ_NS; ++i) {
+        bad = bad | ~(pmj_abs(all->X[i]) <= DBL_MAX);
+        largest = pmj_max(pmj_abs(all->X[i]), largest);
+    }
+    const pmj_mask diverged = largest > sweep->divergence;
+    const pmj_mask exhausted = all->tried >= sweep->max_steps;
+    const pmj_mask ended = (bad | diverged | exhausted | last) & all->live;
+    all->sample = all->sample + 1.0;
+    if (!pmj_any(ended)) {
+        return;
+    }
+    for (int w = 0; w < PMJ_WIDTH; ++w) {
+        if (ended[w]) {
+            const int status = bad[w] ? PMJ_NON_FINITE
+                               : diverged[w] ? PMJ_DIVERGED
+                               : last[w] ? PMJ_DONE : PMJ_TOO_MANY_STEPS;
+            all->t[w] = last[w] ? sweep->horizon : all->sample[w] * sweep->sample_time;
+            if (results->trajectories && status == PMJ_DONE) {
+                write_last(sweep, results, all, w, e[w]);
+            }
+            finish(sweep, results, all, w, status, status == PMJ_NON_FINITE ? NAN : e[w]);
+            load(sweep, all, w);
+        }
+    }
+    load_actuators(all);
+}
+
+/* One sample of every lane. */
+static void advance(const pmj_sweep *sweep, const pmj_results *results, group *all)
+{
+    all->t = all->sample * sweep->sample_time;
+    const pmj_lanes end = (all->sample + 1.0) * sweep->sample_time;
+    const double slack = SAME_INSTANT * sweep->sample_time;
+    const pmj_mask last = end + slack >= sweep->horizon;
+    const pmj_mask whole_hold = end - slack <= sweep->horizon;
+    sample_lanes(&all->t, all->X, all->h, all->p, &all->v, all->w, all->c, all->next);
+    const pmj_mask left = ~((all->v > all->low) & (all->v <= all->high)) & all->live;
+    if (pmj_any(left)) {
+        note_modes(all, left);
+    }
+    all->metrics.max_v = pmj_max(pmj_abs(all->v), all->metrics.max_v);
+    const pmj_lanes length = pmj_select(whole_hold, pmj_all(sweep->sample_time), sweep->horizon - all->t);
+    for (int i = 0; i < PMJ_NX; ++i) {
+        all->x[i] = all->X[i];
+    }
+    all->metrics.saturated = all->metrics.saturated + all->limited * length;
+    const pmj_lanes e = hold(sweep, results, all, all->live, length);
+    settle(sweep, results, all, e, whole_hold, last);
+}
+
+void pmj_sampled_batch(const pmj_sweep *sweep, const pmj_results *results)
+{
+    group all;
+    memset(&all, 0, sizeof all);
+    for (int w = 0; w < PMJ_WIDTH; ++w) {
+        all.lanes[w].run = 0; /* taken, as far as `load` counts */
+        all.busy += 1;
+        load(sweep, &all, w);
+    }
+    load_actuators(&all);
+    while (all.busy > 0) {
+        advance(sweep, results, &all);
+    }
+}

@@ -1,0 +1,81 @@
+/* The lanes of the continuous loop: what they hold, how runs enter and leave them. */
+#ifndef PMJOINT_CONTINUOUS_LANES_H
+#define PMJOINT_CONTINUOUS_LANES_H
+
+#include "actuator.h"
+#include "metrics.h"
+#include "pmjoint_batch.h"
+
+/* Channels of `taylor_lanes`: X, v, e. */
+#define V PMJ_NS
+#define E (PMJ_NS + 1)
+#define CHANNELS (PMJ_NS + 2)
+
+/* What a lane needs only now and then. */
+typedef struct {
+    long long run;        /* -1: the lane is empty */
+    pmj_actuator actuator;
+    int mode;
+    int next_mode;        /* mode after the step on trial */
+    int crossing;         /* threshold that the step on trial ends at, or -1 */
+    int touching;         /* threshold that v stands on, or -1 */
+    int undecided;        /* switches since time last moved */
+    int switches;
+    int before;           /* mode before the last switch */
+    double last_switch;
+    long long row;        /* next output instant */
+} pmj_lane;
+
+/* A group of lanes. */
+typedef struct {
+    pmj_lanes c[2][(PMJ_ORDER + 1) * CHANNELS]; /* coefficients: of the step on trial, and at its end */
+    pmj_lanes p[PMJ_NP];
+    pmj_lanes X[PMJ_NS];
+    pmj_lanes X_before[PMJ_NS]; /* where the step on trial began */
+    pmj_lanes g[2 * PMJ_NW];
+    pmj_lanes slope[PMJ_NS + 1];
+    pmj_lanes scales[CHANNELS]; /* 1/max(1, |c_0|) of the step on trial */
+    pmj_lanes v[PMJ_ORDER + 1];  /* of the step on trial, a_k = c_k h^k */
+    pmj_lanes e[PMJ_ORDER + 1];
+    pmj_lanes square;     /* mean of e^2 over it */
+    pmj_lanes t;
+    pmj_lanes t_before;
+    pmj_lanes h;          /* of the step on trial */
+    pmj_lanes h_most;     /* half of a rejected step, else infinite */
+    pmj_lanes low;        /* thresholds on both sides of the mode */
+    pmj_lanes high;
+    pmj_lanes tried;      /* steps tried */
+    pmj_lanes accepted;
+    pmj_lanes limited;    /* 1.0 in a mode where u stands at a limit */
+    pmj_mask live;        /* a run is in the lane */
+    pmj_mask fresh;       /* a run has just been loaded: its mode is not known */
+    pmj_mask on_trial;    /* a step has been made whose end is not checked */
+    pmj_mask alert;       /* a step on trial ends at a threshold, or has begun on one */
+    pmj_mask touching;    /* v stands on a threshold of the mode */
+    pmj_mask stuck;       /* rounding decides the mode: time has not moved */
+    pmj_metrics metrics;
+    pmj_lane lanes[PMJ_WIDTH];
+    long long next;       /* first run that waits */
+    int busy;             /* lanes that are not empty */
+} pmj_group;
+
+/* Put lane w into a mode. */
+void pmj_set_mode(pmj_group *all, int w, int mode);
+
+/* The next waiting run into lane w, or an empty lane that stands still. */
+void pmj_load(const pmj_sweep *sweep, pmj_group *all, int w);
+
+/* The actuator of every lane that has just been loaded: one call for the group. */
+void pmj_load_actuators(pmj_group *all);
+
+/* Write down how the run of lane w ended; `c` holds the coefficients there. */
+void pmj_finish(const pmj_sweep *sweep, const pmj_results *results, pmj_group *all, const pmj_lanes *c, int w,
+                int status);
+
+/* The mode of lane w changes at t; a touch, there and back at one instant, is none. */
+void pmj_cross(pmj_group *all, int w, double t);
+
+/* Output rows of lane w in its accepted step, from the polynomial `c` that began at t_before. */
+void pmj_write_rows(const pmj_sweep *sweep, const pmj_results *results, pmj_group *all, const pmj_lanes *c, int w);
+
+#endif

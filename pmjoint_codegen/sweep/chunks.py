@@ -1,0 +1,116 @@
+"""From the values of some runs to what becomes of them: one call of the batch library."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from pmjoint_codegen.kernels.batch import METRICS, BatchLibrary, Runs
+from pmjoint_codegen.kernels.evaluator import Array
+from pmjoint_codegen.manifest import Manifest
+from pmjoint_codegen.simulate.status import Status
+from pmjoint_codegen.sweep.metrics import INVALID, Column
+from pmjoint_codegen.sweep.request import Request
+from pmjoint_codegen.sweep.validity import valid_rows
+
+
+@dataclass(frozen=True)
+class Result:
+    """Some runs of a sweep.
+
+    Attributes:
+        table: shape (runs, METRICS + nX), metrics and final states.
+        trajectories: shape (runs, instants, nX + 2), X, v, e.
+    """
+
+    table: Array
+    trajectories: Array
+
+
+def simulate_chunk(library: BatchLibrary, request: Request, columns: Mapping[str, Array]) -> Result:
+    """Simulate some runs.
+
+    Args:
+        library: of the model; several threads may share it.
+        request: the sweep.
+        columns: values of every varied name, shape (runs,).
+    """
+    manifest = library.manifest
+    x0, p = fill_in(manifest, request, columns)
+    count, rows = len(p), len(request.times())
+    table = np.full((count, METRICS + manifest.nX), np.nan)
+    trajectories = np.full((count, rows, manifest.nX + 2), np.nan)
+    table[:, Column.STATUS] = INVALID
+    valid = valid_rows(manifest, p, x0[:, : manifest.nx])
+    outcome = library.simulate(_runs(library, request, x0[valid], p[valid]))
+    table[valid, :METRICS] = outcome.metrics
+    table[valid, METRICS:] = outcome.final
+    trajectories[valid] = outcome.trajectories
+    _blank(table)
+    return Result(table, trajectories)
+
+
+def fill_in(manifest: Manifest, request: Request, columns: Mapping[str, Array]) -> tuple[Array, Array]:
+    """X(0), shape (runs, nX), and p, shape (runs, np): the fixed values with the varied ones put in."""
+    count = len(next(iter(columns.values())))
+    x0 = np.zeros((count, manifest.nX))
+    x0[:, : manifest.nx] = request.x0
+    p = np.tile(np.array(request.p), (count, 1))
+    states = [state.name for state in manifest.states[: manifest.nx]]
+    for name, values in columns.items():
+        if name in states:
+            x0[:, states.index(name)] = values
+        else:
+            p[:, manifest.parameter_names.index(name)] = values
+    return x0, p
+
+
+def _runs(library: BatchLibrary, request: Request, x0: Array, p: Array) -> Runs:
+    return Runs(
+        x0=x0,
+        p=p,
+        horizon=request.horizon,
+        tolerance=request.tolerance,
+        sample_time=request.sample_time,
+        hold=hold_matrices(library, p, request.sample_time) if request.sample_time else np.empty((0, 0)),
+        times=request.times(),
+        divergence=request.divergence,
+        max_steps=request.max_steps,
+    )
+
+
+def hold_matrices(library: BatchLibrary, p: Array, sample_time: float) -> Array:
+    """``expm(A T)`` and its integral over the hold, of A0 (14) and Ar (23); as `simulate.hold` has them.
+
+    Returns:
+        Shape (1, 2 n^2 + 2 rho^2) where all runs have the same gains, else (runs, 2 n^2 + 2 rho^2).
+    """
+    manifest = library.manifest
+    rows, which = np.unique(library.matrices(p), axis=0, return_inverse=True)
+    split = manifest.n**2
+    blocks = [
+        _exponentials(rows[:, :split], manifest.n, sample_time),
+        _exponentials(rows[:, split:], manifest.rho, sample_time),
+    ]
+    whole = np.concatenate(blocks, axis=1)
+    return whole if len(whole) == 1 else np.ascontiguousarray(whole[which.reshape(-1)])
+
+
+def _exponentials(flat: Array, size: int, sample_time: float) -> Array:
+    """Both matrices of each row, as blocks of one exponential (van Loan); shape (rows, 2 size^2)."""
+    from scipy.linalg import expm
+
+    block = np.zeros((len(flat), 2 * size, 2 * size))
+    block[:, :size, :size] = flat.reshape(-1, size, size)
+    block[:, :size, size:] = np.eye(size)
+    whole = np.asarray([expm(one * sample_time) for one in block]).reshape(-1, 2 * size, 2 * size)
+    parts = [whole[:, :size, :size].reshape(len(flat), -1), whole[:, :size, size:].reshape(len(flat), -1)]
+    return np.concatenate(parts, axis=1)
+
+
+def _blank(table: Array) -> None:
+    """What a run that did not reach the horizon did not measure: no settling, no final error."""
+    unfinished = table[:, Column.STATUS] != Status.DONE
+    table[unfinished, Column.SETTLING_S] = np.nan

@@ -1,0 +1,141 @@
+"""Make the chunks that are missing, over threads here or over the workers of a Dask cluster."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from dataclasses import replace
+from importlib import import_module
+from typing import Any, Final
+
+from pmjoint_codegen.errors import MissingToolError, UsageError
+from pmjoint_codegen.kernels.batch import BatchLibrary
+from pmjoint_codegen.kernels.evaluator import Array
+from pmjoint_codegen.sweep.chunks import Result, simulate_chunk
+from pmjoint_codegen.sweep.kit import Kit, library_of
+from pmjoint_codegen.sweep.plan import Plan
+from pmjoint_codegen.sweep.request import Request
+from pmjoint_codegen.sweep.store import Store
+
+INSTALL: Final = "pip install 'pmjoint-codegen[sweep]'"
+AHEAD: Final = (
+    3  # chunks handed out to each worker beyond what it works on: memory does not grow with the sweep
+)
+PATIENCE_S: Final = 30  # for a scheduler that does not answer
+
+Tell = Callable[[int], None]
+
+
+def drive(store: Store, kit: Kit, *, threads: int, scheduler: str | None, tell: Tell) -> None:
+    """Make and keep every chunk that is missing.
+
+    Args:
+        store: of the sweep, open.
+        kit: the model.
+        threads: to compute with here; not used with a scheduler.
+        scheduler: address of a Dask scheduler, or None.
+        tell: told the number of runs done, now and then.
+
+    Raises:
+        MissingToolError: no compiler, or Dask is not installed.
+        BuildError: the compiler failed.
+        UsageError: the scheduler does not answer, or the folder cannot be written.
+    """
+    missing = store.missing()
+    done = store.request.plan.runs - sum(store.length(start) for start in missing)
+    tell(done)
+    made = (
+        _on_cluster(store, kit, missing, scheduler)
+        if scheduler
+        else _on_threads(store, kit, missing, threads)
+    )
+    for start, result in made:
+        store.keep(start, result)
+        done += store.length(start)
+        tell(done)
+
+
+def _on_threads(store: Store, kit: Kit, missing: list[int], threads: int) -> Iterator[tuple[int, Result]]:
+    if not missing:
+        return
+    library = library_of(kit, os.environ)
+    waiting: dict[Future[Result], int] = {}
+    queue = iter(missing)
+    with ThreadPoolExecutor(threads) as pool:
+        try:
+            while True:
+                for start in _take(queue, threads * (1 + AHEAD) - len(waiting)):
+                    columns = store.request.plan.columns(start, start + store.length(start))
+                    waiting[pool.submit(simulate_chunk, library, store.request, columns)] = start
+                if not waiting:
+                    return
+                ready, _ = wait(waiting, return_when=FIRST_COMPLETED)
+                for future in ready:
+                    yield waiting.pop(future), future.result()
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _take(queue: Iterator[int], count: int) -> Iterator[int]:
+    """Up to `count` items."""
+    for _ in range(count):
+        item = next(queue, None)
+        if item is None:
+            return
+        yield item
+
+
+def _on_cluster(store: Store, kit: Kit, missing: list[int], address: str) -> Iterator[tuple[int, Result]]:
+    distributed = _distributed()  # its interface is untyped
+    try:
+        client = distributed.Client(address, timeout=PATIENCE_S, set_as_default=False)
+    except (OSError, TimeoutError, ValueError) as error:
+        raise UsageError(
+            f"does not answer ({error})",
+            where=f"--scheduler {address}",
+            remedy="start one: dask scheduler, and workers: dask worker ADDRESS",
+        ) from None
+    with client:
+        yield from _farm_out(distributed, client, store, kit, missing)
+
+
+def _farm_out(
+    distributed: Any, client: Any, store: Store, kit: Kit, missing: list[int]
+) -> Iterator[tuple[int, Result]]:
+    """Hand out chunks, a few ahead of every worker; Dask repeats those that are lost with one."""
+    plan, queue = store.request.plan, iter(missing)
+    model = client.scatter(kit, broadcast=True)
+    light = replace(store.request, plan=Plan(()))  # the columns stand for the plan: a task stays small
+    starts: dict[Any, int] = {}
+
+    def submit(start: int) -> Any:
+        columns = plan.columns(start, start + store.length(start))
+        key = f"pmjoint-{store.request.hash[:16]}-{start}"
+        starts[key] = start
+        return client.submit(simulate_on_worker, model, light, columns, key=key)
+
+    workers = max(1, len(client.scheduler_info()["workers"]))
+    first = [submit(start) for start in _take(queue, workers * (1 + AHEAD))]
+    running = distributed.as_completed(first, loop=client.loop)
+    for future in running:
+        yield starts.pop(future.key), future.result()
+        for start in _take(queue, 1):
+            running.add(submit(start))
+
+
+def _distributed() -> Any:
+    try:
+        return import_module("distributed")
+    except ModuleNotFoundError as error:
+        raise MissingToolError(
+            f"{error.name} is needed for --scheduler", remedy=f"install it: {INSTALL}"
+        ) from None
+
+
+def simulate_on_worker(kit: Kit, request: Request, columns: Mapping[str, Array]) -> Result:
+    """A task of the cluster: what `simulate_chunk` does, with a library that the worker keeps."""
+    kept: dict[Kit, BatchLibrary] = vars(_distributed().get_worker()).setdefault("pmjoint_libraries", {})
+    if kit not in kept:
+        kept[kit] = library_of(kit, os.environ)
+    return simulate_chunk(kept[kit], request, columns)

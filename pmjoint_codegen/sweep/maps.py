@@ -1,0 +1,317 @@
+"""Figures of a sweep: maps over two axes, curves over one, histograms over draws.
+
+Compensator on and off stand side by side. Like the figures of a run, these are drawn without Matplotlib's
+global state.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, cast
+
+import numpy as np
+
+from pmjoint_codegen import storage
+from pmjoint_codegen.manifest import Manifest
+from pmjoint_codegen.simulate.figures import png
+from pmjoint_codegen.sweep.plan import DRAW
+from pmjoint_codegen.sweep.reach import Border, border, held
+from pmjoint_codegen.values import COMPENSATOR
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from pmjoint_codegen.simulate.run import Run
+
+PANEL: Final = (3.05, 2.55)  # inches
+BINS: Final = 60
+LOST: Final = "#c9c6c1"
+COLOURS: Final = ("#1f4e79", "#b5482a")
+METRICS: Final = {  # name -> words, whether a logarithmic scale suits it
+    "ise": ("integral of $e^2$", True),
+    "max_abs_e": ("largest $|e|$", False),
+    "settling_s": ("settling", False),
+    "max_abs_v": ("largest $|v|$", True),
+    "saturated_s": ("time at a limit", False),
+}
+FOUR: Final = ("ise", "settling_s", "max_abs_e", "max_abs_v")
+_STYLE: Final = {
+    "font.family": ["STIXGeneral", "DejaVu Serif"],
+    "mathtext.fontset": "stix",
+    "font.size": 9.0,
+    "axes.titlesize": 9.5,
+    "axes.linewidth": 0.5,
+    "legend.frameon": False,
+    "legend.fontsize": 8.0,
+    "xtick.direction": "in",
+    "ytick.direction": "in",
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "xtick.major.width": 0.5,
+    "ytick.major.width": 0.5,
+}
+
+
+@dataclass(frozen=True)
+class Case:
+    """The runs with the compensator, those without, or all.
+
+    Attributes:
+        title: empty for all runs.
+        data: its runs.
+    """
+
+    title: str
+    data: xr.Dataset
+
+
+def write_maps(dataset: xr.Dataset, manifest: Manifest, folder: Path) -> tuple[Path, ...]:
+    """Draw what the dimensions of a sweep call for, as PNG files.
+
+    Raises:
+        UsageError: a file cannot be written.
+    """
+    import matplotlib as mpl
+
+    paths = []
+    with mpl.rc_context(cast("Any", _STYLE)):
+        for stem, figure in _figures(dataset, manifest).items():
+            path = folder / f"{stem}.png"
+            storage.write_bytes(path, png(figure))
+            paths.append(path)
+    return tuple(paths)
+
+
+def _figures(dataset: xr.Dataset, manifest: Manifest) -> dict[str, Figure]:
+    names = [str(name) for name in dataset["status"].dims if name not in (DRAW, COMPENSATOR)]
+    if DRAW in dataset["status"].dims or not names:
+        return {"histograms": histograms(dataset)} if DRAW in dataset["status"].dims else {}
+    if len(names) == 1:
+        return {"curves": curves(dataset, names[0])}
+    x, y = names[:2]
+    sliced, note = _slice(dataset, names[2:])
+    states = {state.name for state in manifest.states[: manifest.nx]}
+    figures = {"region": region(sliced, manifest, x, y, note)} if {x, y} <= states else {}
+    for name in ("ise", "max_abs_v", "settling_s", "saturated_s"):
+        figures[f"map_{name}"] = metric_map(sliced, name, x, y, note)
+    return figures
+
+
+def _slice(dataset: xr.Dataset, names: Sequence[str]) -> tuple[xr.Dataset, str]:
+    """The middle of every further axis, and the words for it."""
+    sliced = dataset.isel({name: dataset.sizes[name] // 2 for name in names})
+    return sliced, ", ".join(f"{name} = {float(sliced[name]):g}" for name in names)
+
+
+def cases(dataset: xr.Dataset) -> tuple[Case, ...]:
+    """The sweep with and without compensator, or as a whole where that is not varied."""
+    if COMPENSATOR not in dataset.dims:
+        return (Case("", dataset),)
+    titles = {1.0: "with the compensator (23)", 0.0: "plain clipping, $r = 0$"}
+    values = sorted(dataset[COMPENSATOR].values.tolist(), reverse=True)
+    return tuple(
+        Case(titles.get(value, "not simulated"), dataset.sel({COMPENSATOR: value})) for value in values
+    )
+
+
+def region(dataset: xr.Dataset, manifest: Manifest, x: str, y: str, note: str) -> Figure:
+    """Region of attraction: settling time where the joint is held; grey where it is lost."""
+    columns = cases(dataset)
+    figure, panels = _canvas(len(columns))
+    line = border(manifest, _fixed(dataset)) if (x, y) == ("x1", "x2") else None
+    for case, panel in zip(columns, panels, strict=True):
+        good = held(case.data)
+        image = _image(
+            panel, case.data["settling_s"].where(good), x, y, (0.0, float(dataset.attrs["horizon"]))
+        )
+        undefined = good.copy(data=np.where(good & case.data["settling_s"].isnull(), 1.0, np.nan))
+        _image(panel, undefined, x, y, (0.0, 1.0), colours="Greys_r")
+        if line is not None:
+            _draw_border(panel, case.data, line)
+        share = f"{100 * float(good.mean()):.1f} % held"
+        panel.set_title(f"{case.title}: {share}" if case.title else share)
+        _labels(panel, dataset, x, y)
+    figure.colorbar(image, ax=panels, label="settling (s)", fraction=0.05, pad=0.02)
+    dashed = " Dashed: beyond it, nothing within the limit can hold the joint." if line else ""
+    _caption(
+        figure,
+        dataset,
+        f"Grey: the joint is lost. White: no initial error, so no settling time.{dashed}",
+        note,
+    )
+    return figure
+
+
+def metric_map(dataset: xr.Dataset, name: str, x: str, y: str, note: str) -> Figure:
+    """One metric over two axes."""
+    columns = cases(dataset)
+    figure, panels = _canvas(len(columns))
+    words, logarithmic = METRICS[name]
+    shown = [case.data[name].where(held(case.data)) for case in columns]
+    finite = np.concatenate([values.values[np.isfinite(values.values)] for values in shown])
+    limits = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
+    steep = logarithmic and limits[0] > 0 and limits[1] > 10 * limits[0]
+    for case, values, panel in zip(columns, shown, panels, strict=True):
+        image = _image(panel, values, x, y, limits, steep=steep)
+        panel.set_title(case.title)
+        _labels(panel, dataset, x, y)
+    figure.colorbar(image, ax=panels, label=f"{words} ({_unit(dataset[name])})", fraction=0.05, pad=0.02)
+    _caption(figure, dataset, "Grey: the joint is lost.", note)
+    return figure
+
+
+def curves(dataset: xr.Dataset, x: str) -> Figure:
+    """Metrics over one axis, a line for each case."""
+    figure, panels = _canvas(2, 2)
+    for name, panel in zip(FOUR, panels, strict=True):
+        words, logarithmic = METRICS[name]
+        for case, colour in zip(cases(dataset), COLOURS, strict=False):
+            values = case.data[name].where(held(case.data))
+            panel.plot(case.data[x].values, values.values, color=colour, lw=1.0, label=case.title or None)
+        if logarithmic:
+            panel.set_yscale("log")
+        panel.set_xlabel(_label(dataset, x))
+        panel.set_ylabel(f"{words} ({_unit(dataset[name])})")
+    if COMPENSATOR in dataset.dims:
+        panels[0].legend()
+    _caption(figure, dataset, "Gaps: the joint is lost.", "")
+    return figure
+
+
+def histograms(dataset: xr.Dataset) -> Figure:
+    """Distribution of each metric over all draws (and grid points) that hold the joint."""
+    figure, panels = _canvas(2, 2)
+    for name, panel in zip(FOUR, panels, strict=True):
+        for case, colour in zip(cases(dataset), COLOURS, strict=False):
+            _histogram(panel, case, name, colour)
+        panel.set_xlabel(f"{METRICS[name][0]} ({_unit(dataset[name])})")
+        panel.set_yticks([])
+    if COMPENSATOR in dataset.dims:
+        panels[0].legend()
+    drawn = ", ".join(
+        f"{name} ~ {law}({a:g}, {b:g})" for name, law, a, b in json.loads(dataset.attrs["samples"])
+    )
+    share = 100 * float(held(dataset).mean())
+    _caption(
+        figure, dataset, f"{drawn}. {dataset['status'].size} runs, {share:.4g} % held. Lines: medians.", ""
+    )
+    return figure
+
+
+def write_before_after(before: Run, after: Run, path: Path) -> Path:
+    """Draw error and control of two runs of the unperturbed plant.
+
+    Raises:
+        UsageError: the file cannot be written.
+    """
+    import matplotlib as mpl
+
+    units = {item.name: item.unit for item in before.manifest.signals}
+    with mpl.rc_context(cast("Any", _STYLE)):
+        figure, panels = _canvas(2)
+        for name, panel in zip(("e", "u"), panels, strict=True):
+            for run, colour, label in ((before, COLOURS[1], "before"), (after, COLOURS[0], "after")):
+                panel.plot(run.t, run[name], color=colour, lw=0.9, label=label)
+            panel.set_xlabel("$t$ (s)")
+            panel.set_ylabel(f"${name}$ ({units[name]})")
+            panel.set_facecolor("white")
+            panel.set_xlim(0.0, float(before.t[-1]))
+        panels[0].legend()
+        storage.write_bytes(path, png(figure))
+    return path
+
+
+def _histogram(panel: Axes, case: Case, name: str, colour: str) -> None:
+    values = case.data[name].values[held(case.data).values]
+    values = values[np.isfinite(values)]
+    if values.size:
+        low, high = (
+            float(end) for end in np.percentile(values, (0.1, 99.9))
+        )  # a few far ones would squeeze the rest
+        panel.hist(
+            values,
+            BINS,
+            range=(low, high),
+            histtype="stepfilled",
+            color=colour,
+            alpha=0.5,
+            label=case.title or None,
+        )
+        panel.axvline(float(np.median(values)), color=colour, lw=0.8)
+
+
+def _canvas(columns: int, rows: int = 1) -> tuple[Figure, list[Axes]]:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(PANEL[0] * columns + 0.8, PANEL[1] * rows + 0.55), layout="constrained")
+    panels = figure.subplots(rows, columns, squeeze=False)
+    if rows == 1:
+        for panel in panels.ravel():
+            panel.set_facecolor(LOST)
+    return figure, list(panels.ravel())
+
+
+def _image(
+    panel: Axes,
+    values: xr.DataArray,
+    x: str,
+    y: str,
+    limits: tuple[float, float],
+    *,
+    steep: bool = False,
+    colours: str = "viridis_r",
+) -> Any:
+    from matplotlib.colors import LogNorm, Normalize
+
+    data = values.transpose(y, x)
+    norm = LogNorm(*limits) if steep else Normalize(*limits)
+    return panel.pcolormesh(
+        data[x].values, data[y].values, data.values, cmap=colours, shading="nearest", norm=norm
+    )
+
+
+def _draw_border(panel: Axes, data: xr.Dataset, line: Border) -> None:
+    span = [float(data["x2"].min()), float(data["x2"].max())]
+    height = np.array(span)
+    for side in (-1.0, 1.0):
+        panel.plot(side * line.offset - height / line.slope, height, color="black", lw=0.9, ls=(0, (4, 2)))
+    panel.set_xlim(float(data["x1"].min()), float(data["x1"].max()))
+    panel.set_ylim(span[0], span[1])
+
+
+def _fixed(dataset: xr.Dataset) -> dict[str, float]:
+    """Parameters that are the same in all runs."""
+    values: dict[str, float] = json.loads(dataset.attrs["parameters"])
+    return {name: value for name, value in values.items() if name not in dataset.coords}
+
+
+def _labels(panel: Axes, dataset: xr.Dataset, x: str, y: str) -> None:
+    panel.set_xlabel(_label(dataset, x))
+    panel.set_ylabel(_label(dataset, y))
+
+
+def _label(dataset: xr.Dataset, name: str) -> str:
+    stem = name.rstrip("0123456789")
+    shown = f"${stem}_{{{name[len(stem) :]}}}$" if len(stem) == 1 and stem != name else name.replace("_", " ")
+    start = "(0)" if dataset[name].attrs.get("long_name") == "plant state" else ""
+    return f"{shown}{start} ({_unit(dataset[name])})"
+
+
+def _unit(values: xr.DataArray) -> str:
+    return str(values.attrs.get("units", "")) or "1"
+
+
+def _caption(figure: Figure, dataset: xr.Dataset, words: str, note: str) -> None:
+    attributes = dataset.attrs
+    controller = attributes["controller"]
+    if attributes["sample_time"]:
+        controller += f" at {attributes['sample_time']:g} s"
+    run = f"{controller}, y_r = {attributes['reference']}, horizon {attributes['horizon']:g} s"
+    made = f"{attributes['model']}: {run}"
+    text = f"{words}\n{made}{', ' if note else ''}{note}"
+    figure.supxlabel(text, fontsize=7.5, color="#444444")

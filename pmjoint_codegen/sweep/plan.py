@@ -1,0 +1,240 @@
+"""Which runs a sweep makes: the product of its grid axes, and at every grid point the same random draws."""
+
+from __future__ import annotations
+
+import math
+import re
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final, Literal, get_args
+
+import numpy as np
+
+from pmjoint_codegen.errors import UsageError
+from pmjoint_codegen.kernels.evaluator import Array
+
+Law = Literal["uniform", "normal", "loguniform"]
+Method = Literal["latin-hypercube", "sobol"]
+
+DRAW: Final = "draw"  # dimension of the sampled runs
+MAX_RUNS: Final = 1_000_000_000
+_SAMPLE: Final = re.compile(r"\s*(\w+)\s*~\s*(\w+)\s*\(([^,()]+),([^,()]+)\)\s*")
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One grid axis.
+
+    Attributes:
+        name: of a parameter, gain or initial state.
+        values: along the axis, in the order given.
+    """
+
+    name: str
+    values: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One sampled value.
+
+    Attributes:
+        name: of a parameter, gain or initial state.
+        law: distribution.
+        first: lower end, or the mean of a normal one.
+        second: upper end, or the standard deviation of a normal one.
+    """
+
+    name: str
+    law: Law
+    first: float
+    second: float
+
+    def quantile(self, u: Array) -> Array:
+        """Values at the probabilities u, shape (draws,)."""
+        from scipy.special import ndtri
+
+        if self.law == "normal":
+            return np.asarray(self.first + self.second * ndtri(u), dtype=np.float64)
+        if self.law == "loguniform":
+            low, high = math.log(self.first), math.log(self.second)
+            return np.asarray(np.exp(low + (high - low) * u), dtype=np.float64)
+        return np.asarray(self.first + (self.second - self.first) * u, dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """All runs, numbered row-major over the axes, the draws varying fastest.
+
+    Attributes:
+        axes: grid.
+        samples: sampled values.
+        draws: number of draws at every grid point; 1 without samples.
+        seed: of the draws.
+        method: how they fill the space.
+    """
+
+    axes: tuple[Axis, ...]
+    samples: tuple[Sample, ...] = ()
+    draws: int = 1
+    seed: int = 0
+    method: Method = "latin-hypercube"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What is varied: the axes' names, then the samples'."""
+        return (*(axis.name for axis in self.axes), *(sample.name for sample in self.samples))
+
+    @property
+    def dimensions(self) -> dict[str, int]:
+        """Name and length of every dimension of the result."""
+        lengths = {axis.name: len(axis.values) for axis in self.axes}
+        return {**lengths, DRAW: self.draws} if self.samples else lengths
+
+    @property
+    def runs(self) -> int:
+        """Number of runs."""
+        return math.prod(self.dimensions.values())
+
+    @cached_property
+    def drawn(self) -> Mapping[str, Array]:
+        """Sampled values by name, shape (draws,)."""
+        if not self.samples:
+            return {}
+        u = _unit_draws(self.method, len(self.samples), self.draws, self.seed)
+        return {sample.name: sample.quantile(u[:, i]) for i, sample in enumerate(self.samples)}
+
+    def columns(self, start: int, stop: int) -> dict[str, Array]:
+        """Values of every varied name in the runs start..stop-1, shape (stop - start,)."""
+        places = np.unravel_index(np.arange(start, stop), tuple(self.dimensions.values()))
+        by_name = dict(zip(self.dimensions, places, strict=True))
+        grid = {axis.name: np.array(axis.values)[by_name[axis.name]] for axis in self.axes}
+        return grid | {name: values[by_name[DRAW]] for name, values in self.drawn.items()}
+
+
+def make_plan(
+    grid: tuple[str, ...], sample: tuple[str, ...], draws: int | None, seed: int, method: str
+) -> Plan:
+    """Read the options of a sweep.
+
+    Args:
+        grid: ``NAME=FIRST:LAST:COUNT`` or ``NAME=A,B,C``.
+        sample: ``NAME~LAW(A,B)``.
+        draws: number of draws; needed with samples, and with them alone.
+        seed: not negative.
+        method: ``latin-hypercube`` or ``sobol``.
+
+    Raises:
+        UsageError: an option that cannot be read, a name given twice, or too many runs.
+    """
+    if method not in get_args(Method):
+        raise UsageError(f"is {method!r}", where="--method", remedy=f"allowed: {', '.join(get_args(Method))}")
+    plan = Plan(
+        axes=tuple(read_axis(text) for text in grid),
+        samples=tuple(read_sample(text) for text in sample),
+        draws=draws or 1,
+        seed=seed,
+        method="sobol" if method == "sobol" else "latin-hypercube",
+    )
+    names = list(plan.names)
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise UsageError(
+            f"{twice} is varied twice", where="sweep", remedy="give each name one --grid or one --sample"
+        )
+    if not names:
+        raise UsageError(
+            "nothing is varied",
+            where="sweep",
+            remedy="give --grid x1=-100:100:201, or --sample 'b0~normal(2,0.1)'",
+        )
+    if bool(plan.samples) != (draws is not None):
+        raise UsageError(
+            "belong together", where="--sample and --runs", remedy="--runs says how many draws --sample makes"
+        )
+    if (draws is not None and draws < 1) or seed < 0 or plan.runs > MAX_RUNS:
+        raise UsageError(
+            f"asks for {plan.runs} runs with seed {seed}",
+            where="sweep",
+            remedy=f"1 to {MAX_RUNS} runs, a seed from 0",
+        )
+    return plan
+
+
+def read_axis(text: str) -> Axis:
+    """Read ``NAME=FIRST:LAST:COUNT`` or ``NAME=A,B,C``.
+
+    Raises:
+        UsageError: for anything else.
+    """
+    name, sign, rest = text.partition("=")
+    parts = rest.split(":")
+    try:
+        if len(parts) == 3:
+            count = int(parts[2])
+            if not 1 <= count <= MAX_RUNS:
+                raise ValueError
+            values = tuple(np.linspace(float(parts[0]), float(parts[1]), count).tolist())
+        else:
+            values = tuple(float(part) for part in rest.split(","))
+    except ValueError:
+        values = ()
+    if not sign or not name.strip() or not values or not all(map(math.isfinite, values)):
+        raise UsageError(
+            f"is {text!r}",
+            where="--grid",
+            remedy="allowed: NAME=FIRST:LAST:COUNT or NAME=A,B,C, such as x1=-100:100:201",
+        )
+    return Axis(name.strip(), values)
+
+
+def read_sample(text: str) -> Sample:
+    """Read ``NAME~LAW(A,B)``.
+
+    Raises:
+        UsageError: for anything else, and for numbers that make no distribution.
+    """
+    match = _SAMPLE.fullmatch(text)
+    try:
+        if match is None:
+            raise ValueError
+        sample = Sample(match[1], _law(match[2]), float(match[3]), float(match[4]))
+    except ValueError:
+        raise UsageError(
+            f"is {text!r}",
+            where="--sample",
+            remedy="allowed: NAME~normal(MEAN,SD), NAME~uniform(LOW,HIGH), NAME~loguniform(LOW,HIGH)",
+        ) from None
+    good = sample.second > 0 if sample.law == "normal" else sample.second > sample.first
+    if not (good and math.isfinite(sample.first + sample.second)) or (
+        sample.law == "loguniform" and sample.first <= 0
+    ):
+        raise UsageError(
+            f"is {text!r}",
+            where="--sample",
+            remedy="a normal needs SD > 0, the others LOW < HIGH, loguniform LOW > 0",
+        )
+    return sample
+
+
+def _law(name: str) -> Law:
+    for law in get_args(Law):
+        if law == name:
+            return law  # type: ignore[no-any-return]  # get_args is untyped
+    raise ValueError(name)
+
+
+def _unit_draws(method: Method, size: int, draws: int, seed: int) -> Array:
+    """Points of the unit cube, shape (draws, size), inside it."""
+    from scipy.stats import qmc
+
+    generator = np.random.default_rng(seed)
+    with warnings.catch_warnings():
+        warnings.simplefilter(
+            "ignore"
+        )  # Sobol's balance holds for powers of two; other numbers are the user's choice
+        kind = qmc.Sobol if method == "sobol" else qmc.LatinHypercube
+        u = kind(size, seed=generator).random(draws)
+    return np.clip(np.asarray(u, dtype=np.float64), 2.0**-53, 1.0 - 2.0**-53)

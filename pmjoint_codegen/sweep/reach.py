@@ -1,0 +1,58 @@
+"""Which runs hold the joint, and the border beyond which no controller can."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from pmjoint_codegen.manifest import Manifest
+from pmjoint_codegen.simulate.status import Status
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+GROWING: Final = (
+    0.95  # of the largest |e|: a lost joint leaves exponentially, so its last error is its largest
+)
+
+
+@dataclass(frozen=True)
+class Border:
+    """``|x1 + x2/slope| = offset``: outside, the actuator's limit is less than what the unstable mode needs.
+
+    Attributes:
+        slope: sqrt(d1), 1/s.
+        offset: (b0 u_max - D_max)/d1, in the unit of x1.
+    """
+
+    slope: float
+    offset: float
+
+
+def border(manifest: Manifest, values: Mapping[str, float]) -> Border | None:
+    """The border of the paper's plant, ``x1'' = d1 x1 + b0 u + d``, where ``d1 > 0``; None for other plants.
+
+    Args:
+        manifest: the model.
+        values: of the parameters that are the same in all runs.
+    """
+    needed = ("d1", "b0", manifest.limit)
+    sizes = (manifest.n, manifest.m, manifest.nx, manifest.nw)
+    if sizes != (2, 0, 2, 1) or manifest.leading != "b0" or any(name not in values for name in needed):
+        return None
+    d1, b0, limit = (values[name] for name in needed)
+    if d1 <= 0:
+        return None
+    return Border(math.sqrt(d1), (abs(b0) * limit - (manifest.disturbance_bound or 0.0)) / d1)
+
+
+def held(dataset: xr.Dataset) -> xr.DataArray:
+    """Whether a run reached the horizon with an error that is not largest just there, as a lost joint's is.
+
+    A run that is held may still be far from its reference: its settling time then is the horizon.
+    """
+    done = dataset["status"] == int(Status.DONE)
+    result: xr.DataArray = done & (abs(dataset["final_e"]) < GROWING * dataset["max_abs_e"])
+    return result

@@ -1,0 +1,48 @@
+"""The rules of :mod:`pmjoint_codegen.values` for many designs at once: which rows of p a sweep may simulate.
+
+A draw from a normal distribution may make a gain negative: such a run is marked, not made, and the sweep goes
+    on.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from pmjoint_codegen.kernels.evaluator import Array
+from pmjoint_codegen.manifest import Manifest
+from pmjoint_codegen.values import COMPENSATOR, gain_names, is_hurwitz
+
+Mask = npt.NDArray[np.bool_]
+
+
+def valid_rows(manifest: Manifest, p: Array, x0: Array) -> Mask:
+    """Which runs keep all rules of the design.
+
+    Args:
+        manifest: the model.
+        p: parameters, shape (runs, np).
+        x0: initial plant states, shape (runs, nx).
+    """
+    column = {name: p[:, i] for i, name in enumerate(manifest.parameter_names)}
+    good = np.all(np.isfinite(p), axis=1) & np.all(np.isfinite(x0), axis=1)
+    for name in (
+        *gain_names(("c", "e", "ck"), manifest.rho),
+        *([manifest.limit] if manifest.limit in column else []),
+    ):
+        good &= column[name] > 0
+    if manifest.leading in column:
+        good &= column[manifest.leading] != 0
+    good &= np.isin(column[COMPENSATOR], (0.0, 1.0))
+    k = np.column_stack([column[name] for name in gain_names(("k",), manifest.n)])
+    result: Mask = good & _hurwitz(k, good)
+    return result
+
+
+def _hurwitz(k: Array, among: Mask) -> Mask:
+    """Whether ``s^n + k_1 s^(n-1) + ... + k_n`` is Hurwitz, row by row; equal rows are looked at once."""
+    result = np.zeros(len(k), dtype=bool)
+    rows, which = np.unique(k[among], axis=0, return_inverse=True)
+    verdicts = np.array([is_hurwitz([1.0, *row]) for row in rows.tolist()], dtype=bool)
+    result[among] = verdicts[which.reshape(-1)] if len(rows) else False
+    return result

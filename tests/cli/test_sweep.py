@@ -1,0 +1,69 @@
+"""``pmjoint sweep`` as a user meets it."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+
+from pmjoint_codegen.build.compiler import find_compiler
+from pmjoint_codegen.cli.main import run
+
+pytest.importorskip("xarray")
+pytest.importorskip("zarr")
+pytestmark = pytest.mark.skipif(find_compiler(os.environ) is None, reason="a sweep needs a compiler")
+
+GRID = ["--grid", "x1=-3:3:5", "--grid", "compensator=0,1", "--horizon", "2"]
+
+
+def test_a_sweep_writes_a_dataset_and_figures_and_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["sweep", "paper", *GRID, "--out", str(tmp_path)]) == 0
+    text = capsys.readouterr().out
+    assert "paper: 10 runs (x1 5 x compensator 2): 10 done" in text
+    assert (tmp_path / "sweep.zarr").is_dir()
+    assert (tmp_path / "curves.png").is_file()
+    assert run(["sweep", "paper", *GRID, "--out", str(tmp_path), "--json", "--no-figures"]) == 0
+    account = json.loads(capsys.readouterr().out)
+    assert account["runs"] == 10
+    assert account["status"] == {"done": 10}
+    assert account["dimensions"] == {"x1": 5, "compensator": 2}
+
+
+def test_another_reference_is_derived_and_swept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["--reference", "0.5*sin(2*t)", "--no-figures", "--json", "--out", str(tmp_path)]
+    assert run(["sweep", "paper", "--grid", "c1=10,20", *arguments]) == 0
+    assert json.loads(capsys.readouterr().out)["held"] == 2
+    assert json.loads((tmp_path / "request.json").read_text())["reference"] == "sin(2*t)/2"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ([], "nothing is varied"),
+        (["--grid", "x1"], "--grid: is 'x1'"),
+        (["--grid", "q=1,2"], "no 'q' to vary"),
+        (["--sample", "d1~normal(0.2,0.1)"], "--runs says how many"),
+        (["--grid", "c1=1,2", "--set", "c1=3"], "both set and varied"),
+        (["--grid", "c1=1,2", "--horizon", "0"], "horizon"),
+    ],
+)
+def test_misuse_is_one_line_and_exit_code_2(
+    arguments: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["sweep", "paper", *arguments, "--out", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert words in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "out" / "sweep.zarr").exists()
+
+
+def test_an_absent_extra_costs_one_line_with_its_remedy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    assert run(["sweep", "paper", *GRID, "--out", str(tmp_path)]) == 3
+    assert "pip install 'pmjoint-codegen[sweep]'" in capsys.readouterr().err

@@ -1,0 +1,264 @@
+"""The batch loops: every run as if it were alone, at every vector width, and as a single run has it."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pmjoint_codegen import ClosedLoop
+from pmjoint_codegen.build.compiler import find_compiler
+from pmjoint_codegen.build.library import build
+from pmjoint_codegen.kernels import batch
+from pmjoint_codegen.kernels.batch import BatchLibrary, Runs
+from pmjoint_codegen.kernels.declarations import load_module, to_module
+from pmjoint_codegen.kernels.processor import known_levels, usable_levels
+from pmjoint_codegen.manifest import Manifest
+from pmjoint_codegen.simulate.hold import hold_matrices
+from pmjoint_codegen.simulate.status import Status
+from pmjoint_codegen.sweep.metrics import Column
+
+DEFECT = 64.0  # the loops' own: what a step may miss, in multiples of the tolerance
+COMPILER = find_compiler(os.environ)
+pytestmark = pytest.mark.skipif(COMPILER is None, reason="the batch loops are compiled")
+
+
+def library(root: Path, cache: Path, model: str, level: str) -> BatchLibrary:
+    assert COMPILER is not None
+    folder = root / "generated" / model
+    levels = usable_levels({"PMJOINT_VECTOR_LEVEL": level})
+    return batch.load(batch.batch_sources(folder), Manifest.read(folder), levels, COMPILER, cache)
+
+
+@pytest.fixture(scope="module")
+def paper(root: Path, cache: Path) -> BatchLibrary:
+    return library(root, cache, "paper", known_levels()[0].name)
+
+
+def make_runs(library: BatchLibrary, count: int, seed: int = 0, **changes: object) -> Runs:
+    """Random initial states and parameters around the model's own, which run 0 has."""
+    manifest, generator = library.manifest, np.random.default_rng(seed)
+    own = np.array([item.value for item in manifest.parameters])
+    p = own * generator.uniform(0.9, 1.1, (count, len(own)))
+    p[:, -1] = own[-1]  # the switch
+    x0 = np.zeros((count, manifest.nX))
+    size = max(abs(value) for value in manifest.simulation.x0)
+    x0[:, : manifest.nx] = generator.uniform(-5 * size, 5 * size, (count, manifest.nx))
+    p[0], x0[0, : manifest.nx] = own, manifest.simulation.x0
+    runs = Runs(x0, p, manifest.simulation.horizon, 1e-8, 0.0, np.empty((0, 0)), np.empty(0), 1e6, 100_000)
+    return replace(runs, **changes)  # type: ignore[arg-type]
+
+
+def sampled(library: BatchLibrary, runs: Runs, sample_time: float) -> Runs:
+    loop = ClosedLoop.load(library.manifest.name)
+    hold = np.array([hold_matrices(loop.evaluator, p, sample_time) for p in runs.p])
+    return replace(runs, sample_time=sample_time, hold=hold)
+
+
+def some(runs: Runs, rows: slice | list[int]) -> Runs:
+    hold = runs.hold[rows] if len(runs.hold) > 1 else runs.hold
+    x0, p, hold = (np.ascontiguousarray(part) for part in (runs.x0[rows], runs.p[rows], hold))
+    return replace(runs, x0=x0, p=p, hold=hold)
+
+
+@pytest.mark.parametrize("sample_time", [0.0, 0.004])
+def test_a_run_is_the_same_alone_in_any_company_and_in_any_order(
+    paper: BatchLibrary, sample_time: float
+) -> None:
+    runs = make_runs(paper, 37, horizon=4.0)
+    runs = sampled(paper, runs, sample_time) if sample_time else runs
+    together = paper.simulate(runs)
+    order = np.random.default_rng(1).permutation(37).tolist()
+    shuffled = paper.simulate(some(runs, order))
+    assert shuffled.metrics.tobytes() == together.metrics[order].tobytes()
+    assert shuffled.final.tobytes() == together.final[order].tobytes()
+    for i in range(0, 37, 5):
+        alone = paper.simulate(some(runs, [i]))
+        assert alone.metrics.tobytes() == together.metrics[i : i + 1].tobytes()
+        assert alone.final.tobytes() == together.final[i : i + 1].tobytes()
+
+
+@pytest.mark.parametrize("model", ["paper", "joint-exact"])
+@pytest.mark.parametrize("sample_time", [0.0, 0.004])
+def test_every_vector_width_gives_the_same_bits(
+    root: Path, cache: Path, model: str, sample_time: float
+) -> None:
+    results = []
+    for level in usable_levels({}):
+        one = library(root, cache, model, level.name)
+        assert one.width == level.width
+        runs = make_runs(one, 21, horizon=2.0)
+        results.append(one.simulate(sampled(one, runs, sample_time) if sample_time else runs))
+    for result in results[1:]:
+        assert result.metrics.tobytes() == results[0].metrics.tobytes()
+        assert result.final.tobytes() == results[0].final.tobytes()
+
+
+@pytest.mark.parametrize("model", ["paper", "joint-exact", "third-order"])
+def test_continuous_runs_agree_with_single_ones(root: Path, cache: Path, model: str) -> None:
+    one = library(root, cache, model, known_levels()[0].name)
+    runs = make_runs(one, 6)
+    outcome = one.simulate(runs)
+    loop = ClosedLoop.load(model)
+    for i in range(len(runs.p)):
+        p = dict(zip(one.manifest.parameter_names, runs.p[i].tolist(), strict=True))
+        run = loop.simulate(parameters=p, x0=runs.x0[i, : one.manifest.nx], tolerance=1e-12)
+        metrics, summary = outcome.metrics[i], run.summary
+        assert metrics[Column.STATUS] == Status.DONE
+        bound = DEFECT * runs.tolerance * metrics[Column.STEPS]  # every step may add what the defect allows
+        assert metrics[Column.SWITCHES] == len(run.switches)
+        assert metrics[Column.MAX_ABS_V] == pytest.approx(summary["max_abs_v"], rel=bound, abs=bound)
+        assert metrics[Column.ISE] == pytest.approx(summary["ise"], rel=bound, abs=bound * summary["horizon"])
+        assert metrics[Column.SATURATED_S] == pytest.approx(summary["saturated_s"], abs=bound)
+        assert metrics[Column.FINAL_E] == pytest.approx(summary["final_e"], abs=bound)
+        np.testing.assert_allclose(outcome.final[i], run.states[-1], rtol=bound, atol=bound)
+        # The dense output sees what lies between two output instants, and no less.
+        assert metrics[Column.MAX_ABS_E] >= summary["max_abs_e"] - bound
+        if summary["settling_s"] is not None and summary["settling_s"] < run.t[-1]:
+            assert -1e-6 <= metrics[Column.SETTLING_S] - summary["settling_s"] <= summary["output_step"]
+
+
+@pytest.mark.parametrize("sample_time", [0.001, 0.03])
+def test_sampled_runs_agree_with_single_ones(paper: BatchLibrary, sample_time: float) -> None:
+    runs = make_runs(paper, 4, horizon=3.0)
+    outcome = paper.simulate(sampled(paper, runs, sample_time))
+    loop = ClosedLoop.load("paper")
+    for i in range(len(runs.p)):
+        p = dict(zip(paper.manifest.parameter_names, runs.p[i].tolist(), strict=True))
+        run = loop.simulate(
+            parameters=p,
+            x0=runs.x0[i, :2],
+            tolerance=1e-12,
+            horizon=3.0,
+            controller="sampled",
+            sample_time=sample_time,
+        )
+        metrics, summary = outcome.metrics[i], run.summary
+        bound = DEFECT * runs.tolerance * metrics[Column.STEPS]
+        assert metrics[Column.STATUS] == Status.DONE
+        assert metrics[Column.SWITCHES] == len(run.switches)
+        assert metrics[Column.SATURATED_S] == pytest.approx(summary["saturated_s"], abs=1e-9)
+        assert metrics[Column.ISE] == pytest.approx(summary["ise"], rel=bound)
+        assert metrics[Column.FINAL_E] == pytest.approx(summary["final_e"], abs=bound)
+        np.testing.assert_allclose(outcome.final[i], run.states[-1], rtol=bound, atol=bound)
+
+
+def test_the_error_shrinks_with_the_tolerance(paper: BatchLibrary) -> None:
+    runs = make_runs(paper, 16)
+    best = paper.simulate(replace(runs, tolerance=1e-12)).final
+    errors = [
+        np.max(np.abs(paper.simulate(replace(runs, tolerance=tol)).final - best))
+        for tol in (1e-4, 1e-6, 1e-8)
+    ]
+    assert errors[1] < errors[0] / 10
+    assert errors[2] < errors[1] / 10
+
+
+def test_a_diverging_run_ends_and_leaves_its_neighbours_alone(paper: BatchLibrary) -> None:
+    runs = make_runs(paper, 24, divergence=1e4)
+    calm = paper.simulate(runs)
+    wild = replace(runs, x0=runs.x0.copy())
+    wild.x0[::5, 0] = 130.0  # beyond what the actuator can hold
+    wild.x0[7, 0] = np.inf
+    outcome = paper.simulate(wild)
+    lost = np.isin(np.arange(24), [0, 5, 7, 10, 15, 20])
+    assert set(outcome.metrics[lost, Column.STATUS].tolist()) == {
+        float(Status.DIVERGED),
+        float(Status.NON_FINITE),
+    }
+    assert np.all(outcome.metrics[::5, Column.T_END] < 20.0)
+    assert outcome.metrics[~lost].tobytes() == calm.metrics[~lost].tobytes()
+
+
+def test_steps_run_out(paper: BatchLibrary) -> None:
+    outcome = paper.simulate(make_runs(paper, 3, max_steps=10))
+    assert outcome.metrics[:, Column.STATUS].tolist() == [float(Status.TOO_MANY_STEPS)] * 3
+    assert np.all(outcome.metrics[:, Column.T_END] < 20.0)
+
+
+@pytest.mark.parametrize("sample_time", [0.0, 0.003])
+def test_trajectories_are_the_single_run_s(paper: BatchLibrary, sample_time: float) -> None:
+    times = np.append(np.arange(100) * 0.02, 2.0)
+    runs = make_runs(paper, 3, horizon=2.0, times=times)
+    outcome = paper.simulate(sampled(paper, runs, sample_time) if sample_time else runs)
+    loop = ClosedLoop.load("paper")
+    more = {"controller": "sampled", "sample_time": sample_time} if sample_time else {}
+    run = loop.simulate(horizon=2.0, output_step=0.02, tolerance=1e-12, **more)  # type: ignore[arg-type]
+    found = outcome.trajectories[0]
+    bound = (
+        DEFECT
+        * runs.tolerance
+        * outcome.metrics[0, Column.STEPS]
+        * np.maximum(1.0, np.max(np.abs(found), axis=0))
+    )
+    wanted = np.column_stack([run.states, run["v"], run["e"]])
+    rows = (
+        slice(0, -1) if sample_time else slice(None)
+    )  # the last sample, at the horizon, is not taken in a batch
+    assert np.all(np.abs(found - wanted)[rows] <= bound)
+
+
+def test_matrices_are_the_kernels_own(paper: BatchLibrary) -> None:
+    p = make_runs(paper, 11).p
+    loop = ClosedLoop.load("paper")
+    wanted = np.hstack([loop.evaluator.call(name, p)[0] for name in ("filter_matrix", "compensator_matrix")])
+    np.testing.assert_array_equal(paper.matrices(p), wanted)
+
+
+FUNCTIONS = {
+    "sin": (np.sin, 2),
+    "cos": (np.cos, 2),
+    "tan": (np.tan, 4),
+    "exp": (np.exp, 2),
+    "log": (np.log, 2),
+    "tanh": (np.tanh, 3),
+    "sqrt": (np.sqrt, 0),
+}
+
+
+def test_elementary_functions_are_right_to_units_in_the_last_place(root: Path, cache: Path) -> None:
+    assert COMPILER is not None
+    lines = [
+        f"void each_{name}(const double *x, double *y, long long n)\n{{\n"
+        f"    for (long long i = 0; i < n; ++i) {{ y[i] = pmj_{name}(pmj_all(x[i]))[0]; }}\n}}\n"
+        for name in FUNCTIONS
+    ]
+    header = root / "pmjoint_codegen" / "kernels" / "c_batch" / "pmjoint_lanes.h"
+    source = '#include "pmjoint_lanes.h"\n' + "\n".join(lines)
+    declared = "\n".join(f"void each_{name}(const double *x, double *y, long long n);" for name in FUNCTIONS)
+    folder = build(
+        {"each.c": source.encode(), header.name: header.read_bytes()}, COMPILER, cache, None, batch.FLAGS
+    )
+    ffi = load_module(to_module(declared))
+    lib = ffi.dlopen(str(folder / "kernels.so"))
+    generator = np.random.default_rng(0)
+    sizes = np.concatenate(
+        [generator.uniform(0, 3, 4000), 10.0 ** generator.uniform(-300, 8, 4000), [0.0, 5e-324]]
+    )
+    x = np.concatenate([sizes, -sizes, [np.nan, np.inf, -np.inf]])
+    for name, (exact, ulps) in FUNCTIONS.items():
+        y = np.empty_like(x)
+        getattr(lib, f"each_{name}")(ffi.from_buffer("double[]", x), ffi.from_buffer("double[]", y), len(x))
+        with np.errstate(all="ignore"):
+            wanted = exact(x)
+            finite = np.isfinite(wanted)
+            assert np.array_equal(np.isnan(y), np.isnan(wanted)), name
+            assert np.array_equal(y[~finite], wanted[~finite], equal_nan=True), name
+            assert np.max(np.abs(y - wanted)[finite] / np.spacing(np.abs(wanted[finite]))) <= ulps, name
+
+
+def test_levels_follow_the_processor_and_the_variable() -> None:
+    names = [level.name for level in known_levels()]
+    old = "flags : fpu sse2 ssse3 sse4_1\n"
+    middle = "flags : avx avx2 bmi1 bmi2 f16c fma abm movbe sse2\n"
+    assert [level.name for level in usable_levels({}, old)] == names[2:]
+    assert [level.name for level in usable_levels({}, middle)] == names[1:]
+    assert [level.name for level in usable_levels({}, middle + old)] == names[
+        2:
+    ]  # the weakest processor counts
+    assert [level.name for level in usable_levels({"PMJOINT_VECTOR_LEVEL": "baseline"}, middle)] == names[2:]
+    with pytest.raises(Exception, match="PMJOINT_VECTOR_LEVEL: is 'fast'; allowed: x86-64-v4"):
+        usable_levels({"PMJOINT_VECTOR_LEVEL": "fast"}, old)
