@@ -34,7 +34,7 @@ COMMANDS = (
     Entry(
         "tune",
         "pmjoint_codegen.cli.tune",
-        "Choose gains within bounds for an objective, over perturbed plants.",
+        "Choose gains that minimise an objective; write a model file with them.",
     ),
     Entry("derive", "pmjoint_codegen.cli.derive", "Print the derivation of a model, equation by equation."),
     Entry(
