@@ -249,4 +249,9 @@ def _rows(told: Mapping[str, Any], side: str) -> list[tuple[str, ...]]:
 
 
 def _pair(values: Mapping[str, float]) -> tuple[str, str]:
-    return f"{values['before']:.6g}", f"{values['after']:.6g}"
+    return _shown(values["before"]), _shown(values["after"])
+
+
+def _shown(value: float) -> str:
+    """A number, or a dash for what is not defined, as settling where the error starts at 0."""
+    return "-" if value != value else f"{value:.6g}"

@@ -44,7 +44,15 @@ def test_the_table_says_before_and_after(tmp_path: Path, capsys: pytest.CaptureF
     assert "paper: least ise" in text
     for word in ("before", "after", "objective", "settling_s", "max_abs_v", "rad^2 s", "seed 7"):
         assert word in text
+    assert "nan" not in text
     assert not (tmp_path / "x.png").exists()
+
+
+def test_what_is_not_defined_is_a_dash(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["--x0", "0,0", "--no-figure", "--out", str(tmp_path / "x.toml")]
+    assert run(["tune", "paper", *QUICK, *arguments]) == 0
+    line = next(line for line in capsys.readouterr().out.split("\n") if "settling_s" in line)
+    assert line.split() == ["settling_s", "-", "-", "s"]
 
 
 @pytest.mark.parametrize(
