@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = "pmjoint_codegen"
 
 GROUND_FLOOR = ("errors", "storage", "workspace", "identity", "manifest", "values")
-RUNTIME = ("build", "kernels", "simulate", "sweep")
+RUNTIME = ("build", "kernels", "simulate", "sweep", "tune")
 FACADE = ("closed_loop",)
 SYMBOLIC = {"derive", "sympy", "casadi", "pydantic"}
 TOOLCHAIN = {f"{PACKAGE}.{name}" for name in ("spec", "emit", "report", "audit", "check", "provision")}

@@ -34,7 +34,7 @@ COMMANDS = (
     Entry(
         "tune",
         "pmjoint_codegen.cli.tune",
-        "Choose gains within bounds, over perturbed plants.",
+        "Choose gains that do best within limits.",
     ),
     Entry("derive", "pmjoint_codegen.cli.derive", "Print the derivation of a model, equation by equation."),
     Entry(

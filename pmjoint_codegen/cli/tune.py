@@ -1,182 +1,257 @@
-"""``pmjoint tune``: search for gains, write a model file that has them, and a figure of before and after."""
+"""``pmjoint tune``: gains that minimise an objective; a model file with them, and both designs drawn."""
 
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Mapping
-from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from pmjoint_codegen.cli.options import Assignment, assignments
-from pmjoint_codegen.cli.terminal import activity, as_json, document, message, result, table
+from pmjoint_codegen.cli.options import Numbers
+from pmjoint_codegen.cli.terminal import activity, document, message, result, table
 
 if TYPE_CHECKING:
-    from pmjoint_codegen.manifest import Manifest
-    from pmjoint_codegen.sweep.request import Request
-    from pmjoint_codegen.sweep.tune import Goal, Tuned
+    from pmjoint_codegen.provision import Provided
+    from pmjoint_codegen.tune.comparison import Comparison
+    from pmjoint_codegen.tune.cost import Costing
+    from pmjoint_codegen.tune.request import Request
+    from pmjoint_codegen.tune.search import Found
 
 _EXAMPLES = """\b
 Examples
-  pmjoint tune paper --bound c1=2:40 --bound c2=2:40 --bound ck1=0.5:20 --bound ck2=0.5:20
-  pmjoint tune paper --bound c1=2:40 --bound ck1=0.5:20 --weight ise=1 --weight max_abs_v=0.5 --limit-v 150
-  pmjoint tune joint --bound c1=2:40 --bound c2=2:40 --perturb "J~normal(0.05,0.005)" --plants 64
+  pmjoint tune paper --max-v 200
+  pmjoint tune paper --gain c=2:60 --gain ck=0.5:20 --objective "ise + 0.01*max_abs_v"
+  pmjoint tune paper --perturb "b0~uniform(1.6,2.4)" --plants 16 --seed 7 --max-v 300
+  pmjoint tune joint-damped --objective settling_s --controller sampled --sample-time 0.002
 """
+_FILE_STEM = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
 
 
 @click.command(epilog=_EXAMPLES)
 @click.argument("model")
 @click.option(
-    "--bound", "bounds", multiple=True, metavar="GAIN=LOW:HIGH", help="A free gain and its range; repeatable."
+    "--gain",
+    "gains",
+    multiple=True,
+    metavar="NAME[=LOW:HIGH]",
+    help="What may change: c1, ..., or c, e, ck, k, poles, damping for all of a kind; repeatable "
+    "[default: c, e, ck, poles, each from a fifth to five times the model's].",
 )
 @click.option(
-    "--weight",
-    "weights",
-    type=Assignment(),
-    multiple=True,
-    callback=assignments,
-    help="Weight of ise, max_abs_e, settling_s, saturated_s or max_abs_v [default: ise=1]; repeatable.",
+    "--objective",
+    default="ise",
+    show_default=True,
+    metavar="EXPR",
+    help="To be minimised: a weighted sum of ise, max_abs_e, settling_s, saturated_s, max_abs_v.",
 )
-@click.option("--limit-v", type=float, metavar="V", help="Largest |v| that any plant may see.")
+@click.option("--max-v", type=float, metavar="V", help="Limit of |v| in every run.")
 @click.option(
     "--perturb",
     multiple=True,
     metavar="NAME~LAW(A,B)",
-    help="A random value of the plant or x0, as in sweep.",
+    help="Other plants: a parameter (the controller is told it) or an initial state, as normal(MEAN,SD), "
+    "uniform(A,B) or loguniform(A,B); repeatable.",
 )
+@click.option("--plants", type=int, metavar="N", help="How many plants --perturb draws [default: 16].")
 @click.option(
-    "--plants", type=click.IntRange(1), default=32, show_default=True, help="How many perturbed plants."
+    "--over",
+    type=click.Choice(["worst", "mean"]),
+    default="worst",
+    show_default=True,
+    help="Which objective of all plants counts.",
 )
-@click.option("--seed", type=int, default=0, show_default=True, help="Of the plants and of the search.")
-@click.option("--generations", type=click.IntRange(1), default=60, show_default=True, help="Of the search.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Of the draws and of the search.")
+@click.option("--generations", type=int, default=60, show_default=True, help="Of the search, at most.")
+@click.option(
+    "--population", type=int, default=8, show_default=True, help="Designs in a generation, for each gain."
+)
+@click.option("--x0", type=Numbers(), help="Initial plant states.")
 @click.option("--horizon", type=float, metavar="S", help="Length of every run in seconds.")
 @click.option(
-    "--out", type=click.Path(path_type=Path), metavar="DIR", help="Results [default: runs/<model>-tune]."
+    "--controller",
+    type=click.Choice(["continuous", "sampled"]),
+    default="continuous",
+    show_default=True,
+    help="continuous: as in the paper; sampled: as on a microcontroller, v held over the sample time.",
 )
+@click.option(
+    "--sample-time", type=float, metavar="S", help="Sample time of the sampled controller in seconds."
+)
+@click.option("--threads", type=click.IntRange(1), help="To compute with [default: all processors].")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Model file to write [default: runs/<model>-tuned/<model>-tuned.toml]; the figure goes beside it.",
+)
+@click.option("--no-figure", is_flag=True, help="Draw nothing.")
 @click.option("--json", "wants_json", is_flag=True, help="Print one JSON document.")
 def command(
     model: str,
-    bounds: tuple[str, ...],
-    weights: dict[str, float],
-    limit_v: float | None,
-    perturb: tuple[str, ...],
-    plants: int,
-    seed: int,
-    generations: int,
-    horizon: float | None,
+    threads: int | None,
     out: Path | None,
+    no_figure: bool,
     wants_json: bool,
+    **settings: Any,
 ) -> None:
-    """Choose gains of MODEL within bounds, so that weighted metrics over perturbed plants are least.
+    """Choose gains of MODEL that minimise an objective.
 
-    Writes a copy of the model file with the gains found, tune.json and a figure. Weights apply to metrics
-    relative to what the gains of the model file give.
+    Writes MODEL again with the gains found and a name of its own, comments kept, and a figure of both
+    designs. The same seed finds the same gains.
     """
     from pmjoint_codegen.provision import provide
-    from pmjoint_codegen.storage import ensure_folder, write_text
-    from pmjoint_codegen.sweep.kit import library_of, make_kit
-    from pmjoint_codegen.sweep.tune import tune
-
-    provided = provide(model, environment=os.environ, notify=lambda line: message(f"pmjoint: {line}"))
-    goal, request = _task(
-        provided.manifest, bounds, weights or {"ise": 1.0}, limit_v, perturb, plants, seed, horizon
-    )
-    folder = out or Path("runs") / f"{provided.manifest.name}-tune"
-    ensure_folder(folder)
-    with activity("building"):
-        library = library_of(make_kit(provided.folder), os.environ)
-    with activity("searching") as progress:
-        tuned = tune(library, request, goal, seed=seed, generations=generations, tell=progress)
-    path = _write_model(model, tuned, folder)
-    write_text(folder / "tune.json", as_json(asdict(tuned)) + "\n")
-    figure = _draw(model, tuned, folder, horizon)
-    files = (path, folder / "tune.json", figure)
-    if wants_json:
-        document({**asdict(tuned), "files": files})
-    else:
-        result(_text(provided.manifest, tuned, files))
-
-
-def _task(
-    manifest: Manifest,
-    bounds: tuple[str, ...],
-    weights: Mapping[str, float],
-    limit: float | None,
-    perturb: tuple[str, ...],
-    plants: int,
-    seed: int,
-    horizon: float | None,
-) -> tuple[Goal, Request]:
-    """Read the options.
-
-    Raises:
-        UsageError: one that cannot be met.
-    """
-    from pmjoint_codegen.sweep.plan import Axis, Plan, make_plan
-    from pmjoint_codegen.sweep.request import make_request
-    from pmjoint_codegen.sweep.tune import Goal, check_goal, perturbed
-
-    defaults = {item.name: item.value for item in manifest.parameters}
-    states = (state.name for state in manifest.states[: manifest.nx])
-    own = defaults | dict(zip(states, manifest.simulation.x0, strict=True))
-    plan = (
-        make_plan((), perturb, plants, seed, "sobol") if perturb else Plan((Axis(next(iter(own)), (0.0,)),))
-    )
-    request = make_request(manifest, plan, horizon=horizon)
-    ranges = dict(_bound(text) for text in bounds)
-    goal = Goal(ranges, weights, float("inf") if limit is None else limit, perturbed(own, plan.drawn))
-    check_goal(manifest, goal)
-    return goal, request
-
-
-def _bound(text: str) -> tuple[str, tuple[float, float]]:
-    from pmjoint_codegen.errors import UsageError
-
-    name, _, ends = text.partition("=")
-    try:
-        low, high = (float(end) for end in ends.split(":"))
-    except ValueError:
-        raise UsageError(
-            f"is {text!r}", where="--bound", remedy="allowed: GAIN=LOW:HIGH, such as c1=2:40"
-        ) from None
-    return name.strip(), (low, high)
-
-
-def _write_model(model: str, tuned: Tuned, folder: Path) -> Path:
-    from pmjoint_codegen.spec.reader import read_document
-    from pmjoint_codegen.storage import write_text
-    from pmjoint_codegen.sweep.tune import with_gains
+    from pmjoint_codegen.storage import ensure_folder
+    from pmjoint_codegen.tune.comparison import compare
+    from pmjoint_codegen.tune.request import make_request
     from pmjoint_codegen.workspace import find_model
 
     source = find_model(model)
-    design = read_document(source)["design"]
-    lists = {key: design[key] for key in ("c", "e", "ck", "k")}
-    path = folder / f"{source.stem}.toml"
-    write_text(path, with_gains(source.read_text(encoding="utf-8"), tuned.gains, lists))
-    return path
+    file = out or _default_file(source)
+    _check_target(file, source)
+    provided = provide(source, environment=os.environ, notify=_notify)
+    request = make_request(provided.manifest, **settings)
+    text = _text_of(source, file, request)
+    ensure_folder(file.parent)
+    costing = _costing(provided, request, threads or _processors())
+    found = _search(costing)
+    comparison = compare(costing, found)
+    _write_model(text, file, comparison, str(source))
+    files = [file, *([] if no_figure else [_draw(costing, comparison, file)])]
+    _report(comparison, files, wants_json=wants_json)
 
 
-def _draw(model: str, tuned: Tuned, folder: Path, horizon: float | None) -> Path:
-    from pmjoint_codegen.closed_loop import ClosedLoop
-    from pmjoint_codegen.sweep.maps import write_before_after
+def _notify(line: str) -> None:
+    message(f"pmjoint: {line}")
+
+
+def _default_file(source: Path) -> Path:
+    name = f"{source.stem}-tuned"
+    return Path("runs") / name / f"{name}.toml"
+
+
+def _check_target(file: Path, source: Path) -> None:
+    """Refuse, before the search, a file that could not be used or that is the model itself."""
+    from pmjoint_codegen.errors import UsageError
+
+    if file.suffix != ".toml" or not _FILE_STEM.fullmatch(file.stem):
+        raise UsageError(
+            f"is {str(file)!r}",
+            where="--out",
+            remedy="allowed: NAME.toml, letters, digits, - and _ in NAME, which becomes the model's name",
+        )
+    if file.exists() and file.samefile(source):
+        raise UsageError("is the model itself", where=f"--out {file}", remedy="give another file")
+
+
+def _processors() -> int:
+    """Processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _costing(provided: Provided, request: Request, threads: int) -> Costing:
+    from pmjoint_codegen.sweep.kit import library_of, make_kit
+    from pmjoint_codegen.tune.cost import Costing
+
+    with activity("preparing the simulation"):
+        return Costing(library_of(make_kit(provided.folder), os.environ), request, threads)
+
+
+def _search(costing: Costing) -> Found:
+    from pmjoint_codegen.tune.search import search
+
+    total = costing.request.most_designs
+    with activity(f"trying up to {total} designs", total=total, unit="designs") as progress:
+        return search(costing, lambda tried: progress(tried / total))
+
+
+def _text_of(source: Path, file: Path, request: Request) -> str:
+    """The model file's text, tried out: a search should not end at a file that cannot be edited."""
+    from pmjoint_codegen.tune.rewrite import rewrite
+
+    text = source.read_bytes().decode("utf-8-sig")
+    rewrite(text, file.stem, {name: 1.5 * request.own[name] for name in request.space.gains}, "", str(source))
+    return text
+
+
+def _write_model(text: str, file: Path, comparison: Comparison, where: str) -> None:
+    """Write the model with the gains found, proved to be one; whole or not at all."""
+    from pmjoint_codegen.spec.reader import parse_document
+    from pmjoint_codegen.storage import write_bytes
+    from pmjoint_codegen.tune.rewrite import rewrite
+
+    edited = rewrite(text, file.stem, comparison.found.gains, _note(comparison), where)
+    found = parse_document(edited, str(file))
+    try:
+        from pmjoint_codegen.spec import model_of
+
+        model_of(found, str(file))
+    except ModuleNotFoundError:  # without the toolchain: the gains alone have changed, and were simulated
+        pass
+    write_bytes(file, edited.encode())
+
+
+def _note(comparison: Comparison) -> str:
+    """How the gains came about, in one line."""
+    request = comparison.request
+    parts = [f"{comparison.manifest.name} with gains tuned for least {request.objective.text}"]
+    if request.max_v is not None:
+        parts.append(f"|v| <= {request.max_v:g}")
+    if request.count > 1:
+        drawn = ", ".join(
+            f"{item.name}~{item.law}({item.first:g},{item.second:g})" for item in request.drawn.samples
+        )
+        parts.append(f"{request.over} of {request.count} plants, {drawn}")
+    return f"{'; '.join(parts)}; seed {request.seed}"
+
+
+def _draw(costing: Costing, comparison: Comparison, file: Path) -> Path:
+    from pmjoint_codegen.tune.figure import write_figure
     from pmjoint_codegen.workspace import cache_dir
 
     os.environ.setdefault("MPLCONFIGDIR", str(cache_dir(os.environ) / "matplotlib"))
-    loop = ClosedLoop.load(model)
-    runs = [loop.simulate(horizon=horizon, parameters=gains) for gains in ({}, tuned.gains)]
-    return write_before_after(runs[0], runs[1], folder / "before-after.png")
+    path = file.with_suffix(".png")
+    with activity("drawing the figure"):
+        write_figure(costing, comparison, path)
+    return path
 
 
-def _text(manifest: Manifest, tuned: Tuned, files: tuple[Path, ...]) -> str:
-    own = {item.name: item.value for item in manifest.parameters}
-    rows = [("gain", "before", "after")]
-    rows += [(name, f"{own[name]:g}", f"{value:.6g}") for name, value in tuned.gains.items()]
-    rows += [("mean over the plants", "before", "after")]
-    rows += [(name, f"{tuned.before[name]:.6g}", f"{tuned.after[name]:.6g}") for name in tuned.before]
-    rows += [("largest |v|", f"{tuned.peak_before:.6g}", f"{tuned.peak_after:.6g}")]
-    head = (
-        f"{manifest.name}: cost {tuned.cost_before:.4g} before, {tuned.cost:.4g} after, in {tuned.runs} runs"
-    )
-    return "\n".join([head, table(rows), *(f"  {path}" for path in files)])
+def _report(comparison: Comparison, files: list[Path], *, wants_json: bool) -> None:
+    from pmjoint_codegen.tune.comparison import account
+
+    told = {**account(comparison), "files": files}
+    if wants_json:
+        document(told)
+    else:
+        result(_text(told))
+
+
+def _text(told: Mapping[str, Any]) -> str:
+    limit = f", |v| <= {told['max_v']:g}" if told["max_v"] is not None else ""
+    over = f", {told['over']} of {told['plants']} plants" if told["over"] else ""
+    head = f"{told['model']}: least {told['objective']}{limit}{over}"
+    end = "all alike" if told["settled"] else "the last allowed"
+    tried = f"  {told['designs']} designs in {told['generations']} generations, {end}; seed {told['seed']}"
+    gains = [(name, *_pair(values)) for name, values in told["gains"].items()]
+    rows = [("", "before", "after", ""), *gains, *_rows(told, "nominal")]
+    if told["plants"] > 1:
+        rows += [("worst plant", "", "", ""), *_rows(told, "worst")]
+        rows.append(("plants lost", str(told["lost"]["before"]), str(told["lost"]["after"]), ""))
+    edges = ", ".join(told["at_a_bound"])
+    hint = [f"  at a bound: {edges}; wider bounds may give less"] if edges else []
+    return "\n".join([head, tried, table(rows), *hint, *(f"  {path}" for path in told["files"])])
+
+
+def _rows(told: Mapping[str, Any], side: str) -> list[tuple[str, ...]]:
+    return [(name, *_pair(values), told["units"].get(name, "")) for name, values in told[side].items()]
+
+
+def _pair(values: Mapping[str, float]) -> tuple[str, str]:
+    return _shown(values["before"]), _shown(values["after"])
+
+
+def _shown(value: float) -> str:
+    """A number, or a dash for what is not defined, as settling where the error starts at 0."""
+    return "-" if value != value else f"{value:.6g}"

@@ -10,42 +10,76 @@ import pytest
 
 from pmjoint_codegen.build.compiler import find_compiler
 from pmjoint_codegen.cli.main import run
-from pmjoint_codegen.spec.reader import read_document
 
 pytestmark = pytest.mark.skipif(find_compiler(os.environ) is None, reason="tuning needs a compiler")
-FEW = ["--generations", "2", "--horizon", "3"]
+
+QUICK = ["--generations", "3", "--population", "3", "--horizon", "4", "--seed", "7"]
 
 
-def test_tuning_writes_a_model_an_account_and_a_figure(
+def test_a_tuned_model_simulates_at_once_to_what_was_said(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    bounds = [
-        "--bound",
-        "c1=5:40",
-        "--bound",
-        "ck1=0.5:20",
-        "--perturb",
-        "d1~normal(0.2,0.02)",
-        "--plants",
-        "4",
-    ]
-    assert run(["tune", "paper", *bounds, *FEW, "--out", str(tmp_path), "--json"]) == 0
-    account = json.loads(capsys.readouterr().out)
-    assert account["cost"] <= account["cost_before"]
-    design = read_document(tmp_path / "paper.toml")["design"]
-    assert [design["c"][0], design["ck"][0]] == [account["gains"]["c1"], account["gains"]["ck1"]]
-    assert (tmp_path / "before-after.png").read_bytes().startswith(b"\x89PNG")
-    assert json.loads((tmp_path / "tune.json").read_text())["gains"] == account["gains"]
-    assert run(["tune", str(tmp_path / "paper.toml"), *bounds, *FEW, "--out", str(tmp_path / "again")]) == 0
-    assert "before, " in capsys.readouterr().out
+    file = tmp_path / "mine.toml"
+    limits = ["--max-v", "150", "--perturb", "b0~uniform(1.6,2.4)", "--plants", "3"]
+    assert run(["tune", "paper", *QUICK, *limits, "--out", str(file), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["files"] == [str(file), str(tmp_path / "mine.png")]
+    assert (tmp_path / "mine.png").read_bytes().startswith(b"\x89PNG")
+    again = ["--horizon", "4", "--json", "--no-figures", "--out", str(tmp_path / "run")]
+    assert run(["simulate", str(file), *again]) == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert summary["model"] == "mine"
+    assert summary["max_abs_v"] <= 150.0
+    for name in ("ise", "max_abs_v"):  # at a tolerance of 1e-6 there, of 1e-10 here
+        assert summary[name] == pytest.approx(told["nominal"][name]["after"], rel=1e-4)
+    assert {name: told["gains"][name]["after"] for name in told["gains"]} == {
+        name: summary["parameters"][name] for name in told["gains"]
+    }
+
+
+def test_the_table_says_before_and_after(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["--gain", "c=3:60", "--no-figure", "--out", str(tmp_path / "x.toml")]
+    assert run(["tune", "paper", *QUICK, *arguments]) == 0
+    text = capsys.readouterr().out
+    assert "paper: least ise" in text
+    for word in ("before", "after", "objective", "settling_s", "max_abs_v", "rad^2 s", "seed 7"):
+        assert word in text
+    assert "nan" not in text
+    assert not (tmp_path / "x.png").exists()
+
+
+def test_what_is_not_defined_is_a_dash(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["--x0", "0,0", "--no-figure", "--out", str(tmp_path / "x.toml")]
+    assert run(["tune", "paper", *QUICK, *arguments]) == 0
+    line = next(line for line in capsys.readouterr().out.split("\n") if "settling_s" in line)
+    assert line.split() == ["settling_s", "-", "-", "s"]
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
-    [([], "nothing is free"), (["--bound", "c1"], "--bound"), (["--bound", "q=1:2"], "no gain 'q'")],
+    [
+        (["--objective", "ise*ise"], "is not linear"),
+        (["--gain", "z1"], "no gain 'z1'"),
+        (["--max-v", "0.01", *QUICK], "none of"),
+        (["--perturb", "c1~uniform(1,2)"], "to perturb"),
+    ],
 )
-def test_misuse_is_one_line_and_exit_code_2(
+def test_misuse_is_one_line_and_writes_nothing(
     arguments: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run(["tune", "paper", *arguments, "--out", str(tmp_path)]) == 2
-    assert words in capsys.readouterr().err
+    assert run(["tune", "paper", *arguments, "--out", str(tmp_path / "x.toml")]) == 2
+    error = capsys.readouterr().err
+    assert words in error
+    assert error.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_model_itself_is_never_overwritten(
+    root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model = tmp_path / "own.toml"
+    model.write_bytes((root / "models" / "paper.toml").read_bytes())
+    assert run(["tune", str(model), "--out", str(model)]) == 2
+    assert "is the model itself" in capsys.readouterr().err
+    assert run(["tune", str(model), "--out", str(tmp_path / "a b.toml")]) == 2
+    assert "--out: is" in capsys.readouterr().err

@@ -1,0 +1,193 @@
+"""All that the result of a tuning depends on, checked, as one record."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Final, Literal
+
+import numpy as np
+
+from pmjoint_codegen.errors import UsageError
+from pmjoint_codegen.kernels.evaluator import Array
+from pmjoint_codegen.manifest import Manifest
+from pmjoint_codegen.sweep.plan import Plan, Sample, read_sample
+from pmjoint_codegen.sweep.request import Request as Runs
+from pmjoint_codegen.sweep.request import make_request as make_runs
+from pmjoint_codegen.sweep.request import varied_names
+from pmjoint_codegen.tune.gains import Space, make_space
+from pmjoint_codegen.tune.objective import Objective, read_objective
+
+Over = Literal["worst", "mean"]
+
+DEFAULT_PLANTS: Final = 16
+MOST_PLANTS: Final = 10_000
+MOST_RUNS: Final = 5_000_000  # of one generation: what is in memory at once
+MAX_STEPS: Final = 200_000  # of one run: gains that need more are too stiff to be worth the wait
+
+
+@dataclass(frozen=True)
+class Request:
+    """A tuning, as asked for.
+
+    Attributes:
+        space: gains that are searched.
+        objective: what is minimised.
+        over: plants: the worst one counts, or their mean.
+        max_v: limit of |v| on every plant, in v's unit; None for none.
+        drawn: which other plants there are beside the model's own.
+        runs: how one run is made.
+        seed: of the draws and of the search.
+        generations: of the search, at most.
+        population: designs in a generation, for each coordinate.
+        own: the model's value of everything that can be perturbed.
+    """
+
+    space: Space
+    objective: Objective
+    over: Over
+    max_v: float | None
+    drawn: Plan
+    runs: Runs
+    seed: int
+    generations: int
+    population: int
+    own: Mapping[str, float]
+
+    @cached_property
+    def plants(self) -> Mapping[str, Array]:
+        """Perturbed values by name, shape (plants,): first the model's own, then the draws."""
+        return {name: np.concatenate([[self.own[name]], values]) for name, values in self.drawn.drawn.items()}
+
+    @property
+    def count(self) -> int:
+        """Number of plants."""
+        return 1 + (self.drawn.draws if self.drawn.samples else 0)
+
+    @property
+    def most_designs(self) -> int:
+        """Number of designs that are tried at most."""
+        return (self.generations + 1) * self.members
+
+    @property
+    def members(self) -> int:
+        """Designs in a generation; differential evolution needs five."""
+        return max(5, self.population * self.space.size)
+
+
+def make_request(
+    manifest: Manifest,
+    *,
+    gains: tuple[str, ...] = (),
+    objective: str = "ise",
+    over: str = "worst",
+    max_v: float | None = None,
+    perturb: tuple[str, ...] = (),
+    plants: int | None = None,
+    seed: int = 0,
+    generations: int = 60,
+    population: int = 8,
+    x0: Sequence[float] | None = None,
+    horizon: float | None = None,
+    controller: str = "continuous",
+    sample_time: float | None = None,
+) -> Request:
+    """Complete a tuning from the model's defaults and check it.
+
+    Args:
+        manifest: the model.
+        gains: as `make_space` takes them.
+        objective: as `read_objective` takes it.
+        over: ``worst`` or ``mean``.
+        max_v: limit of |v|.
+        perturb: ``NAME~LAW(A,B)``, a parameter or an initial state.
+        plants: number of draws.
+        seed: not negative.
+        generations: at least 1.
+        population: at least 1.
+        x0: initial plant states.
+        horizon: s.
+        controller: ``continuous`` or ``sampled``.
+        sample_time: s.
+
+    Raises:
+        UsageError: for the first setting that is unknown or out of range.
+    """
+    space = make_space(manifest, gains)
+    drawn = _drawn(manifest, space, perturb, plants, seed)
+    runs = make_runs(
+        manifest, Plan(()), x0=x0, horizon=horizon, controller=controller, sample_time=sample_time
+    )
+    if max_v is not None and not 0 < max_v < math.inf:
+        raise UsageError(f"is {max_v:g}", where="--max-v", remedy="allowed: a number greater than 0")
+    if min(generations, population) < 1:
+        raise UsageError(
+            f"are {generations} and {population}",
+            where="--generations and --population",
+            remedy="allowed: whole numbers from 1",
+        )
+    request = Request(
+        space=space,
+        objective=read_objective(objective),
+        over="mean" if over == "mean" else "worst",
+        max_v=max_v,
+        drawn=drawn,
+        runs=replace(runs, max_steps=MAX_STEPS),
+        seed=seed,
+        generations=generations,
+        population=population,
+        own=dict(zip(varied_names(manifest), (*runs.x0, *runs.p), strict=True)),
+    )
+    if request.members * request.count > MOST_RUNS:
+        raise UsageError(
+            f"asks for {request.members} designs on {request.count} plants in a generation",
+            where="--population and --plants",
+            remedy=f"allowed: at most {MOST_RUNS} runs",
+        )
+    return request
+
+
+def _drawn(manifest: Manifest, space: Space, perturb: tuple[str, ...], plants: int | None, seed: int) -> Plan:
+    samples = tuple(_sample(text) for text in perturb)
+    if plants is not None and not samples:
+        raise UsageError(
+            "says how many plants --perturb draws",
+            where="--plants",
+            remedy="give --perturb 'b0~uniform(1.6,2.4)'",
+        )
+    count = DEFAULT_PLANTS if plants is None else plants
+    if not 1 <= count <= MOST_PLANTS or seed < 0:
+        raise UsageError(
+            f"are {count} and {seed}",
+            where="--plants and --seed",
+            remedy=f"allowed: 1 to {MOST_PLANTS}, a seed from 0",
+        )
+    names = [sample.name for sample in samples]
+    for name in names:
+        _check_perturbed(manifest, space, name, names)
+    return Plan((), samples, count if samples else 1, seed)
+
+
+def _sample(text: str) -> Sample:
+    try:
+        return read_sample(text)
+    except UsageError as error:
+        raise UsageError(error.what, where="--perturb", remedy=error.remedy) from None
+
+
+def _check_perturbed(manifest: Manifest, space: Space, name: str, names: list[str]) -> None:
+    known = [item for item in varied_names(manifest) if item not in manifest.parameter_names]
+    known += [item.name for item in manifest.parameters if item.kind == "plant"]
+    if name not in known:
+        close = difflib.get_close_matches(name, known, n=1)
+        hint = f"did you mean {close[0]}? " if close else ""
+        raise UsageError(
+            f"{manifest.name} has no {name!r} to perturb",
+            where="--perturb",
+            remedy=f"{hint}names: {', '.join(known)}",
+        )
+    if names.count(name) > 1 or name in space.gains:
+        raise UsageError(f"{name} is given twice", where="--perturb", remedy="give each name once")

@@ -1,0 +1,89 @@
+"""A model file with other gains and another name; every other character stays, comments too.
+
+Where a gain is replaced, the line's comment is kept behind the former value, of which it may speak:
+``k = [31.2, 977] # was [40, 400]: both poles of A0 at -20``. The result is read again: whatever the text
+looked like, what it says is the model with these gains, or there is no result.
+"""
+
+from __future__ import annotations
+
+import copy
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+from pmjoint_codegen.errors import ModelError
+
+KINDS: Final = ("c", "e", "ck", "k")
+_ARRAY: Final = r"^([ \t]*{key}[ \t]*=[ \t]*)(\[[^\]]*\])[ \t]*(#[^\r\n]*)?"
+_NAME: Final = re.compile(r"^(name[ \t]*=[ \t]*)(\"[^\"\r\n]*\"|'[^'\r\n]*')", re.MULTILINE)
+_TABLE: Final = re.compile(r"^[ \t]*\[(?![ \t\r\n]*[\"'\d])", re.MULTILINE)
+_DESIGN: Final = re.compile(r"^[ \t]*\[[ \t]*design[ \t]*\][^\r\n]*", re.MULTILINE)
+
+
+def rewrite(text: str, name: str, gains: Mapping[str, float], note: str, where: str) -> str:
+    """Put gains and a name into a model file's text.
+
+    Args:
+        text: of the file.
+        name: of the new model.
+        gains: name -> value, such as ``c1``; gains that are not named stay.
+        note: one line for the comment at the head.
+        where: file that a message begins with.
+
+    Raises:
+        ModelError: the file is written in a way that cannot be edited in place.
+    """
+    document = tomllib.loads(text)
+    wanted = _changed(document, name, gains)
+    edited = _NAME.sub(lambda match: f'{match[1]}"{name}"', text, count=1)
+    heading = _DESIGN.search(edited)
+    if heading is not None:
+        following = _TABLE.search(edited, heading.end())
+        end = following.start() if following else len(edited)
+        section = edited[heading.end() : end]
+        for kind in KINDS:
+            if wanted["design"][kind] != document["design"][kind]:
+                section = _replaced(section, kind, wanted["design"][kind])
+        edited = edited[: heading.end()] + section + edited[end:]
+    newline = "\r\n" if "\r\n" in text else "\n"
+    edited = f"# {' '.join(note.split())}{newline}{edited}"
+    if not _says(edited, wanted):
+        raise ModelError(
+            "cannot be edited in place",
+            where=where,
+            remedy='write name = "..." at the top, and c, e, ck, k each as a list under [design]',
+        )
+    return edited
+
+
+def _changed(document: Mapping[str, Any], name: str, gains: Mapping[str, float]) -> dict[str, Any]:
+    changed = copy.deepcopy(dict(document))
+    changed["name"] = name
+    for gain, value in gains.items():
+        kind = gain.rstrip("0123456789")
+        changed["design"][kind][int(gain[len(kind) :]) - 1] = value
+    return changed
+
+
+def _replaced(section: str, key: str, values: Sequence[float]) -> str:
+    def line(match: re.Match[str]) -> str:
+        former = re.sub(r"\s+", " ", re.sub(r"#[^\r\n]*", "", match[2]))
+        about = f": {match[3].lstrip('# ')}" if match[3] else ""
+        return f"{match[1]}[{', '.join(map(_decimal, values))}] # was {former}{about}"
+
+    pattern = re.compile(_ARRAY.format(key=key), re.MULTILINE)
+    return pattern.sub(line, section, count=1)
+
+
+def _decimal(value: float) -> str:
+    """A number as TOML: the shortest that round-trips."""
+    return str(int(value)) if value == int(value) and abs(value) < 1e15 else repr(float(value))
+
+
+def _says(text: str, wanted: Mapping[str, Any]) -> bool:
+    try:
+        return tomllib.loads(text) == wanted
+    except tomllib.TOMLDecodeError:
+        return False

@@ -1,0 +1,51 @@
+"""Model files with other gains: nothing else changes, and what cannot be edited is refused."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from pmjoint_codegen.errors import ModelError
+from pmjoint_codegen.tune.rewrite import rewrite
+
+GAINS = {"c1": 20.5, "k1": 31.25, "k2": 977.0}
+
+
+@pytest.mark.parametrize(
+    "model", ["paper", "joint", "joint-damped", "joint-exact", "joint-lag", "third-order"]
+)
+def test_every_model_keeps_all_but_name_and_gains(root: Path, model: str) -> None:
+    text = (root / "models" / f"{model}.toml").read_text(encoding="utf-8")
+    edited = rewrite(text, "mine", GAINS, "by hand", model)
+    before, after = tomllib.loads(text), tomllib.loads(edited)
+    assert after["name"] == "mine"
+    assert after["design"]["c"][0] == 20.5
+    assert after["design"]["k"][:2] == [31.25, 977.0]
+    assert after["design"]["e"] == before["design"]["e"]
+    lines = [line for line in edited.split("\n")[1:] if "# was [" not in line and '"mine"' not in line]
+    assert len(lines) == text.count("\n") + 1 - 3  # name, c, k
+    assert set(lines) <= set(text.split("\n"))
+
+
+def test_a_comment_stays_behind_the_value_it_speaks_of() -> None:
+    text = 'name = "a"\r\n[design]\r\nc = [1]\r\ne = [1]\r\nck = [1]\r\n'
+    text += "k = [40, # fast\n 400] # at -20\r\n[other]\r\nk = [1]\r\n"
+    edited = rewrite(text, "b", {"k1": 30.0}, "note", "a.toml")
+    assert edited.startswith('# note\r\nname = "b"\r\n')
+    assert edited.endswith("k = [30, 400] # was [40, 400]: at -20\r\n[other]\r\nk = [1]\r\n")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        'name = "a"\ndesign = { c = [1], e = [1], ck = [1], k = [1] }\n',
+        'name = "a"\ndesign.c = [1]\ndesign.e = [1]\ndesign.ck = [1]\ndesign.k = [1]\n',
+        'name = """a"""\n[design]\nc = [1]\ne = [1]\nck = [1]\nk = [1]\n',
+        'text = """\n[design]\nk = [2]\n"""\nname = "a"\n[design]\nc = [1]\ne = [1]\nck = [1]\nk = [1]\n',
+    ],
+)
+def test_what_cannot_be_edited_in_place_is_refused(text: str) -> None:
+    with pytest.raises(ModelError, match="cannot be edited in place"):
+        rewrite(text, "b", {"k1": 30.0}, "note", "a.toml")
