@@ -84,9 +84,7 @@ def is_sound(folder: Path) -> bool:
         return False
 
 
-def _compile(
-    sources: Mapping[str, bytes], compiler: Compiler, cache: Path, flags: Sequence[str]
-) -> bytes:
+def _compile(sources: Mapping[str, bytes], compiler: Compiler, cache: Path, flags: Sequence[str]) -> bytes:
     ensure_folder(cache)
     try:
         with tempfile.TemporaryDirectory(prefix=".build-", dir=cache) as private:

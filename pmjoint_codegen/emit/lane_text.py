@@ -174,4 +174,6 @@ def _templates() -> Mapping[int, str]:
         ca.OP_CONSTPOW: "pmj_pow({0}, {1})",
         ca.OP_FMIN: "pmj_min({0}, {1})",
         ca.OP_FMAX: "pmj_max({0}, {1})",
+        ca.OP_FABS: "pmj_max({0}, -{0})",
+        ca.OP_SIGN: "pmj_select({0} > 0.0, pmj_all(1.0), pmj_select({0} < 0.0, pmj_all(-1.0), pmj_all(0.0)))",
     }

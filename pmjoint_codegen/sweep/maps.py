@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from pmjoint_codegen.simulate.run import Run
 
 PANEL: Final = (3.05, 2.55)  # inches
 BINS: Final = 60
@@ -201,29 +200,6 @@ def histograms(dataset: xr.Dataset) -> Figure:
         figure, dataset, f"{drawn}. {dataset['status'].size} runs, {share:.4g} % held. Lines: medians.", ""
     )
     return figure
-
-
-def write_before_after(before: Run, after: Run, path: Path) -> Path:
-    """Draw error and control of two runs of the unperturbed plant.
-
-    Raises:
-        UsageError: the file cannot be written.
-    """
-    import matplotlib as mpl
-
-    units = {item.name: item.unit for item in before.manifest.signals}
-    with mpl.rc_context(cast("Any", _STYLE)):
-        figure, panels = _canvas(2)
-        for name, panel in zip(("e", "u"), panels, strict=True):
-            for run, colour, label in ((before, COLOURS[1], "before"), (after, COLOURS[0], "after")):
-                panel.plot(run.t, run[name], color=colour, lw=0.9, label=label)
-            panel.set_xlabel("$t$ (s)")
-            panel.set_ylabel(f"${name}$ ({units[name]})")
-            panel.set_facecolor("white")
-            panel.set_xlim(0.0, float(before.t[-1]))
-        panels[0].legend()
-        storage.write_bytes(path, png(figure))
-    return path
 
 
 def _histogram(panel: Axes, case: Case, name: str, colour: str) -> None:
