@@ -21,6 +21,7 @@ EXACT: Mapping[str, Callable[..., Any]] = {
     "sin": lambda m, a: m.sin(a), "cos": lambda m, a: m.cos(a), "tan": lambda m, a: m.tan(a),
     "tanh": lambda m, a: m.tanh(a), "add": lambda m, a, b: a + b, "sub": lambda m, a, b: a - b,
     "mul": lambda m, a, b: a * b, "div": lambda m, a, b: a / b, "pow": lambda m, a, b: a**b,
+    "fabs": lambda m, a: abs(a), "sign": lambda m, a: m.sign(a),
     "fmin": lambda m, a, b: min(a, b), "fmax": lambda m, a, b: max(a, b),
 }  # fmt: skip
 
