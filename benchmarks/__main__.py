@@ -137,7 +137,7 @@ def many_runs(folder: Path, *, quick: bool) -> list[Row]:
         *sweeps.sampled(paper, folder, 3 if quick else 11),
         *sweeps.one_run(paper, 31 if quick else 301),
         *sweeps.continuous(paper, 3 if quick else 11),
-        *sweeps.threads(paper, 5 if quick else 21),
+        *sweeps.threads(paper, folder, 5 if quick else 21),
         *sweeps.workers(paper, folder),
     ]
     if not quick:

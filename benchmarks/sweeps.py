@@ -237,8 +237,8 @@ def ours_at(paper: Field, runs: Runs, tolerance: float) -> Array:
     return paper.library.simulate(replace(runs, tolerance=tolerance)).final
 
 
-def threads(paper: Field, rounds: int) -> list[Comparison]:
-    """Two threads against one; a machine that others use shows less than it can."""
+def threads(paper: Field, folder: Path, rounds: int) -> list[Comparison]:
+    """Two threads against one, and the same of C by hand: what the machine has to give."""
     runs = random_runs(paper, 8192)
     halves = [
         replace(runs, x0=runs.x0[part].copy(), p=runs.p[part].copy())
@@ -251,6 +251,19 @@ def threads(paper: Field, rounds: int) -> list[Comparison]:
                 "one": lambda: [paper.library.simulate(half) for half in halves],
             },
             rounds,
+        )
+        scalar = ByHand(folder, 1)
+        x0, p = np.tile(runs.x0[0], (2, 1)), np.tile(paper.p, (2, 1))
+        hold = hold_matrices(paper.loop.evaluator, paper.p, 1e-3)
+
+        def by_hand(_: int) -> Array:
+            return scalar.simulate(x0, p, hold, 1e-3, 100_000)
+
+        yard = interleaved(
+            {"two": lambda: list(pool.map(by_hand, (0, 1))), "one": lambda: [by_hand(0), by_hand(1)]}, 5
+        )
+        print(
+            f"C by hand in two threads: {yard['one'] / yard['two']:.2f} times one; the machine gives no more"
         )
     return [Comparison("continuous sweep, two threads", times["two"], "one thread", times["one"], 1 / 1.9)]
 
