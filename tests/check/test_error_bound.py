@@ -76,7 +76,8 @@ def test_one_operation_on_rounded_operands_stays_within_its_bound(operation: str
         error, bound = abs(mpmath.mpf(found.value[row, 0]) - exact), found.error[row, 0]
         assert error <= bound, (operation, point)
         ratios.append(float(error / bound) if bound else 0.0)
-    assert max(ratios) > 0.02, "the bound is too wide to see anything"
+    # sign is exact away from its jump, where its bound is 0 as well
+    assert operation == "sign" or max(ratios) > 0.02, "the bound is too wide to see anything"
 
 
 STEPS = st.lists(
