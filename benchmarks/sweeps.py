@@ -1,325 +1,306 @@
-"""Sweeps against their peers: ratios of medians of calls that take turns, on one core unless it says so."""
+"""A continuous sweep over random initial states and parameters: runs per second and core, and scaling."""
 
 from __future__ import annotations
 
 import os
-import statistics
-import subprocess
-import sys
-import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
-from importlib import import_module
-from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 
-from benchmarks.by_hand import ByHand
 from benchmarks.clock import interleaved
-from benchmarks.cvodes import Array
-from benchmarks.peers import Heyoka, Scipy, heyoka_present
+from benchmarks.paper import HORIZON, X0, Array
+from benchmarks.peers import heyoka_loop, jax_loop, scipy_loop
+from benchmarks.peers.solver import load
+from benchmarks.reference import ROOT
+from benchmarks.report import Row, Section
 from pmjoint_codegen import ClosedLoop
 from pmjoint_codegen.kernels.batch import BatchLibrary, Runs
-from pmjoint_codegen.kernels.tape import FILE_NAME, read_tapes
-from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.simulate.hold import hold_matrices
-from pmjoint_codegen.sweep.drive import drive
 from pmjoint_codegen.sweep.kit import library_of, make_kit
-from pmjoint_codegen.sweep.plan import make_plan
-from pmjoint_codegen.sweep.request import make_request
-from pmjoint_codegen.sweep.store import Store
 
-ACCURACY = 1e-6  # largest error in any state at the horizon, over all runs
+ACCURACY: Final = 1e-6  # largest error in any state at any of the instants below
+INSTANTS: Final = (0.5, 2.0, HORIZON)  # s: in the transient and after it
+CHECKED: Final = 128  # runs whose errors are looked at
+RUNS: Final = 100_000
+SLOW: Final = {
+    "SciPy": 64,
+    "SciPy, Python": 8,
+    "ours, one by one": 256,
+    "diffrax": 64,
+    "heyoka, one by one": 2048,
+}
+HALVES: Final = tuple(10.0**-k for k in np.arange(4.0, 10.1, 0.5))
+
+Integrate = Callable[[float, int, float], Array]  # tolerance, number of runs, horizon -> final states
 
 
 @dataclass(frozen=True)
-class Comparison:
-    """Ours may take at most `bound` times what the peer takes; times are medians a unit of work, s."""
+class Draw:
+    """Random runs: x1 in +-20 rad, x2 in +-10 rad/s, d1 and b0 within 50 % and 20 % of the paper's."""
 
-    what: str
-    ours: float
-    peer: str
-    theirs: float
-    bound: float
+    x0: Array
+    d1: Array
+    b0: Array
 
 
 @dataclass(frozen=True)
-class Field:
-    """The paper's model with its library, and what every contest needs."""
+class Contestant:
+    """A way to make the runs.
 
-    folder: Path
-    manifest: Manifest
-    library: BatchLibrary
-    loop: ClosedLoop
-
-    @property
-    def p(self) -> Array:
-        """The model's own parameters."""
-        return np.array([item.value for item in self.manifest.parameters])
-
-
-def field(root: Path) -> Field:
-    """Load the paper's model."""
-    folder = root / "generated" / "paper"
-    return Field(
-        folder, Manifest.read(folder), library_of(make_kit(folder), os.environ), ClosedLoop.load("paper")
-    )
-
-
-def random_runs(paper: Field, count: int, tolerance: float = 1e-6) -> Runs:
-    """Random initial states, plants and gains; run 0 is the paper's."""
-    generator = np.random.default_rng(0)
-    p = np.tile(paper.p, (count, 1))
-    names = paper.manifest.parameter_names
-    spreads = {"d1": (0.1, 0.3), "b0": (1.5, 2.5), "u_max": (8, 12), "c1": (10, 20), "c2": (10, 20)}
-    for name, (low, high) in spreads.items():
-        p[1:, names.index(name)] = generator.uniform(low, high, count - 1)
-    x0 = np.zeros((count, paper.manifest.nX))
-    x0[:, :2] = generator.uniform((-10, -5), (10, 5), (count, 2))  # inside every region of attraction
-    x0[0, :2] = paper.manifest.simulation.x0
-    return Runs(x0, p, 20.0, tolerance, 0.0, np.empty((0, 0)), np.empty(0), 1e6, 1_000_000)
-
-
-def cpu_times(contestants: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, float]:
-    """Return the median processor time of one call, s, of contestants that take turns in one thread.
-
-    Processor time, as other work on the machine would count as wall time; each has one call that does not
-    count.
+    Attributes:
+        label: its name.
+        tolerances: to choose from, the loosest first.
+        integrate: makes the first so many runs.
+        runs: how many in one timing.
     """
-    times: dict[str, list[float]] = {name: [] for name in contestants}
-    for index in range(rounds + 1):
-        for name, call in contestants.items():
-            begun = time.thread_time()
-            call()
-            if index:
-                times[name].append(time.thread_time() - begun)
-    return {name: statistics.median(taken) for name, taken in times.items()}
+
+    label: str
+    tolerances: Sequence[float]
+    integrate: Integrate
+    runs: int
 
 
-def worst(found: Array, exact: Array) -> float:
-    """Largest error over all runs and states."""
-    return float(np.max(np.abs(found - exact)))
+def draw(runs: int) -> Draw:
+    """Draw runs; the same for everybody."""
+    random = np.random.default_rng(7)
+    x0 = np.zeros((runs, len(X0)))
+    x0[:, 0] = random.uniform(-20.0, 20.0, runs)
+    x0[:, 1] = random.uniform(-10.0, 10.0, runs)
+    return Draw(x0, random.uniform(0.1, 0.3, runs), random.uniform(1.6, 2.4, runs))
 
 
-def sampled(paper: Field, folder: Path, rounds: int) -> list[Comparison]:
-    """The sampled controller at 1 ms against the same loop written by hand, scalar and in vectors."""
-    count, samples, T = 64, 20_000, 1e-3
-    runs = random_runs(paper, count, 1e-8)
-    runs.p[:] = np.where(
-        np.isin(np.arange(len(paper.p)), (0, 1, 2)), runs.p, paper.p
-    )  # gains shared, so one hold
-    hold = hold_matrices(paper.loop.evaluator, paper.p, T)
-    ours = replace(runs, sample_time=T, hold=hold[np.newaxis])
-    one = replace(ours, x0=ours.x0[:1].copy(), p=ours.p[:1].copy())
-    scalar, vector = ByHand(folder, 1), ByHand(folder, paper.library.width)
-    exact = paper.library.simulate(replace(ours, tolerance=1e-12)).final
-    arguments = (runs.x0, runs.p, hold, T, samples)
-    for name, final in (
-        ("ours", paper.library.simulate(ours).final),
-        ("by hand", scalar.simulate(*arguments)),
-        ("by hand in vectors", vector.simulate(*arguments)),
-    ):
-        print(f"sampled, {name}: largest error {worst(final, exact):.1e}")
-    times = cpu_times(
-        {
-            "ours": lambda: paper.library.simulate(ours),
-            "scalar": lambda: scalar.simulate(*arguments),
-            "vector": lambda: vector.simulate(*arguments),
-            "one": lambda: paper.library.simulate(one),
-            "single": lambda: paper.loop.simulate(controller="sampled"),
-        },
-        rounds,
+def library() -> BatchLibrary:
+    """Return our batch loops for this machine."""
+    return library_of(make_kit(ROOT / "generated" / "paper"), os.environ)
+
+
+def requests(batch: BatchLibrary, drawn: Draw) -> Callable[[float, slice, float], Runs]:
+    """Return (tolerance, which, horizon) -> what the batch library takes."""
+    manifest = batch.manifest
+    p = np.tile(np.array([item.value for item in manifest.parameters]), (len(drawn.x0), 1))
+    p[:, manifest.parameter_names.index("d1")] = drawn.d1
+    p[:, manifest.parameter_names.index("b0")] = drawn.b0
+
+    def make(tolerance: float, which: slice, horizon: float) -> Runs:
+        return Runs(
+            x0=drawn.x0[which],
+            p=p[which],
+            horizon=horizon,
+            tolerance=tolerance,
+            sample_time=0.0,
+            hold=np.empty((0, 0)),
+            times=np.empty(0),
+            divergence=1e9,
+            max_steps=1_000_000,
+        )
+
+    return make
+
+
+def run(quick: bool) -> Section:
+    """Measure everybody on one core, at the loosest tolerance that reaches the accuracy."""
+    runs = 8000 if quick else RUNS
+    drawn = draw(runs)
+    instants = ", ".join(f"{t:g}" for t in INSTANTS)
+    section = Section(
+        f"Continuous sweep, {runs} random runs of 20 s",
+        "Time of one run on one core. x1(0) within 20 rad, x2(0) within 10 rad/s, d1 in 0.1 to 0.3, b0 in"
+        f" 1.6 to 2.4; error at most {ACCURACY:g} in every state at {instants} s of {CHECKED} runs, against"
+        " heyoka at 1e-15 (without it: ours, one by one, at 1e-13). Ours reports status, integral of e^2,"
+        " largest |e| and |v|, settling and saturated time; the peers final states. Slow peers make fewer"
+        " runs.",
     )
-    steps = count * samples
-    by_hand = times["scalar"] / steps
-    return [
-        Comparison("sampled, batch, a step", times["ours"] / steps, "C by hand", by_hand, 1 / 4),
-        Comparison(
-            "sampled, batch, a step",
-            times["ours"] / steps,
-            "C by hand, vectors",
-            times["vector"] / steps,
-            1.5,
-        ),
-        Comparison(
-            "sampled, one run in the batch loop, a step", times["one"] / samples, "C by hand", by_hand, 1.15
-        ),
-        Comparison(
-            "sampled, pmjoint simulate, a step", times["single"] / samples, "C by hand", by_hand, 1.15
-        ),
-    ]
-
-
-def one_run(paper: Field, rounds: int) -> list[Comparison]:
-    """The paper's own run to its horizon with located switches, no output between, at 1e-9 in all states."""
-    if not heyoka_present():
-        return []
-    run = random_runs(paper, 1)
-    tapes = read_tapes((paper.folder / FILE_NAME).read_text(encoding="utf-8"))
-    exact = paper.library.simulate(replace(run, tolerance=1e-13)).final
-    v0 = paper.loop.evaluator.call("signals", np.zeros((1, 1)), run.x0, run.p)[0]
-    v0 = v0[:, [item.name for item in paper.manifest.signals].index("v")]
-
-    def heyoka(tol: float) -> Array:
-        return Heyoka(paper.manifest, tapes, tol, 1).simulate(run.x0, run.p, v0, run.horizon)
-
-    peer = Heyoka(paper.manifest, tapes, loosest("heyoka, one run", heyoka, exact, 1e-9), 1)
-    best = replace(run, tolerance=loosest("ours, one run", lambda tol: ours_at(paper, run, tol), exact, 1e-9))
-    settings = {"output_step": run.horizon, "tolerance": best.tolerance}
-    times = cpu_times(
-        {
-            "batch": lambda: paper.library.simulate(best),
-            "peer": lambda: peer.simulate(run.x0, run.p, v0, run.horizon),
-            "simulate": lambda: paper.loop.simulate(**settings),  # type: ignore[arg-type]
-        },
-        rounds,
-    )
-    return [
-        Comparison("one run at 1e-9, batch loop", times["batch"], "heyoka, events", times["peer"], 1.0),
-        Comparison("one run at 1e-9, from Python", times["simulate"], "heyoka, events", times["peer"], 1.0),
-    ]
-
-
-def loosest(name: str, at: Callable[[float], Array], exact: Array, accuracy: float = ACCURACY) -> float:
-    """Return the loosest tolerance, decade by decade, at which a contestant is as accurate as asked."""
-    for exponent in range(4, 14):
-        found = worst(at(10.0**-exponent), exact)
-        if found <= accuracy:
-            print(f"continuous, {name}: largest error {found:.1e} at tolerance 1e-{exponent}")
-            return 10.0**-exponent
-    raise SystemExit(f"{name} does not reach {accuracy:g}")
-
-
-def continuous(paper: Field, rounds: int) -> list[Comparison]:
-    """The continuous controller over random initial states and parameters, all as accurate as asked."""
-    count, few = 1024, 8
-    runs = random_runs(paper, count)
-    tapes = read_tapes((paper.folder / FILE_NAME).read_text(encoding="utf-8"))
-    exact = paper.library.simulate(replace(runs, tolerance=1e-13)).final
-    best = replace(runs, tolerance=loosest("ours", lambda tol: ours_at(paper, runs, tol), exact))
-    contestants: dict[str, Callable[[], object]] = {"ours": lambda: paper.library.simulate(best)}
-    v0 = paper.loop.evaluator.call("signals", np.zeros((count, 1)), runs.x0, runs.p)[0]
-    v0 = v0[:, [item.name for item in paper.manifest.signals].index("v")]
-    for width in (1, 2, 4, 8) if heyoka_present() else ():
-
-        def heyoka(tol: float, width: int = width) -> Array:
-            return Heyoka(paper.manifest, tapes, tol, width).simulate(runs.x0, runs.p, v0, runs.horizon)
-
-        peer = Heyoka(paper.manifest, tapes, loosest(f"heyoka x {width}", heyoka, exact), width)
-        contestants[f"heyoka x {width}"] = partial(peer.simulate, runs.x0, runs.p, v0, runs.horizon)
-    times = cpu_times(contestants, rounds)
-    ours = times.pop("ours") / count
-    rows = []
-    if times:
-        name = min(times, key=lambda name: times[name])
-        rows.append(
-            Comparison("continuous sweep, a run", ours, f"{name}, events", times[name] / count, 1 / 2)
+    expected = _expected(drawn)
+    chosen = []
+    for contestant in _contestants(drawn, runs, section.absent):
+        tolerance, worst = _loosest(contestant, expected)
+        if worst <= ACCURACY:
+            chosen.append((contestant, tolerance, worst))
+        else:
+            section.notes.append(f"{contestant.label} does not reach {ACCURACY:g}: {worst:.1e}")
+    times = _measure(chosen, quick)
+    for contestant, tolerance, worst in chosen[1:]:
+        bound = _bound(contestant.label)
+        note = f"errors: ours {chosen[0][2]:.1e} at {chosen[0][1]:.0e}, theirs {worst:.1e} at {tolerance:.0e}"
+        section.add(
+            Row("one run of a sweep", times["ours"], contestant.label, times[contestant.label], bound, note)
         )
-    else:
-        print("heyoka is not installed (pip install heyoka): its row is left out")
-    for method in ("LSODA", "DOP853"):
-
-        def scipy(tol: float, method: str = method) -> Array:
-            return Scipy(paper.manifest, tapes, method, tol).simulate(
-                runs.x0[:few], runs.p[:few], runs.horizon
-            )
-
-        tolerance = loosest(f"SciPy {method}", scipy, exact[:few])
-        taken = cpu_times({"scipy": partial(scipy, tolerance)}, 3)["scipy"] / few
-        rows.append(Comparison("continuous sweep, a run", ours, f"SciPy {method}", taken, 1e-3))
-    return rows
+    section.notes.append(f"trajectories per second and core, ours: {1 / times['ours']:.3g}")
+    return section
 
 
-def ours_at(paper: Field, runs: Runs, tolerance: float) -> Array:
-    """Return X at the horizon."""
-    return paper.library.simulate(replace(runs, tolerance=tolerance)).final
+def _bound(label: str) -> float | None:
+    return next((b for start, b in (("heyoka", 1 / 2), ("SciPy", 1 / 1000)) if label.startswith(start)), None)
 
 
-def threads(paper: Field, folder: Path, rounds: int) -> list[Comparison]:
-    """Two threads against one, and the same of C by hand: what the machine has to give."""
-    runs = random_runs(paper, 8192)
-    halves = [
-        replace(runs, x0=runs.x0[part].copy(), p=runs.p[part].copy())
-        for part in (slice(0, 4096), slice(4096, 8192))
-    ]
-    with ThreadPoolExecutor(2) as pool:
-        times = interleaved(
-            {
-                "two": lambda: list(pool.map(paper.library.simulate, halves)),
-                "one": lambda: [paper.library.simulate(half) for half in halves],
-            },
-            rounds,
+def _measure(chosen: Sequence[tuple[Contestant, float, float]], quick: bool) -> dict[str, float]:
+    """Return medians of the time of one run, s; the two fast ones meet more often."""
+    calls = {
+        item.label: (lambda item=item, tolerance=tolerance: item.integrate(tolerance, item.runs, HORIZON))
+        for item, tolerance, _ in chosen
+    }
+    sizes = {item.label: item.runs for item, _, _ in chosen}
+    fast = {name: call for name, call in calls.items() if sizes[name] > max(SLOW.values())}
+    slow = {name: call for name, call in calls.items() if name not in fast}
+    times = interleaved(fast, 1 if quick else 5) | interleaved(slow, 1 if quick else 3)
+    return {name: taken / sizes[name] for name, taken in times.items()}
+
+
+def _loosest(contestant: Contestant, expected: Sequence[Array]) -> tuple[float, float]:
+    """Return the loosest tolerance that reaches the accuracy, or the tightest; and its error."""
+    worst = float("inf")
+    for tolerance in contestant.tolerances:
+        count = min(len(expected[0]), contestant.runs)
+        found = [contestant.integrate(tolerance, count, t) for t in INSTANTS]
+        worst = max(
+            float(np.abs(a[: len(b)] - b[: len(a)]).max()) for a, b in zip(found, expected, strict=True)
         )
-        scalar = ByHand(folder, 1)
-        x0, p = np.tile(runs.x0[0], (2, 1)), np.tile(paper.p, (2, 1))
-        hold = hold_matrices(paper.loop.evaluator, paper.p, 1e-3)
-
-        def by_hand(_: int) -> Array:
-            return scalar.simulate(x0, p, hold, 1e-3, 100_000)
-
-        yard = interleaved(
-            {"two": lambda: list(pool.map(by_hand, (0, 1))), "one": lambda: [by_hand(0), by_hand(1)]}, 5
-        )
-        print(
-            f"C by hand in two threads: {yard['one'] / yard['two']:.2f} times one; the machine gives no more"
-        )
-    return [Comparison("continuous sweep, two threads", times["two"], "one thread", times["one"], 1 / 1.9)]
+        if worst <= ACCURACY:
+            return tolerance, worst
+    return contestant.tolerances[-1], worst
 
 
-def workers(paper: Field, folder: Path) -> list[Comparison]:
-    """Two Dask workers against one, processes of one thread on loopback; wall time of driving alone."""
+def _expected(drawn: Draw) -> list[Array]:
+    """Return final states of the checked runs at the instants."""
     try:
-        distributed = import_module("distributed")
-    except ModuleNotFoundError:
-        print("Dask is not installed (pip install 'pmjoint-codegen[sweep]'): its row is left out")
-        return []
-    plan = make_plan(("x1=-60:60:400", "x2=-20:20:400"), (), None, 0, "sobol")
-    request = make_request(paper.manifest, plan)
-    kit = make_kit(paper.folder)
-    times = {}
-    for count in (1, 2):
-        with distributed.LocalCluster(
-            n_workers=count, threads_per_worker=1, dashboard_address=None
-        ) as cluster:
-            taken = []
-            for turn in range(3):
-                store = Store(folder / f"workers-{count}-{turn}", request, paper.manifest.nX)
-                store.open()
-                begun = time.perf_counter()
-                drive(store, kit, threads=1, scheduler=cluster.scheduler_address, tell=lambda done: None)
-                taken.append(time.perf_counter() - begun)
-            times[count] = min(taken[1:])  # the first builds and loads
-    return [Comparison("continuous sweep, two Dask workers", times[2], "one worker", times[1], 1 / 1.7)]
+        integrate = _heyoka_single(drawn)
+        return [integrate(1e-15, CHECKED, t) for t in INSTANTS]
+    except ImportError:
+        own = _one_by_one(drawn)
+        return [own(1e-13, CHECKED, t) for t in INSTANTS]
 
 
-def memory(folder: Path) -> str:
-    """Peak memory of a whole `pmjoint sweep` over a million runs, and how long it takes."""
-    grid = [
-        "--grid",
-        "x1=-60:60:1000",
-        "--grid",
-        "x2=-20:20:1000",
-        "--no-figures",
-        "--out",
-        str(folder / "million"),
-    ]
-    program = (
-        "import resource, subprocess, sys, time; a = time.perf_counter();"
-        "subprocess.run(sys.argv[1:], check=True);"
-        "print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss, time.perf_counter() - a)"
+def _contestants(drawn: Draw, runs: int, absent: list[str]) -> Iterator[Contestant]:
+    batch = library()
+    request = requests(batch, drawn)
+    yield Contestant(
+        "ours", HALVES, lambda tol, n, t: batch.simulate(request(tol, slice(0, n), t)).final, runs
     )
-    command = [
-        sys.executable,
-        "-c",
-        program,
-        sys.executable,
-        "-m",
-        "pmjoint_codegen",
-        "sweep",
-        "paper",
-        *grid,
-    ]
-    done = subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()[-1].split()
-    return f"10^6 runs: {float(done[0]) / 2**20:.2f} GiB at most, {float(done[1]):.1f} s in all"
+    yield Contestant("ours, one by one", HALVES, _one_by_one(drawn), SLOW["ours, one by one"])
+    name = "heyoka"
+    try:
+        yield Contestant("heyoka, batch of 8", HALVES, _heyoka_batch(drawn), min(runs, 20_000) // 8 * 8)
+        yield Contestant("heyoka, one by one", HALVES, _heyoka_single(drawn), SLOW["heyoka, one by one"])
+    except ImportError as error:
+        absent.append(f"{name}: no {error.name}")
+    yield from _scipy(drawn)
+    try:
+        yield Contestant("diffrax Dopri8, vmap", jax_loop.SETTINGS, _diffrax(drawn), SLOW["diffrax"])
+    except ImportError as error:
+        absent.append(f"diffrax: no {error.name}")
+
+
+def _one_by_one(drawn: Draw) -> Integrate:
+    loop = ClosedLoop.load("paper", evaluator="compiled")
+
+    def integrate(tolerance: float, n: int, horizon: float) -> Array:
+        return np.array([
+            loop.simulate(
+                parameters={"d1": drawn.d1[i], "b0": drawn.b0[i]},
+                x0=drawn.x0[i, :2],
+                horizon=horizon,
+                output_step=horizon,
+                tolerance=tolerance,
+            ).states[-1]
+            for i in range(n)
+        ])  # fmt: skip
+
+    return integrate
+
+
+def _heyoka_single(drawn: Draw) -> Integrate:
+    load("heyoka")
+
+    pars = heyoka_loop.initial_modes(drawn.x0, drawn.d1, drawn.b0)
+    made: dict[float, Any] = {}
+
+    def integrate(tolerance: float, n: int, horizon: float) -> Array:
+        ta = made[tolerance] = made.get(tolerance) or heyoka_loop.single(tolerance)
+        return heyoka_loop.run_single(ta, drawn.x0[:n], pars[:n], horizon)
+
+    return integrate
+
+
+def _heyoka_batch(drawn: Draw) -> Integrate:
+    load("heyoka")
+
+    pars = heyoka_loop.initial_modes(drawn.x0, drawn.d1, drawn.b0)
+    made: dict[float, Any] = {}
+
+    def integrate(tolerance: float, n: int, horizon: float) -> Array:
+        ta = made[tolerance] = made.get(tolerance) or heyoka_loop.batch(tolerance)
+        return heyoka_loop.run_batch(ta, drawn.x0[:n], pars[:n], horizon)
+
+    return integrate
+
+
+def _scipy(drawn: Draw) -> Iterator[Contestant]:
+    right, compiled_by = scipy_loop.field()
+
+    def loop(one: Callable[[Array, tuple[float, ...], Array, float], Array]) -> Integrate:
+        def integrate(tolerance: float, n: int, horizon: float) -> Array:
+            grid = np.array([0.0, horizon])
+            plants = zip(drawn.d1.tolist(), drawn.b0.tolist(), strict=True)
+            rows = zip(drawn.x0[:n], plants, strict=False)
+            return np.array([one(x0, (*plant, heyoka_loop.LIMIT), grid, tolerance)[-1] for x0, plant in rows])
+
+        return integrate
+
+    compiled = loop(lambda x0, plant, grid, tol: scipy_loop.odeint_run(right, x0, plant, grid, tol))
+    yield Contestant(f"SciPy LSODA (odeint), {compiled_by}", HALVES, compiled, SLOW["SciPy"])
+    yield Contestant(
+        "SciPy LSODA (solve_ivp), Python", HALVES, loop(scipy_loop.solve_ivp_run), SLOW["SciPy, Python"]
+    )
+
+
+def _diffrax(drawn: Draw) -> Integrate:
+    jax_loop.many()
+
+    def integrate(tolerance: float, n: int, horizon: float) -> Array:
+        n = min(n, SLOW["diffrax"])  # one compiled shape
+        return jax_loop.run_many(drawn.x0[:n], drawn.d1[:n], drawn.b0[:n], horizon, tolerance)
+
+    return integrate
+
+
+def scaling(quick: bool) -> Section:
+    """Measure ours with the number of runs, and with two threads."""
+    batch = library()
+    most = 8000 if quick else RUNS
+    request = requests(batch, draw(most))
+    section = Section(
+        "Scaling of a sweep in memory",
+        "The same sweep at 1e-6: time of one run with the number of runs, and of the whole with two threads"
+        " against one. Bound: two threads take at most 1/1.9 of the time of one.",
+    )
+    sizes = [size for size in (1000, 10_000, 100_000) if size <= most]
+    calls = {str(n): partial(_make, batch, request, n) for n in sizes}
+    times = interleaved(calls, 1 if quick else 5)
+    for size in sizes[1:]:
+        section.add(
+            Row(f"{size} runs, each", times[str(size)] / size, "1000 runs, each", times["1000"] / 1000)
+        )
+    one, two = _threads(batch, request, most, 3 if quick else 9)
+    section.add(Row(f"{most} runs, two threads", two, "one thread", one, 1 / 1.9))
+    return section
+
+
+def _make(batch: BatchLibrary, request: Callable[[float, slice, float], Runs], runs: int) -> None:
+    batch.simulate(request(1e-6, slice(0, runs), HORIZON))
+
+
+def _threads(
+    batch: BatchLibrary, request: Callable[[float, slice, float], Runs], runs: int, rounds: int
+) -> tuple[float, float]:
+    """Return times with one and with two threads, s, over chunks as `pmjoint sweep` makes them."""
+    chunks = [slice(first, min(first + 2000, runs)) for first in range(0, runs, 2000)]
+
+    def with_threads(count: int) -> None:
+        with ThreadPoolExecutor(count) as pool:
+            list(pool.map(lambda which: batch.simulate(request(1e-6, which, HORIZON)), chunks))
+
+    times = interleaved({str(n): partial(with_threads, n) for n in (1, 2)}, rounds)
+    return times["1"], times["2"]

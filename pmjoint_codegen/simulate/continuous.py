@@ -175,7 +175,8 @@ class _Loop:
         self.write_rows(end)
         self.integrate_error(tau)
         peaks, times = self.memory.peaks, self.memory.peak_times
-        note_peaks(self.c, progress.t, tau, following[0], differentiate(self.c, tau), peaks, times)
+        slopes = differentiate(self.c, tau)
+        note_peaks(self.c, problem.n_searched, progress.t, tau, following[0], slopes, peaks, times)
         self.X, self.c = trial, following
         if np.any(np.abs(trial) > problem.divergence):
             progress.status = Status.DIVERGED

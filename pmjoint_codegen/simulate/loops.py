@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import fields
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from pmjoint_codegen.kernels.compiled import CompiledEvaluator
-from pmjoint_codegen.kernels.evaluator import Evaluator
+from pmjoint_codegen.kernels.evaluator import Array, Evaluator
 from pmjoint_codegen.simulate.continuous import continuous_loop
 from pmjoint_codegen.simulate.problem import Memory, Problem, Progress
 from pmjoint_codegen.simulate.sampled import sampled_loop
 
 Advance = Callable[[int], None]
+_PROGRESS: Final = {field.name: field.default for field in fields(Progress)}  # at the start of a run
 
 
 def make_loop(evaluator: Evaluator, problem: Problem, progress: Progress, memory: Memory) -> Advance:
@@ -27,40 +28,51 @@ def make_loop(evaluator: Evaluator, problem: Problem, progress: Progress, memory
         memory: as `make_memory` made it.
     """
     if isinstance(evaluator, CompiledEvaluator):
-        return compiled_loop(evaluator, problem, progress, memory)
+        return CompiledLoop(evaluator, problem, progress, memory)
     return (sampled_loop if problem.sample_time else continuous_loop)(evaluator, problem, progress, memory)
 
 
-def compiled_loop(
-    evaluator: CompiledEvaluator, problem: Problem, progress: Progress, memory: Memory
-) -> Advance:
-    """Prepare a run of the C loops of ``pmjoint_runtime.h``."""
-    ffi, lib = evaluator.ffi, evaluator.lib
-    c_problem, c_progress, c_memory = (
-        _struct(ffi, name, record)
-        for name, record in (
-            ("pmj_problem *", problem),
-            ("pmj_progress *", progress),
-            ("pmj_memory *", memory),
+class CompiledLoop:
+    """A run of the C loops of ``pmjoint_runtime.h``; calling it advances the run, as `Advance` says."""
+
+    def __init__(
+        self, evaluator: CompiledEvaluator, problem: Problem, progress: Progress, memory: Memory
+    ) -> None:
+        ffi, lib = evaluator.ffi, evaluator.lib
+        self._problem, self._progress, self._memory = (
+            _struct(ffi, name, record)
+            for name, record in (
+                ("pmj_problem *", problem),
+                ("pmj_progress *", progress),
+                ("pmj_memory *", memory),
+            )
         )
-    )
-    names = (
-        ("plant_taylor", "reference", "law", "sampled_update")
-        if problem.sample_time
-        else ("taylor", "reference")
-    )
-    bound = [evaluator.function(name) for name in names]
-    functions = [function.struct for function in bound]
-    run = lib.pmj_sampled if problem.sample_time else lib.pmj_continuous
-    alive = (problem, memory, bound)  # the structs point into them
+        names = (
+            ("plant_taylor", "reference", "law", "sampled_update")
+            if problem.sample_time
+            else ("taylor", "reference")
+        )
+        self._bound = [evaluator.function(name) for name in names]  # the structs point into them
+        self._functions = [function.struct for function in self._bound]
+        self._run = lib.pmj_sampled if problem.sample_time else lib.pmj_continuous
+        self._records = (problem, progress, memory)  # and into these
 
-    def advance(budget: int) -> None:
-        run(c_problem[0], *functions, c_progress[0], c_memory[0], budget)
-        for field in fields(progress):
-            setattr(progress, field.name, getattr(c_progress[0], field.name))
+    def __call__(self, budget: int) -> None:
+        """Advance by at most `budget` steps or samples."""
+        self._run(self._problem[0], *self._functions, self._progress[0], self._memory[0], budget)
+        progress, source = self._records[1], self._progress[0]
+        for name in _PROGRESS:
+            setattr(progress, name, getattr(source, name))
 
-    advance.__dict__["alive"] = alive
-    return advance
+    def restart(self, x0: Array) -> None:
+        """Begin again at X(0) = x0, shape (nX,), in the memory of the run before: its results are lost."""
+        _, progress, memory = self._records
+        for name, value in _PROGRESS.items():
+            setattr(progress, name, value)
+            setattr(self._progress[0], name, value)
+        memory.state[:] = memory.sample[:] = memory.rows[0] = x0
+        memory.held[:1] = x0
+        memory.peaks[:] = memory.peak_times[:] = 0.0
 
 
 def _struct(ffi: Any, name: str, record: Problem | Progress | Memory) -> tuple[Any, list[Any]]:

@@ -90,12 +90,20 @@ def first_crossing(q: Sequence[float], h: float) -> float | None:
 
 
 def note_peaks(
-    c: Array, t: float, tau: float, end: Array, end_slope: Array, peaks: Array, peak_times: Array
+    c: Array,
+    searched: int,
+    t: float,
+    tau: float,
+    end: Array,
+    end_slope: Array,
+    peaks: Array,
+    peak_times: Array,
 ) -> None:
     """Keep the largest magnitudes over a step: at its end, and where a slope changes its sign.
 
     Args:
         c: shape (N + 1, channels).
+        searched: of how many channels the inside of the step is looked at.
         t: the step's start, s.
         tau: its length, s.
         end: values at its end, shape (channels,).
@@ -105,7 +113,7 @@ def note_peaks(
     """
     for i in range(c.shape[1]):
         note_value(float(end[i]), t + tau, i, peaks, peak_times)
-        if c[1, i] * end_slope[i] < 0.0:
+        if i < searched and c[1, i] * end_slope[i] < 0.0:
             _note_extremum(c[:, i].tolist(), t, tau, i, peaks, peak_times)
 
 

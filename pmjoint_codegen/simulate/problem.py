@@ -33,6 +33,8 @@ class Problem:
         nodes: quadrature nodes on (0, 1).
         weights: of the nodes; they add up to 1.
         n_nodes: number of them; 0 leaves the integral of e^2 out.
+        n_searched: channels, of X and v, whose largest magnitudes are searched for inside steps too; the
+            others' are those at the ends of steps.
         times: output instants, s: the first 0, the last the horizon.
         n_rows: length of `times`.
         sample_time: s; 0 for the continuous loop.
@@ -57,6 +59,7 @@ class Problem:
     nodes: Array
     weights: Array
     n_nodes: int
+    n_searched: int
     times: Array
     n_rows: int
     sample_time: float

@@ -116,6 +116,7 @@ def make_problem(evaluator: Evaluator, settings: Settings, actuator: Actuator) -
         nodes=np.array(rule.nodes),
         weights=np.array(rule.weights),
         n_nodes=len(rule.nodes),
+        n_searched=manifest.nX + 1,
         times=times,
         n_rows=len(times),
         sample_time=settings.sample_time if sampled else 0.0,

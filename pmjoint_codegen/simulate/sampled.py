@@ -170,7 +170,8 @@ class _Loop:
             self.next_row(t_sample)[: self.problem.n_plant] = evaluate(c, time - progress.t)
         self.integrate_error(c, tau)
         peaks, times = self.memory.peaks, self.memory.peak_times
-        note_peaks(c, progress.t, tau, trial, differentiate(c, tau), peaks, times)
+        slopes = differentiate(c, tau)
+        note_peaks(c, self.problem.n_searched, progress.t, tau, trial, slopes, peaks, times)
         self.x = trial
         progress.t = until
         progress.steps += 1

@@ -206,8 +206,8 @@ static void accept(const pmj_problem *problem, const pmj_function *reference, pm
     if (integrate_error(problem, reference, progress, memory, c, tau)) {
         progress->status = PMJ_KERNEL_FAILED;
     }
-    pmj_note_peaks(c, problem->n_states + 1, problem->order, problem->n_states + 1, progress->t, tau, next,
-                   memory->slope, memory->peaks, memory->peak_times);
+    pmj_note_peaks(c, problem->n_states + 1, problem->order, problem->n_states + 1, problem->n_searched, progress->t,
+                   tau, next, memory->slope, memory->peaks, memory->peak_times);
     for (long long i = 0; i < problem->n_states; ++i) {
         memory->state[i] = memory->trial[i];
         if (fabs(memory->state[i]) > problem->divergence) {

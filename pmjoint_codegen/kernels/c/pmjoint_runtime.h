@@ -52,6 +52,7 @@ typedef struct {
     const double *nodes;      /* [n_nodes] Gauss nodes on (0, 1) for the integral of e^2 */
     const double *weights;    /* [n_nodes] */
     long long n_nodes;
+    long long n_searched;     /* channels whose largest magnitudes are searched for inside steps too */
     const double *times;      /* [n_rows] output instants, ascending, the first 0, the last the horizon */
     long long n_rows;
     double sample_time;
@@ -104,8 +105,8 @@ void pmj_differentiate(const double *c, long long width, long long order, double
 double pmj_step_size(const double *c, long long width, long long order, double tolerance, double safety);
 int pmj_first_crossing(const double *q, long long degree, double h, double *root);
 void pmj_note_value(double value, double t, double *peak, double *peak_time);
-void pmj_note_peaks(const double *c, long long width, long long order, long long n, double t, double tau,
-                    const double *end, const double *end_slope, double *peaks, double *peak_times);
+void pmj_note_peaks(const double *c, long long width, long long order, long long n, long long searched, double t,
+                    double tau, const double *end, const double *end_slope, double *peaks, double *peak_times);
 
 /* continuous.c */
 void pmj_continuous(const pmj_problem *problem, const pmj_function *taylor, const pmj_function *reference,

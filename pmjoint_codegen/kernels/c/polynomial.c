@@ -249,13 +249,14 @@ static void note_extremum(const double *c, long long width, long long order, dou
     }
 }
 
-/* Peaks of the first n channels over a step that starts at t: at its end, and where a slope changes its sign. */
-void pmj_note_peaks(const double *c, long long width, long long order, long long n, double t, double tau,
-                    const double *end, const double *end_slope, double *peaks, double *peak_times)
+/* Peaks of the first n channels over a step that starts at t: at its end, and for the first `searched` of them where a
+ * slope changes its sign. */
+void pmj_note_peaks(const double *c, long long width, long long order, long long n, long long searched, double t,
+                    double tau, const double *end, const double *end_slope, double *peaks, double *peak_times)
 {
     for (long long i = 0; i < n; ++i) {
         pmj_note_value(end[i], t + tau, peaks + i, peak_times + i);
-        if (c[width + i] * end_slope[i] < 0.0) {
+        if (i < searched && c[width + i] * end_slope[i] < 0.0) {
             note_extremum(c + i, width, order, t, tau, peaks + i, peak_times + i);
         }
     }

@@ -140,8 +140,8 @@ static void accept(const pmj_problem *problem, const pmj_function *reference, pm
         progress->status = PMJ_KERNEL_FAILED;
     }
     pmj_differentiate(c, problem->n_plant, problem->order, tau, memory->slope, problem->n_plant);
-    pmj_note_peaks(c, problem->n_plant, problem->order, problem->n_plant, progress->t, tau, memory->trial,
-                   memory->slope, memory->peaks, memory->peak_times);
+    pmj_note_peaks(c, problem->n_plant, problem->order, problem->n_plant, problem->n_searched, progress->t, tau,
+                   memory->trial, memory->slope, memory->peaks, memory->peak_times);
     for (long long i = 0; i < problem->n_plant; ++i) {
         memory->state[i] = memory->trial[i];
     }

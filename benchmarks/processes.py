@@ -1,0 +1,176 @@
+"""Whole processes: the start of one, regeneration, sweeps to disk, workers of a cluster."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Final
+
+from benchmarks.clock import interleaved
+from benchmarks.reference import ROOT
+from benchmarks.report import Row, Section
+
+GIB: Final = 2.0**30
+PATIENCE_S: Final = 120  # with one process
+SAMPLED: Final = ("--controller", "sampled")  # long enough that the start of a process does not matter
+WARM_S: Final = 20  # patience with a cluster that starts
+
+
+def process(*arguments: str, cwd: Path = ROOT) -> Callable[[], object]:
+    """Return a call that runs this interpreter once, silently, and fails if it does."""
+    command = [sys.executable, *arguments]
+    return lambda: subprocess.run(
+        command,
+        cwd=cwd,
+        check=True,
+        timeout=PATIENCE_S,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+
+
+def run(quick: bool, folder: Path) -> Section:
+    """Measure whole processes; results go into `folder`."""
+    section = Section("Processes", "Start, run and end of whole processes, the caches of builds being warm.")
+    simulate = ("-m", "pmjoint_codegen", "simulate", "paper", "--no-figures", "--out", str(folder / "run"))
+    calls = {"ours": process(*simulate), "peer": process("-c", "import numpy")}
+    times = interleaved(calls, 3 if quick else 11)
+    what = "pmjoint simulate paper --no-figures"
+    section.add(Row(what, times["ours"], 'python -c "import numpy"', times["peer"], 4.0))
+    shutil.copytree(ROOT / "models", folder / "models")
+    call = process("-m", "pmjoint_codegen", "regenerate", "paper", cwd=folder)
+    taken = interleaved({"ours": call}, 1 if quick else 3)["ours"]
+    section.add(Row("pmjoint regenerate paper", taken, "a clock", 5.0, 1.0))
+    return section
+
+
+def sweeps(quick: bool, folder: Path) -> Section:
+    """Measure sweeps from end to end: memory with the number of runs, threads, workers."""
+    section = Section(
+        "Sweeps from end to end",
+        "`pmjoint sweep paper` over a grid of x1 and x2, dataset written, no figures, process start included."
+        " Memory: largest resident set of the process, continuous controller. Threads and workers: sampled"
+        " controller, 20000 samples a run; a worker has one thread, on loopback.",
+    )
+    if missing := [name for name in ("xarray", "zarr") if find_spec(name) is None]:
+        section.absent.append(f"sweeps: no {', '.join(missing)}")
+        return section
+    sizes = (20, 40) if quick else (100, 1000)
+    for side in sizes:
+        peak = _memory(folder / f"memory-{side}", side)
+        section.lines.append(
+            (f"{side * side} runs, memory", f"{peak / 2**20:.0f} MiB", "1 GiB", "1024 MiB",
+             f"{peak / GIB:.3g}", "<= 1 " + ("holds" if peak <= GIB else "MISSED"))
+        )  # fmt: skip
+    side = 20 if quick else 200
+    calls = {str(n): _sweep(folder / f"threads-{n}", side, *SAMPLED, "--threads", str(n)) for n in (1, 2)}
+    times = interleaved(calls, 1 if quick else 2)
+    section.add(Row(f"{side**2} runs, two threads", times["2"], "one thread", times["1"]))
+    if find_spec("distributed") is None:
+        section.absent.append("workers: no distributed")
+        return section
+    taken = _workers(folder, side, 1 if quick else 2)
+    section.add(Row(f"{side**2} runs, two Dask workers", taken[2], "one Dask worker", taken[1], 1 / 1.7))
+    return section
+
+
+def _sweep(folder: Path, side: int, *options: str) -> Callable[[], object]:
+    grid = ("--grid", f"x1=-60:60:{side}", "--grid", f"x2=-30:30:{side}")
+    common = ("--no-figures", "--restart", "--out", str(folder))
+    return process("-m", "pmjoint_codegen", "sweep", "paper", *grid, *common, *options)
+
+
+def _memory(folder: Path, side: int) -> float:
+    """Return the largest resident set of a sweep's process, bytes."""
+    watch = (
+        "import resource, subprocess, sys; subprocess.run(sys.argv[1:], check=True, "
+        "stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL); "
+        "print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)"
+    )
+    grid = ("--grid", f"x1=-60:60:{side}", "--grid", f"x2=-30:30:{side}")
+    sweep = (
+        "-m",
+        "pmjoint_codegen",
+        "sweep",
+        "paper",
+        *grid,
+        "--no-figures",
+        "--restart",
+        "--out",
+        str(folder),
+    )
+    command = [sys.executable, "-c", watch, sys.executable, *sweep]
+    done = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True)
+    scale = 1 if sys.platform == "darwin" else 1024
+    return float(done.stdout) * scale
+
+
+def _workers(folder: Path, side: int, rounds: int) -> dict[int, float]:
+    """Return the time of a sweep with one and with two workers, s."""
+    with _cluster(folder, 1) as one, _cluster(folder, 2) as two:
+        calls = {
+            name: _sweep(folder / f"workers-{name}", side, *SAMPLED, "--scheduler", address)
+            for name, address in (("1", one), ("2", two))
+        }
+        times = interleaved(calls, rounds)
+    return {int(name): taken for name, taken in times.items()}
+
+
+@contextmanager
+def _cluster(folder: Path, workers: int) -> Iterator[str]:
+    """Run a scheduler with single-threaded workers; gives its address."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    address = f"tcp://127.0.0.1:{port}"
+    started: list[subprocess.Popen[bytes]] = []
+
+    def start(*arguments: str) -> None:
+        command = [sys.executable, "-m", "distributed.cli.dask_" + arguments[0], *arguments[1:]]
+        place = folder / "cluster"
+        place.mkdir(exist_ok=True)
+        started.append(
+            subprocess.Popen(
+                command,
+                cwd=place,
+                env=os.environ | {"PYTHONPATH": str(ROOT)},
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+            )
+        )
+
+    try:
+        start("scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard")
+        for _ in range(workers):
+            start("worker", address, "--nthreads", "1", "--no-dashboard", "--no-nanny")
+        _wait(address, workers)
+        yield address
+    finally:
+        for child in reversed(started):  # nothing is lost with them: no need to take leave
+            child.kill()
+        for child in started:
+            child.wait()
+
+
+def _wait(address: str, workers: int) -> None:
+    from importlib import import_module
+
+    distributed = import_module("distributed")  # untyped
+    begun = time.monotonic()
+    while time.monotonic() - begun < WARM_S:
+        try:
+            with distributed.Client(address, timeout=WARM_S, set_as_default=False) as client:
+                client.wait_for_workers(workers, timeout=WARM_S)
+                return
+        except OSError:
+            time.sleep(0.2)
+    raise SystemExit("benchmarks: the cluster does not start")
