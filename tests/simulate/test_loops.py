@@ -1,0 +1,68 @@
+"""A prepared run repeats itself bit for bit, and without the search for peaks it steps just the same."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from typing import cast
+
+import numpy as np
+import pytest
+
+from pmjoint_codegen import ClosedLoop
+from pmjoint_codegen.build.compiler import find_compiler
+from pmjoint_codegen.kernels.evaluator import Evaluator
+from pmjoint_codegen.simulate.loops import CompiledLoop, make_loop
+from pmjoint_codegen.simulate.modes import make_actuator
+from pmjoint_codegen.simulate.problem import Memory, Problem, Progress, make_memory
+from pmjoint_codegen.simulate.run import initial_state, make_problem
+from pmjoint_codegen.simulate.settings import make_settings
+from pmjoint_codegen.simulate.status import Status
+
+BUDGET = 10_000
+
+
+@pytest.fixture(scope="module")
+def evaluator() -> Evaluator:
+    """Return the paper's compiled kernels."""
+    if find_compiler(os.environ) is None:
+        pytest.skip("no C compiler")
+    return ClosedLoop.load("paper", "compiled").evaluator
+
+
+def prepared(evaluator: Evaluator) -> Problem:
+    settings = make_settings(evaluator.manifest, horizon=2.0)
+    return make_problem(evaluator, settings, make_actuator(evaluator.call("actuation", settings.p)[0]))
+
+
+def driven(evaluator: Evaluator, problem: Problem) -> tuple[CompiledLoop, Progress, Memory]:
+    start = initial_state(evaluator.manifest, make_settings(evaluator.manifest))
+    progress, memory = Progress(), make_memory(problem, start)
+    loop = cast(CompiledLoop, make_loop(evaluator, problem, progress, memory))
+    loop(BUDGET)
+    return loop, progress, memory
+
+
+def test_a_run_started_again_repeats_itself(evaluator: Evaluator) -> None:
+    loop, progress, memory = driven(evaluator, prepared(evaluator))
+    first = {name: np.copy(getattr(memory, name)) for name in ("rows", "peaks", "switch_times")}
+    figures = (progress.steps, progress.switches, progress.integral)
+    loop.restart(np.array([-0.4, *np.zeros(9)]))
+    loop(BUDGET)
+    assert np.any(memory.rows != first["rows"])
+    loop.restart(np.array([1.5, *np.zeros(9)]))
+    loop(BUDGET)
+    assert progress.status == Status.DONE
+    assert (progress.steps, progress.switches, progress.integral) == figures
+    for name, values in first.items():
+        np.testing.assert_array_equal(getattr(memory, name), values)
+
+
+def test_without_the_search_for_peaks_all_else_is_the_same(evaluator: Evaluator) -> None:
+    _, searched, full = driven(evaluator, prepared(evaluator))
+    _, bare, lean = driven(evaluator, replace(prepared(evaluator), n_searched=0))
+    np.testing.assert_array_equal(full.rows, lean.rows)
+    assert (searched.steps, searched.integral) == (bare.steps, bare.integral)
+    r2 = evaluator.manifest.nX - 1
+    assert full.peaks[r2] > 8.548  # at 0.0522 s, inside a step
+    assert np.all(lean.peaks <= full.peaks) and np.any(lean.peaks < full.peaks)
