@@ -25,7 +25,6 @@ from derive.model import Channel, ExtraState, OutsideClassError, Plant, paramete
 from derive.units import parse_unit
 
 KEEP = ("damping", "quadratic_gain", "pressure_lag")
-REQUIRED = ("J", "b_v", "r", "l0", "eps0", "C1", "C2", "C3", "C4", "k0", "u0", "k_u", "P_max")
 LAG = "tau"
 THETA, OMEGA, U, Y = (parameter_symbol(name) for name in ("theta", "theta_dot", "u", "y"))
 Q1, Q2, P1, P2 = (
