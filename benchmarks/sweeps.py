@@ -81,8 +81,9 @@ def requests(batch: BatchLibrary, drawn: Draw) -> Callable[[float, slice, float]
     """Return (tolerance, which, horizon) -> what the batch library takes."""
     manifest = batch.manifest
     p = np.tile(np.array([item.value for item in manifest.parameters]), (len(drawn.x0), 1))
-    p[:, manifest.parameter_names.index("d1")] = drawn.d1
-    p[:, manifest.parameter_names.index("b0")] = drawn.b0
+    for name, values in (("d1", drawn.d1), ("b0", drawn.b0)):
+        for column in (name, f"{name}_plant"):  # the controller knows the plant
+            p[:, manifest.parameter_names.index(column)] = values
 
     def make(tolerance: float, which: slice, horizon: float) -> Runs:
         return Runs(

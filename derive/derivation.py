@@ -12,10 +12,12 @@ Stages, each a pure function of what stands before it:
     sampling_equations      filters, compensator  -> xi, Xi, lambda, r one sample later
     error_rate_equations    plant                 -> z_i' under the law               (27), (28)
     actuator, errors        model                 -> u, e, epsilon                    (10), (17)
+    true_plant              physics, design       -> the plant in parameters of its own
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import sympy as sp
@@ -35,6 +37,7 @@ from derive.filters import filter_equations
 from derive.model import Model, OutsideClassError, Plant
 from derive.sampling import sampling_equations
 from derive.signals import Signals, Units
+from derive.true_plant import true_plant
 
 
 @dataclass(frozen=True)
@@ -47,6 +50,7 @@ class Derivation:
         signals: the symbols in the equations.
         units: their physical units.
         equations: the named equations in an order in which they can be read.
+        own_parameters: parameter that plant and controller share -> the plant's own, in the model's order.
     """
 
     model: Model
@@ -54,6 +58,7 @@ class Derivation:
     signals: Signals
     units: Units
     equations: Equations
+    own_parameters: Mapping[sp.Symbol, sp.Symbol]
 
     def expanded(self, name: str) -> sp.Expr:
         """An equation's right-hand side in y, u, states, the reference, epsilon and parameters only.
@@ -77,23 +82,25 @@ def derive(model: Model) -> Derivation:
     signals, units = Signals.of(model.plant), Units(model)
     named = name_constants(model.plant)
     plant = named.plant
+    constants = [*model.constants, *named.equations]
+    physics = [*plant_equations(plant, signals, units), *extra_equations(model)]
+    delivered = actuator_equations(model, signals)
     continuous: list[Equation] = [
-        *model.constants,
-        *named.equations,
-        *plant_equations(plant, signals, units),
-        *extra_equations(model),
+        *constants,
+        *physics,
         *filter_equations(plant, signals, units),
         *reference_equations(model, signals, units),
         *backstep(plant, signals, units),
         *compensator_equations(plant, signals, units),
         *error_rate_equations(plant, signals, units),
-        *actuator_equations(model, signals),
+        *delivered,
         *error_equations(signals, units),
     ]
     held = sampling_equations(Equations(continuous), signals, units)
-    equations = Equations([*continuous, *held])
+    true = true_plant(model, plant, signals, units, [*constants, *physics, *delivered[1:]], continuous)
+    equations = Equations([*continuous, *held, *true.equations])
     _check_names(model, equations)
-    return Derivation(model, plant, signals, units, equations)
+    return Derivation(model, plant, signals, units, equations, true.parameters)
 
 
 def _check_names(model: Model, equations: Equations) -> None:

@@ -14,6 +14,7 @@ from typing import Any, Final
 
 from pmjoint_codegen.errors import OtherVersionError, StaleError
 from pmjoint_codegen.storage import sha256
+from pmjoint_codegen.values import OWN_SUFFIX
 
 FILE_NAME: Final = "model.json"
 SCHEMA: Final = 1
@@ -43,7 +44,8 @@ class Parameter:
         value: default.
         unit: physical unit.
         about: one line for the reader.
-        kind: ``plant``, ``gain`` or ``switch``.
+        kind: ``plant``, ``gain``, ``switch`` or ``own``: the simulated plant's own value, such as
+            ``J_plant``, of a parameter that the controller uses too. It equals that one where nobody sets it.
     """
 
     name: str
@@ -189,6 +191,20 @@ class Manifest:
     def parameter_names(self) -> tuple[str, ...]:
         """Names in the order of p."""
         return tuple(item.name for item in self.parameters)
+
+    @property
+    def own(self) -> Mapping[str, str]:
+        """Name of the plant's own value -> the controller's parameter: ``J_plant`` -> ``J``."""
+        return {
+            item.name: item.name.removesuffix(OWN_SUFFIX) for item in self.parameters if item.kind == "own"
+        }
+
+    def stated(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Values by name without the plant's own where they are those that the controller goes by."""
+        own = self.own
+        return {
+            name: value for name, value in values.items() if name not in own or value != values[own[name]]
+        }
 
     def function(self, name: str) -> Function:
         """The kernel of that name.

@@ -14,6 +14,7 @@ import numpy as np
 from pmjoint_codegen.errors import ModelError, PmjointError
 
 COMPENSATOR = "compensator"  # the switch between (23) and plain clipping
+OWN_SUFFIX = "_plant"  # of the simulated plant's own value of a parameter that the controller uses too
 _POSITIVE_GAINS = ("c", "e", "ck")
 
 
@@ -64,6 +65,11 @@ def check_values(
         raise refuse(
             "k", f"leaves A0 = A - k e1' unstable, eigenvalues {roots_text([1.0, *gains])}", _hurwitz_rule(n)
         )
+
+
+def of_plant(values: Mapping[str, float], name: str) -> float:
+    """What the simulated plant has for a parameter, whatever the controller believes."""
+    return values.get(f"{name}{OWN_SUFFIX}", values[name])
 
 
 def gain_names(kinds: Iterable[str], count: int) -> tuple[str, ...]:

@@ -10,7 +10,7 @@
 #define PMJ_NX 2
 #define PMJ_NS 10
 #define PMJ_NW 1
-#define PMJ_NP 12
+#define PMJ_NP 14
 #define PMJ_NH 16
 #define PMJ_NM 8
 #define PMJ_ORDER 12

@@ -147,7 +147,19 @@ def _parameters(derivation: Derivation) -> tuple[Parameter, ...]:
         for i, (symbol, value) in enumerate(zip(symbols, values[stem], strict=True), start=1)
     ]
     about = "1: (23) is driven by u - v; 0: r = 0, plain clipping"
-    return (*plant, *design, Parameter(s.compensator.name, float(gains.compensator), "1", about, "switch"))
+    switch = Parameter(s.compensator.name, float(gains.compensator), "1", about, "switch")
+    own = [
+        Parameter(
+            derivation.own_parameters[item.symbol].name,
+            item.value,
+            item.unit,
+            f"{item.about}, of the plant",
+            "own",
+        )
+        for item in model.parameters
+        if item.symbol in derivation.own_parameters
+    ]
+    return (*plant, *design, switch, *own)
 
 
 def _signal(derivation: Derivation, symbol: sp.Symbol) -> Variable:

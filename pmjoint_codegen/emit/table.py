@@ -3,12 +3,13 @@
 Blocks (dense vectors): ``p`` parameters, then gains and the compensator's switch; ``X`` plant states, then
 ``s`` the controller's states (xi, Xi row by row, lambda, r); ``y_r`` the reference and its derivatives; ``w``
 what the actuator delivers; ``g`` the actuator inside one saturation mode, ``w_j = g[2j] + g[2j+1] v``; ``h``
-the matrices of the exact zero-order hold.
+the matrices of the exact zero-order hold. ``p`` ends with the plant's own values of parameters that it shares
+with the controller: rates of x, the actuator and what is reported of the plant follow those.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import sympy as sp
@@ -19,6 +20,7 @@ from derive.compensator import compensator_matrix
 from derive.filters import filter_matrix
 from derive.sampling import Hold
 from derive.signals import derivative_name, named
+from derive.true_plant import own_symbol, seen_symbol
 
 Block = tuple[str, tuple[sp.Expr, ...]]
 
@@ -49,7 +51,7 @@ class Vocabulary:
     """The blocks of one derivation, as symbols.
 
     Attributes:
-        p: parameters, gains, switch.
+        p: parameters, gains, switch, the plant's own parameters.
         x: plant states.
         s: controller states.
         w: what the actuator delivers; entry 0 is u.
@@ -76,7 +78,11 @@ def vocabulary(derivation: Derivation) -> Vocabulary:
     w = tuple(channel.symbol for channel in model.actuator)
     g = tuple(parameter_symbol(f"g_{kind}{j}") for j in range(1, len(w) + 1) for kind in ("offset", "slope"))
     return Vocabulary(
-        p=(*(item.symbol for item in derivation.model.parameters), *s.gains),
+        p=(
+            *(item.symbol for item in derivation.model.parameters),
+            *s.gains,
+            *derivation.own_parameters.values(),
+        ),
         x=(*s.x, *(state.symbol for state in model.extras)),
         s=s.controller_state,
         w=w,
@@ -101,12 +107,12 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
     t, p, x, state = ("t", (s.t,)), ("p", words.p), ("x", words.x), ("s", words.s)
     y, y_r, u, v, du = ("y", (s.y,)), ("y_r", s.y_r), ("u", (s.u,)), ("v", (s.v,)), ("du", (s.du,))
     X, w, g, h = ("X", (*words.x, *words.s)), ("w", words.w), ("g", words.g), ("h", words.h)
-    in_mode = {symbol: words.g[2 * j] + words.g[2 * j + 1] * s.v for j, symbol in enumerate(words.w)}
-    limits = tuple(
-        entry
-        for channel in derivation.model.actuator
-        for entry in (channel.offset, channel.slope, channel.lower, channel.upper)
+    delivered = {own_symbol(symbol): symbol for symbol in words.w}
+    own = _own(
+        derivation, (*_rate_block("x", words.x)[1], *(item.symbol for item in derivation.model.reported))
     )
+    faced = _faced(derivation)
+    in_mode = {symbol: words.g[2 * j] + words.g[2 * j + 1] * s.v for j, symbol in enumerate(words.w)}
     return (
         Kernel("reference", (t, p), (y_r,), "", "the reference and its derivatives"),
         Kernel(
@@ -137,11 +143,23 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
             (t, x, w, p),
             (("D", disturbance_symbols(derivation.plant)),),
             "(37)",
-            "disturbance",
+            "disturbance that the controller faces",
+            {**faced, **delivered},
         ),
-        Kernel("plant", (t, x, w, p), (_rate_block("x", words.x),), "(11)", "rates of the plant"),
         Kernel(
-            "actuation", (p,), (("limits", limits),), "(10)", "offset, slope, lower and upper limit of each w"
+            "plant",
+            (t, x, w, p),
+            (_rate_block("x", words.x),),
+            "(11)",
+            "rates of the plant",
+            {**own, **delivered},
+        ),
+        Kernel(
+            "actuation",
+            (p,),
+            (("limits", _limits(derivation)),),
+            "(10)",
+            "offset, slope, lower and upper limit of each w",
         ),
         Kernel(
             "closed_loop",
@@ -149,7 +167,7 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
             (_rate_block("X", (*words.x, *words.s)),),
             "(11), (14), (23), (29)",
             "rates of the closed loop inside one saturation mode",
-            in_mode,
+            {**own, **delivered, **in_mode},
         ),
         Kernel(
             "signals",
@@ -157,6 +175,7 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
             (("signals", words.signals),),
             "",
             "everything a run reports beside its states",
+            {**own, **faced},
         ),
         Kernel(
             "filter_matrix", (p,), (("A0", tuple(filter_matrix(s))),), "(14)", "A0 = A - k e1', row by row"
@@ -170,6 +189,31 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
             "the controller's state one sample later",
         ),
     )
+
+
+def _own(derivation: Derivation, symbols: Iterable[sp.Symbol]) -> dict[sp.Symbol, sp.Expr]:
+    """Names of the plant that its own parameters change -> their twins."""
+    return {
+        symbol: own_symbol(symbol) for symbol in symbols if own_symbol(symbol).name in derivation.equations
+    }
+
+
+def _faced(derivation: Derivation) -> dict[sp.Symbol, sp.Expr]:
+    """Each disturbance -> what the controller faces of it."""
+    return {
+        symbol: seen_symbol(symbol)
+        for symbol in disturbance_symbols(derivation.plant)
+        if seen_symbol(symbol).name in derivation.equations
+    }
+
+
+def _limits(derivation: Derivation) -> tuple[sp.Expr, ...]:
+    """Offset, slope, lower and upper limit of each w: the controller clips u itself, the plant the others."""
+    own = dict(derivation.own_parameters)
+    u, *others = (
+        (channel.offset, channel.slope, channel.lower, channel.upper) for channel in derivation.model.actuator
+    )
+    return (*u, *(entry.xreplace(own) for channel in others for entry in channel))
 
 
 def _rate_block(label: str, states: tuple[sp.Symbol, ...]) -> Block:

@@ -31,7 +31,12 @@ def changes(run: Record) -> tuple[str, ...]:
     """List parameters, gains and initial states that differ from the model file's, such as ``c1 = 20``."""
     manifest, settings = run.manifest, run.settings
     defaults = {item.name: item.value for item in manifest.parameters}
-    found = [_said(name, value) for name, value in settings.parameters.items() if value != defaults[name]]
+    stated = manifest.stated(settings.parameters)
+    found = [
+        _said(name, value)
+        for name, value in stated.items()
+        if value != defaults[name] or name in manifest.own
+    ]
     if tuple(settings.x0.tolist()) != manifest.simulation.x0:
         found.append(f"x(0) = ({', '.join(f'{value:g}' for value in settings.x0)})")
     return tuple(found)

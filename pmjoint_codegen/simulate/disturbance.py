@@ -1,7 +1,8 @@
 """What a run left to the disturbance: D of (12) along it, and the muscle pressures against their limits.
 
 D is everything that the simulated plant does and the design's model does not: what ``[plant]`` states as
-disturbance, or, for a joint, all physics that the design does not keep. The design presumes |D| <= D_max (9).
+disturbance, or, for a joint, all physics that the design does not keep; and, where the plant has other
+parameters than the controller believes, what follows from those. The design presumes |D| <= D_max (9).
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from pmjoint_codegen.kernels.evaluator import Array
+from pmjoint_codegen.values import of_plant
 
 if TYPE_CHECKING:
     from pmjoint_codegen.simulate.record import Record
@@ -67,13 +69,14 @@ def pressures(run: Record) -> Mapping[str, Pressure]:
     values = run.settings.parameters
     if not known.issuperset(MUSCLES) or not len(run.t):
         return {}
-    base, limit = values["k0"] * values["u0"], values["P_max"]
+    k0, u0, k_u, limit = (of_plant(values, name) for name in ("k0", "u0", "k_u", "P_max"))
+    base = k0 * u0
     return {
         name: Pressure(
             least=float(run[name].min()),
             greatest=float(run[name].max()),
-            wanted_least=float((base + side * values["k_u"] * run["u"]).min()),
-            wanted_greatest=float((base + side * values["k_u"] * run["u"]).max()),
+            wanted_least=float((base + side * k_u * run["u"]).min()),
+            wanted_greatest=float((base + side * k_u * run["u"]).max()),
             limit=limit,
         )
         for name, side in zip(MUSCLES, (1, -1), strict=True)

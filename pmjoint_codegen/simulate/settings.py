@@ -13,7 +13,7 @@ import numpy as np
 from pmjoint_codegen.errors import UsageError
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.values import COMPENSATOR, check_values
+from pmjoint_codegen.values import COMPENSATOR, OWN_SUFFIX, check_values
 
 Controller = Literal["continuous", "sampled"]
 
@@ -27,7 +27,8 @@ class Settings:
     """One run, as asked for.
 
     Attributes:
-        parameters: name -> value of every parameter, gain and switch, in the kernels' order.
+        parameters: name -> value of every parameter, gain and switch, and of the plant's own, in the kernels'
+            order.
         p: the same values as a vector.
         x0: initial plant states, shape (nx,).
         horizon: s.
@@ -80,7 +81,8 @@ def make_settings(
 
     Args:
         manifest: the model.
-        parameters: overrides of parameters and gains, by name.
+        parameters: overrides of parameters and gains, by name; ``J`` sets what the controller believes and,
+            unless ``J_plant`` is given too, what the plant has.
         x0: initial plant states; the controller starts at 0.
         horizon: s.
         output_step: s, at most the horizon.
@@ -129,6 +131,12 @@ def make_settings(
 def _values(manifest: Manifest, overrides: Mapping[str, float], compensator: bool | None) -> dict[str, float]:
     values = {item.name: float(item.value) for item in manifest.parameters}
     for name, value in overrides.items():
+        if name.removesuffix(OWN_SUFFIX) in values and name not in values:
+            base = name.removesuffix(OWN_SUFFIX)
+            raise UsageError(
+                f"{manifest.name} has no {name!r}: {base} is not used by plant and controller both",
+                remedy=f"set {base}; the plant can differ in: {', '.join(manifest.own)}",
+            )
         if name not in values:
             close = difflib.get_close_matches(name, values, n=1)
             hint = f"did you mean {close[0]}? " if close else ""
@@ -136,6 +144,7 @@ def _values(manifest: Manifest, overrides: Mapping[str, float], compensator: boo
                 f"{manifest.name} has no parameter {name!r}", remedy=f"{hint}names: {', '.join(values)}"
             )
         values[name] = _number(name, value)
+    values |= {own: values[name] for own, name in manifest.own.items() if own not in overrides}
     if compensator is not None:
         values[COMPENSATOR] = float(compensator)
     leading = manifest.leading if manifest.leading in values else None

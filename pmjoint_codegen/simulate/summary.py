@@ -27,7 +27,7 @@ def summarise(run: Record) -> dict[str, Any]:
     return {
         "model": manifest.name,
         "model_hash": manifest.model_hash,
-        "parameters": dict(settings.parameters),
+        "parameters": manifest.stated(settings.parameters),
         "x0": settings.x0.tolist(),
         "reference": manifest.simulation.reference,
         "disturbance": list(manifest.simulation.disturbance),

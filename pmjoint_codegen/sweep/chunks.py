@@ -53,7 +53,10 @@ def simulate_chunk(library: BatchLibrary, request: Request, columns: Mapping[str
 
 
 def fill_in(manifest: Manifest, request: Request, columns: Mapping[str, Array]) -> tuple[Array, Array]:
-    """X(0), shape (runs, nX), and p, shape (runs, np): the fixed values with the varied ones put in."""
+    """X(0), shape (runs, nX), and p, shape (runs, np): the fixed values with the varied ones put in.
+
+    The plant's own parameters follow those that the controller goes by, unless they are set or varied.
+    """
     count = len(next(iter(columns.values())))
     x0 = np.zeros((count, manifest.nX))
     x0[:, : manifest.nx] = request.x0
@@ -64,6 +67,9 @@ def fill_in(manifest: Manifest, request: Request, columns: Mapping[str, Array]) 
             x0[:, states.index(name)] = values
         else:
             p[:, manifest.parameter_names.index(name)] = values
+    for own, name in manifest.own.items():
+        if own not in columns and own not in request.own:
+            p[:, manifest.parameter_names.index(own)] = p[:, manifest.parameter_names.index(name)]
     return x0, p
 
 

@@ -125,7 +125,7 @@ def _attributes(request: Request, manifest: Manifest) -> dict[str, Any]:
         "request_hash": request.hash,
         "seed": request.plan.seed,
         "method": request.plan.method,
-        "parameters": json.dumps(dict(zip(manifest.parameter_names, request.p, strict=True))),
+        "parameters": json.dumps(_parameters(request, manifest)),
         "x0": json.dumps(request.x0),
         "reference": request.reference,
         "disturbance": json.dumps(request.disturbance),
@@ -137,6 +137,12 @@ def _attributes(request: Request, manifest: Manifest) -> dict[str, Any]:
         "variables": json.dumps([item.name for item in quantities(manifest)]),
         "versions": json.dumps(versions),
     }
+
+
+def _parameters(request: Request, manifest: Manifest) -> dict[str, float]:
+    """Values where nothing is varied; the plant's own only where they were set, since others follow."""
+    values = dict(zip(manifest.parameter_names, request.p, strict=True))
+    return {name: value for name, value in values.items() if name not in manifest.own or name in request.own}
 
 
 def _units(manifest: Manifest) -> dict[str, dict[str, str]]:

@@ -19,7 +19,7 @@ from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.figures import png
 from pmjoint_codegen.sweep.plan import DRAW
 from pmjoint_codegen.sweep.reach import Border, border, held
-from pmjoint_codegen.values import COMPENSATOR
+from pmjoint_codegen.values import COMPENSATOR, OWN_SUFFIX, of_plant
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 PANEL: Final = (3.05, 2.55)  # inches
 BINS: Final = 60
+ALIKE: Final = 1e-9  # of their size: values that differ by rounding or tolerance alone
 LOST: Final = "#c9c6c1"
 COLOURS: Final = ("#1f4e79", "#b5482a")
 METRICS: Final = {  # name -> words, whether a logarithmic scale suits it
@@ -205,10 +206,15 @@ def histograms(dataset: xr.Dataset) -> Figure:
 def _histogram(panel: Axes, case: Case, name: str, colour: str) -> None:
     values = case.data[name].values[held(case.data).values]
     values = values[np.isfinite(values)]
-    if values.size:
-        low, high = (
-            float(end) for end in np.percentile(values, (0.1, 99.9))
-        )  # a few far ones would squeeze the rest
+    if not values.size:
+        return
+    low, high = (
+        float(end) for end in np.percentile(values, (0.1, 99.9))
+    )  # a few far ones would squeeze the rest
+    if high - low <= ALIKE * abs(high):
+        panel.text(0.5, 0.5, f"{high:.6g} in all runs", ha="center", transform=panel.transAxes)
+        panel.set_xticks([])
+    else:
         panel.hist(
             values,
             BINS,
@@ -261,9 +267,10 @@ def _draw_border(panel: Axes, data: xr.Dataset, line: Border) -> None:
 
 
 def _fixed(dataset: xr.Dataset) -> dict[str, float]:
-    """Parameters that are the same in all runs."""
+    """What the plant has for every parameter that is the same in all runs."""
     values: dict[str, float] = json.loads(dataset.attrs["parameters"])
-    return {name: value for name, value in values.items() if name not in dataset.coords}
+    varied = {str(name).removesuffix(OWN_SUFFIX) for name in dataset.coords}
+    return {name: of_plant(values, name) for name in values if name.removesuffix(OWN_SUFFIX) not in varied}
 
 
 def _labels(panel: Axes, dataset: xr.Dataset, x: str, y: str) -> None:

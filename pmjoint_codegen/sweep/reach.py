@@ -36,7 +36,7 @@ def border(manifest: Manifest, values: Mapping[str, float]) -> Border | None:
 
     Args:
         manifest: the model.
-        values: of the parameters that are the same in all runs.
+        values: what the plant has for the parameters that are the same in all runs.
     """
     needed = ("d1", "b0", manifest.limit)
     sizes = (manifest.n, manifest.m, manifest.nx, manifest.nw)

@@ -36,6 +36,8 @@ class Request:
         disturbance: one expression a state.
         plan: which runs.
         p: parameters that hold where nothing is varied, in the kernels' order.
+        own: the plant's own parameters, such as ``J_plant``, that are set; others follow what the controller
+            believes, run by run, unless they are varied.
         x0: initial plant states, likewise.
         horizon: s.
         controller: ``continuous`` or ``sampled``.
@@ -53,6 +55,7 @@ class Request:
     disturbance: tuple[str, ...]
     plan: Plan
     p: tuple[float, ...]
+    own: tuple[str, ...]
     x0: tuple[float, ...]
     horizon: float
     controller: str
@@ -126,7 +129,8 @@ def make_request(
         output_step=output_step,
     )
     _check_names(manifest, plan, parameters or {})
-    request = _request(manifest, plan, replace(settings, divergence=_positive(divergence)), output_step)
+    own = tuple(name for name in manifest.own if name in (parameters or {}))
+    request = _request(manifest, plan, replace(settings, divergence=_positive(divergence)), own, output_step)
     size = 8 * plan.runs * len(request.times()) * (manifest.nX + 2)
     if size > MAX_TRAJECTORIES:
         raise UsageError(
@@ -145,7 +149,9 @@ def _positive(divergence: float) -> float:
     return float(divergence)
 
 
-def _request(manifest: Manifest, plan: Plan, settings: Settings, output_step: float | None) -> Request:
+def _request(
+    manifest: Manifest, plan: Plan, settings: Settings, own: tuple[str, ...], output_step: float | None
+) -> Request:
     simulation = manifest.simulation
     return Request(
         model=manifest.name,
@@ -155,6 +161,7 @@ def _request(manifest: Manifest, plan: Plan, settings: Settings, output_step: fl
         disturbance=simulation.disturbance,
         plan=plan,
         p=tuple(settings.p.tolist()),
+        own=own,
         x0=tuple(settings.x0.tolist()),
         horizon=settings.horizon,
         controller=settings.controller,

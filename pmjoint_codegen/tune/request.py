@@ -103,7 +103,8 @@ def make_request(
         objective: as `read_objective` takes it.
         over: ``worst`` or ``mean``.
         max_v: limit of |v|.
-        perturb: ``NAME~LAW(A,B)``, a parameter or an initial state.
+        perturb: ``NAME~LAW(A,B)``, a parameter of the plant, of which the controller does not know, or an
+            initial state.
         plants: number of draws.
         seed: not negative.
         generations: at least 1.
@@ -151,7 +152,7 @@ def make_request(
 
 
 def _drawn(manifest: Manifest, space: Space, perturb: tuple[str, ...], plants: int | None, seed: int) -> Plan:
-    samples = tuple(_sample(text) for text in perturb)
+    samples = tuple(_of_plant(manifest, _sample(text)) for text in perturb)
     if plants is not None and not samples:
         raise UsageError(
             "says how many plants --perturb draws",
@@ -178,9 +179,15 @@ def _sample(text: str) -> Sample:
         raise UsageError(error.what, where="--perturb", remedy=error.remedy) from None
 
 
+def _of_plant(manifest: Manifest, sample: Sample) -> Sample:
+    """The draw of the plant's own value where the controller uses the parameter too: it keeps its belief."""
+    own = {name: own for own, name in manifest.own.items()}
+    return replace(sample, name=own.get(sample.name, sample.name))
+
+
 def _check_perturbed(manifest: Manifest, space: Space, name: str, names: list[str]) -> None:
     known = [item for item in varied_names(manifest) if item not in manifest.parameter_names]
-    known += [item.name for item in manifest.parameters if item.kind == "plant"]
+    known += [item.name for item in manifest.parameters if item.kind in ("plant", "own")]
     if name not in known:
         close = difflib.get_close_matches(name, known, n=1)
         hint = f"did you mean {close[0]}? " if close else ""

@@ -78,7 +78,7 @@ BODIES: Mapping[str, tuple[str, str]] = {  # what -> (gate, statement at the hea
     "a counter that remembers": ("objects", "static int calls; ++calls; if (calls < 0) return 1;"),
     "text to the terminal": ("objects", 'extern int puts(const char *); if (mem) puts("v");'),
     "a recursion": ("objects", "if (mem > 0) return law(arg, res, iw, w, mem - 1);"),
-    "a read past the end": ("sanitizers", "if (arg[3][12] > 1e300) return 1;"),
+    "a read past the end": ("sanitizers", "if (arg[0][1] > 1e300) return 1;"),
     "a read before the beginning": ("sanitizers", "if (arg[0][-1] > 1e300) return 1;"),
     "a write past the end": ("sanitizers", "res[2][1] = 0;"),
     "a null pointer followed": ("sanitizers", "if (w[0] > 1e300) return 1;"),

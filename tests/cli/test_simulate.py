@@ -91,6 +91,7 @@ def test_json_is_the_summary_with_the_files(tmp_path: Path, capsys: pytest.Captu
     [
         (["--set", "c1=20", "--set", "u_max=1e3"], "parameters.c1", 20.0),
         (["--set", "d1=-5"], "parameters.d1", -5.0),
+        (["--set", "b0_plant=2.6"], "parameters.b0_plant", 2.6),
         (["--x0", "-1,2"], "x0", [-1.0, 2.0]),
         (["--x0=-1,2"], "x0", [-1.0, 2.0]),
         (["--reference", "cos(2*t)"], "reference", "cos(2*t)"),

@@ -39,11 +39,12 @@ def paper(root: Path, cache: Path) -> BatchLibrary:
 
 
 def make_runs(library: BatchLibrary, count: int, seed: int = 0, **changes: object) -> Runs:
-    """Random initial states and parameters around the model's own, which run 0 has."""
+    """Random initial states, parameters and plants around the model's own, which run 0 has."""
     manifest, generator = library.manifest, np.random.default_rng(seed)
     own = np.array([item.value for item in manifest.parameters])
     p = own * generator.uniform(0.9, 1.1, (count, len(own)))
-    p[:, -1] = own[-1]  # the switch
+    switch = manifest.parameter_names.index("compensator")
+    p[:, switch] = own[switch]
     x0 = np.zeros((count, manifest.nX))
     size = max(abs(value) for value in manifest.simulation.x0)
     x0[:, : manifest.nx] = generator.uniform(-5 * size, 5 * size, (count, manifest.nx))

@@ -11,6 +11,7 @@ import pytest
 from pmjoint_codegen.errors import UsageError
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.settings import make_settings
+from pmjoint_codegen.values import of_plant
 
 
 @pytest.fixture(scope="module")
@@ -35,12 +36,37 @@ def test_overrides_take_their_place(manifest: Manifest) -> None:
         "u_max": 5.5,
         "compensator": 0.0,
     }
+    assert changed == settings.parameters
     assert settings.x0.tolist() == [1.0, 2.0]
+
+
+@pytest.mark.parametrize(
+    ("asked", "believed", "true"),
+    [
+        ({}, 2.0, 2.0),
+        ({"b0": 3}, 3.0, 3.0),
+        ({"b0_plant": 3}, 2.0, 3.0),
+        ({"b0": 3, "b0_plant": 2}, 3.0, 2.0),
+    ],
+)
+def test_the_plant_is_as_believed_unless_it_is_set(
+    manifest: Manifest, asked: dict[str, float], believed: float, true: float
+) -> None:
+    values = make_settings(manifest, parameters=asked).parameters
+    assert (values["b0"], values["b0_plant"]) == (believed, true)
+    assert ("b0_plant" in manifest.stated(values)) == (believed != true)
+    assert of_plant(values, "b0") == true
+    assert of_plant(values, "u_max") == 10.0
 
 
 @pytest.mark.parametrize(
     ("asked", "parts"),
     [
+        (
+            {"parameters": {"u_max_plant": 1.0}},
+            ("u_max is not used by plant and controller both", "b0_plant"),
+        ),
+        ({"parameters": {"b0_plant": float("nan")}}, ("b0_plant", "finite")),
         ({"parameters": {"u_mx": 1.0}}, ("'u_mx'", "did you mean u_max?", "d1, b0")),
         ({"parameters": {"zzzz": 1.0}}, ("'zzzz'", "names: d1")),
         ({"parameters": {"c1": float("nan")}}, ("c1", "nan", "finite")),

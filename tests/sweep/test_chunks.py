@@ -16,7 +16,7 @@ from pmjoint_codegen.simulate.hold import hold_matrices as single_hold
 from pmjoint_codegen.simulate.status import Status
 from pmjoint_codegen.sweep import chunks
 from pmjoint_codegen.sweep.metrics import INVALID, Column, quantities, status_meanings
-from pmjoint_codegen.sweep.plan import make_plan
+from pmjoint_codegen.sweep.plan import Axis, Plan, make_plan
 from pmjoint_codegen.sweep.request import make_request, varied_names
 from pmjoint_codegen.sweep.validity import valid_rows
 from pmjoint_codegen.values import check_values
@@ -52,6 +52,26 @@ def test_values_reach_the_runs_they_belong_to(case: Case) -> None:
     assert x0[:, 1].tolist() == [1.0, 2.0]
     assert p[:, names.index("c1")].tolist() == [3.0, 4.0]
     assert p[1, names.index("c2")] == case.request.p[names.index("c2")]
+
+
+@pytest.mark.parametrize(
+    ("fixed", "varied", "believed", "true"),
+    [
+        ({}, "b0", [3.0, 4.0], [3.0, 4.0]),
+        ({}, "b0_plant", [2.0, 2.0], [3.0, 4.0]),
+        ({"b0": 5.0}, "b0_plant", [5.0, 5.0], [3.0, 4.0]),
+        ({"b0": 5.0}, "c1", [5.0, 5.0], [5.0, 5.0]),
+        ({"b0_plant": 2.0}, "b0", [3.0, 4.0], [2.0, 2.0]),
+    ],
+)
+def test_the_plant_follows_what_is_believed_unless_it_is_set_or_varied(
+    case: Case, fixed: dict[str, float], varied: str, believed: list[float], true: list[float]
+) -> None:
+    request = make_request(case.manifest, Plan((Axis(varied, (3.0, 4.0)),)), parameters=fixed)
+    _, p = chunks.fill_in(case.manifest, request, {varied: np.array([3.0, 4.0])})
+    names = case.manifest.parameter_names
+    assert p[:, names.index("b0")].tolist() == believed
+    assert p[:, names.index("b0_plant")].tolist() == true
 
 
 def test_runs_outside_the_design_s_rules_are_marked_and_the_others_made(case: Case) -> None:

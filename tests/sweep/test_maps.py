@@ -77,6 +77,25 @@ def test_the_border_is_where_the_actuator_just_balances_the_unstable_mode(case: 
     assert border(replace(case.manifest, nw=2), values) is None
 
 
+@pytest.mark.parametrize(
+    ("grid", "fixed", "limit"),
+    [
+        ((), {}, (2.0 * 10.0 - 0.1) / 0.2),
+        ((), {"b0": 3.0}, (3.0 * 10.0 - 0.1) / 0.2),
+        ((), {"b0_plant": 3.0}, (3.0 * 10.0 - 0.1) / 0.2),
+        ((), {"b0": 3.0, "b0_plant": 2.0}, (2.0 * 10.0 - 0.1) / 0.2),
+        (("b0=2,3",), {}, None),
+        (("b0_plant=2,3",), {}, None),
+    ],
+)
+def test_the_border_is_that_of_the_true_plant(
+    case: Case, tmp_path: Path, grid: tuple[str, ...], fixed: dict[str, float], limit: float | None
+) -> None:
+    data = made(case, tmp_path, ("x1=0,1", "x2=0,1", *grid), parameters=fixed, horizon=0.1)
+    line = border(case.manifest, maps._fixed(data))
+    assert (line and line.offset) == limit
+
+
 def test_no_run_beyond_the_border_is_held_and_clipping_holds_all_but_its_edge(
     case: Case, tmp_path: Path
 ) -> None:

@@ -15,7 +15,7 @@ from pmjoint_codegen.tune.request import make_request
 def test_plants_follow_from_the_seed(paper: Manifest) -> None:
     def draw(seed: int) -> list[float]:
         drawn: list[float] = (
-            make_request(paper, perturb=("b0~uniform(1.6,2.4)",), seed=seed).plants["b0"].tolist()
+            make_request(paper, perturb=("b0~uniform(1.6,2.4)",), seed=seed).plants["b0_plant"].tolist()
         )
         return drawn
 
@@ -34,7 +34,7 @@ def test_plants_follow_from_the_seed(paper: Manifest) -> None:
         ({"perturb": ("b0",)}, "--perturb: is 'b0'"),
         ({"perturb": ("b00~uniform(1,2)",)}, "did you mean b0"),
         ({"perturb": ("c1~uniform(1,2)",)}, "no 'c1' to perturb"),
-        ({"perturb": ("b0~uniform(1,2)", "b0~uniform(1,2)")}, "b0 is given twice"),
+        ({"perturb": ("b0~uniform(1,2)", "b0~uniform(1,2)")}, "b0_plant is given twice"),
         ({"perturb": ("b0~uniform(1,2)",), "plants": 0}, "--plants"),
         ({"seed": -1}, "seed from 0"),
         ({"generations": 0}, "--generations"),

@@ -1,0 +1,180 @@
+"""The simulated plant with values of its own for parameters that the controller believes to know.
+
+"J is 30 % off" means that the plant has another J than the law. Every parameter that both the plant and the
+controller use, such as ``J``, has a twin ``J_plant`` that the plant alone uses; where the two agree, the run
+is the nominal one. Equations of the plant that depend on such a parameter have twins by the same rule:
+``b0_plant``, ``D2_plant``, ``x2_dot_plant``. The design's own equations, and the theory, stay as they are.
+
+To the design, what the plant does differently is disturbance. In ``x_i' = x_{i+1} + known_i + D_i`` (11),
+(12), with ``known_i = phi_i + (Phi theta)_i + b_i sigma u``, the controller faces ``D_i_seen = D_i_plant +
+mismatch_i``, where ``mismatch_i = known_i_plant - known_i``; the estimation error obeys (17) with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import sympy as sp
+
+from derive.closed_loop import disturbance_symbols
+from derive.equation import Equation, Equations
+from derive.model import Model, Plant, parameter_symbol
+from derive.signals import Signals, Units, derivative_name, free
+from derive.units import SECOND
+
+SECTION = "True plant"
+SUFFIX = "_plant"
+
+
+@dataclass(frozen=True)
+class TruePlant:
+    """What the simulated plant has for itself.
+
+    Attributes:
+        parameters: shared parameter -> the plant's own, in the model's order.
+        equations: the twins, and the disturbance that the design sees.
+    """
+
+    parameters: Mapping[sp.Symbol, sp.Symbol]
+    equations: tuple[Equation, ...]
+
+
+def own_symbol(symbol: sp.Symbol) -> sp.Symbol:
+    """The plant's own ``J_plant`` of a parameter or name ``J``."""
+    return parameter_symbol(f"{symbol.name}{SUFFIX}")
+
+
+def seen_symbol(symbol: sp.Symbol) -> sp.Symbol:
+    """``D1_seen`` of ``D1``: what is left of x1' when the design's model is taken away."""
+    return parameter_symbol(f"{symbol.name}_seen")
+
+
+def true_plant(
+    model: Model,
+    plant: Plant,
+    signals: Signals,
+    units: Units,
+    physics: Sequence[Equation],
+    derived: Sequence[Equation],
+) -> TruePlant:
+    """Find the parameters that plant and controller share, and write the plant in its own.
+
+    Args:
+        model: what is derived from.
+        plant: the plant with named constants.
+        signals: symbols of the design.
+        units: of the signals.
+        physics: the equations of the plant and of its actuator, u excepted: the controller clips v itself.
+        derived: all equations, the design's among them.
+    """
+    known = _known_rates(plant, signals, units)
+    table = Equations([*derived, *known])
+    shared = _shared(model, signals, table, physics)
+    own = {symbol: own_symbol(symbol) for symbol in shared}
+    changed = _depending([*physics, *known], own)
+    disturbances = disturbance_symbols(plant)
+    differing = [i for i, item in enumerate(known) if item.symbol in changed]
+    changed |= {disturbances[i] for i in differing}  # seen or not, D_i keeps its own name
+    changed |= _depending(physics, changed)
+    twins = own | {symbol: own_symbol(symbol) for symbol in changed}
+    return TruePlant(
+        own,
+        (
+            *(known[i] for i in differing),
+            *(_twin(item, twins) for item in (*physics, *known) if item.symbol in changed),
+            *(entry for i in differing for entry in _seen(disturbances[i], known[i])),
+        ),
+    )
+
+
+def _known_rates(plant: Plant, signals: Signals, units: Units) -> list[Equation]:
+    """``known_i``: what the design's model says of x_i', beyond x_{i+1}."""
+    forced = [
+        phi + sum((a * c for a, c in zip(row, plant.theta, strict=True)), b * plant.sigma * signals.u)
+        for phi, row, b in zip(plant.phi, plant.Phi, plant.b_vector, strict=True)
+    ]
+    return [
+        Equation(
+            parameter_symbol(f"known{i}"),
+            rate,
+            SECTION,
+            "(11)",
+            f"what the design knows of the rate of {state}",
+            units.of(state) / SECOND,
+        )
+        for i, (state, rate) in enumerate(zip(signals.x, forced, strict=True), start=1)
+    ]
+
+
+def _shared(
+    model: Model, signals: Signals, table: Equations, physics: Sequence[Equation]
+) -> tuple[sp.Symbol, ...]:
+    """Parameters that both sides use; not the limit of u, which the controller applies itself (10)."""
+    controller = [signals.v, *map(_rate, signals.controller_state), *signals.y_r]
+    used = _reach(controller, table) & _reach((item.symbol for item in physics), table)
+    return tuple(
+        item.symbol for item in model.parameters if item.symbol in used and item.symbol != model.limit
+    )
+
+
+def _rate(state: sp.Symbol) -> sp.Symbol:
+    return parameter_symbol(derivative_name(state))
+
+
+def _reach(names: Iterable[sp.Symbol], table: Equations) -> set[sp.Symbol]:
+    """The names, and everything that their equations speak of, directly or by way of others."""
+    found: set[sp.Symbol] = set()
+    waiting = list(names)
+    while waiting:
+        symbol = waiting.pop()
+        if symbol not in found:
+            found.add(symbol)
+            waiting += free([table[symbol.name].expression]) if symbol.name in table else []
+    return found
+
+
+def _depending(equations: Iterable[Equation], on: Iterable[sp.Symbol]) -> set[sp.Symbol]:
+    """Left-hand sides that depend on some symbols, directly or by way of others."""
+    items, found = list(equations), set(on)
+    size = -1
+    while len(found) > size:
+        size = len(found)
+        found |= {item.symbol for item in items if item.expression.free_symbols & found}
+    return found & {item.symbol for item in items}
+
+
+def _twin(item: Equation, twins: Mapping[sp.Symbol, sp.Symbol]) -> Equation:
+    """An equation of the plant in its own values."""
+    return Equation(
+        twins[item.symbol],
+        item.expression.xreplace(dict(twins)),
+        SECTION,
+        item.number,
+        f"{item.meaning}, of the true plant",
+        item.unit,
+    )
+
+
+def _seen(disturbance: sp.Symbol, known: Equation) -> tuple[Equation, Equation]:
+    """What the design does not know of one rate."""
+    index = disturbance.name.removeprefix("D")
+    mismatch = parameter_symbol(f"mismatch{index}")
+    return (
+        Equation(
+            mismatch,
+            own_symbol(known.symbol) - known.symbol,
+            SECTION,
+            "(12)",
+            f"what the design believes wrongly of the rate of x{index}",
+            known.unit,
+        ),
+        Equation(
+            seen_symbol(disturbance),
+            own_symbol(disturbance) + mismatch,
+            SECTION,
+            "(12)",
+            "disturbance that the controller faces",
+            known.unit,
+        ),
+    )

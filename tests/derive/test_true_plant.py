@@ -1,0 +1,118 @@
+"""The plant in parameters of its own: the same plant, a controller that does not see them, (17) as ever."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import pytest
+import sympy as sp
+
+from derive import Derivation, derive
+from derive.closed_loop import disturbance_symbols
+from derive.filters import estimate, filter_matrix, filter_rates
+from derive.model import parameter_symbol
+from derive.signals import derivative_name
+from derive.true_plant import SUFFIX, own_symbol, seen_symbol
+from pmjoint_codegen.spec import model_of
+from pmjoint_codegen.values import OWN_SUFFIX
+
+MODELS = ("paper", "joint", "joint-damped", "joint-exact", "joint-lag", "third-order")
+
+
+@pytest.fixture(scope="module", params=MODELS)
+def shipped(request: pytest.FixtureRequest, root: Path) -> Derivation:
+    path = root / "models" / f"{request.param}.toml"
+    return derive(model_of(tomllib.loads(path.read_text()), str(path)))
+
+
+def either(derivation: Derivation, symbol: sp.Symbol) -> sp.Symbol:
+    """The plant's own equation where it has one."""
+    own = own_symbol(symbol)
+    return own if own.name in derivation.equations else symbol
+
+
+def rates(derivation: Derivation) -> list[sp.Expr]:
+    """Rates of the true plant, in channels, y and u, all else expanded."""
+    s, equations = derivation.signals, derivation.equations
+    keep = frozenset({s.y, s.u, *(channel.symbol for channel in derivation.model.actuator)})
+    keep |= {own_symbol(symbol) for symbol in keep}
+    states = [*s.x, *(extra.symbol for extra in derivation.model.extras)]
+    return [
+        equations.expand(either(derivation, parameter_symbol(derivative_name(state))), keep)
+        for state in states
+    ]
+
+
+def agreeing(derivation: Derivation) -> dict[sp.Symbol, sp.Symbol]:
+    channels = {own_symbol(channel.symbol): channel.symbol for channel in derivation.model.actuator}
+    return {own: shared for shared, own in derivation.own_parameters.items()} | channels
+
+
+def test_the_suffix_is_the_one_that_users_write() -> None:
+    assert SUFFIX == OWN_SUFFIX
+
+
+def test_the_same_values_make_the_same_plant(shipped: Derivation) -> None:
+    s, equations = shipped.signals, shipped.equations
+    keep = frozenset({s.y, s.u, *(channel.symbol for channel in shipped.model.actuator)})
+    states = [*s.x, *(extra.symbol for extra in shipped.model.extras)]
+    for state, true in zip(states, rates(shipped), strict=True):
+        nominal = equations.expand(equations[derivative_name(state)].expression, keep)
+        assert sp.expand(true.xreplace(agreeing(shipped)) - nominal) == 0
+
+
+def test_neither_side_uses_the_others_values(shipped: Derivation) -> None:
+    """No rate of the plant knows what is believed; nothing of the controller knows what is true."""
+    s, equations = shipped.signals, shipped.equations
+    shared, own = set(shipped.own_parameters), set(shipped.own_parameters.values())
+    assert own
+    for rate in rates(shipped):
+        assert not rate.free_symbols & shared
+    names = [s.v.name, *(derivative_name(state) for state in s.controller_state), *map(str, s.y_r)]
+    for name in names:
+        assert not equations.expand(equations[name].expression).free_symbols & own
+
+
+def test_all_that_both_use_has_two_values(shipped: Derivation) -> None:
+    """Only the limit of u is the controller's alone to apply; the rest of what is shared is told apart."""
+    s, equations, model = shipped.signals, shipped.equations, shipped.model
+    known = {item.symbol for item in model.parameters}
+    controller = [s.v, *(parameter_symbol(derivative_name(state)) for state in s.controller_state)]
+    believed = set().union(*(equations.expand(item).free_symbols for item in controller)) & known
+    states = [*s.x, *(extra.symbol for extra in model.extras)]
+    physical = set().union(
+        *(equations.expand(parameter_symbol(derivative_name(state))).free_symbols for state in states)
+    )
+    assert set(shipped.own_parameters) == believed & physical - {model.limit}
+
+
+def test_the_estimation_error_obeys_17_with_the_disturbance_that_is_seen(shipped: Derivation) -> None:
+    s, plant, equations = shipped.signals, shipped.plant, shipped.equations
+    keep = frozenset({s.y, s.u, *(channel.symbol for channel in shipped.model.actuator)})
+    keep |= {own_symbol(symbol) for symbol in keep}
+    x_hat = estimate(plant, s)
+    x_hat_dot = sp.Matrix([
+        sum(sp.diff(entry, state) * rate for state, rate in filter_rates(plant, s).items()) for entry in x_hat
+    ])  # fmt: skip
+    x_hat, x_hat_dot = (
+        matrix.applyfunc(lambda entry: equations.expand(entry, keep))
+        for matrix in (sp.Matrix(x_hat), x_hat_dot)
+    )
+    seen = [
+        seen_symbol(symbol) if seen_symbol(symbol).name in equations else symbol
+        for symbol in disturbance_symbols(plant)
+    ]
+    D = sp.Matrix([equations.expand(symbol, keep) for symbol in seen])
+    x_dot = sp.Matrix(rates(shipped)[: plant.order])
+    wanted = filter_matrix(s) * (sp.Matrix(s.x) - x_hat) + D
+    difference = (x_dot - x_hat_dot - wanted).xreplace({s.y: s.x[0]})
+    assert difference.applyfunc(lambda entry: sp.cancel(sp.together(entry))).is_zero_matrix
+
+
+def test_where_the_values_agree_the_seen_disturbance_is_the_models(shipped: Derivation) -> None:
+    equations = shipped.equations
+    for symbol in disturbance_symbols(shipped.plant):
+        if seen_symbol(symbol).name in equations:
+            mismatch = equations.expand(equations[f"mismatch{symbol.name[1:]}"].expression)
+            assert mismatch.xreplace(agreeing(shipped)) == 0  # term by term: no rounding either
