@@ -38,7 +38,8 @@ Examples
     type=Assignment(),
     multiple=True,
     callback=assignments,
-    help="Another value for a parameter (d1, u_max, ...) or gain (c1, e1, ck1, k1, ...); repeatable.",
+    help="Another value for a parameter (d1, u_max, ...) or gain (c1, e1, ck1, k1, ...); d1_plant is the"
+    " plant's alone, which the controller does not know; repeatable.",
 )
 @click.option("--x0", type=Numbers(), help="Initial plant states; filters and compensator start at 0.")
 @click.option("--reference", metavar="EXPR", help="Another y_r, a function of t and parameters.")

@@ -24,6 +24,7 @@ Examples
   pmjoint sweep paper --grid x1=-100:100:201 --grid x2=-40:40:81 --grid compensator=0,1
   pmjoint sweep paper --grid c1=2:40:77 --grid ck1=0.2:8:79
   pmjoint sweep joint --sample "J~normal(0.05,0.005)" --runs 100000 --seed 7
+  pmjoint sweep joint --sample "J_plant~normal(0.05,0.005)" --runs 100000   # J unknown to the controller
   pmjoint sweep paper --grid x1=-90:90:1001 --controller sampled --sample-time 0.002
   pmjoint sweep paper --grid x1=-90:90:2001 --scheduler tcp://10.0.0.1:8786
 """
@@ -60,7 +61,7 @@ Examples
     type=Assignment(),
     multiple=True,
     callback=assignments,
-    help="A fixed value for a parameter or gain; repeatable.",
+    help="A fixed value for a parameter or gain; J_plant is the plant's alone; repeatable.",
 )
 @click.option("--x0", type=Numbers(), help="Initial plant states where they are not varied.")
 @click.option("--reference", metavar="EXPR", help="Another y_r, a function of t and parameters.")
