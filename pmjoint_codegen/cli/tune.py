@@ -52,8 +52,8 @@ _FILE_STEM = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
     "--perturb",
     multiple=True,
     metavar="NAME~LAW(A,B)",
-    help="Other plants: a parameter (of which the controller is not told) or an initial state, as normal(MEAN,SD), "
-    "uniform(A,B) or loguniform(A,B); repeatable.",
+    help="Other plants: a parameter (of which the controller is not told) or an initial state, as "
+    "normal(MEAN,SD), uniform(A,B) or loguniform(A,B); repeatable.",
 )
 @click.option("--plants", type=int, metavar="N", help="How many plants --perturb draws [default: 16].")
 @click.option(

@@ -7,6 +7,7 @@ global state.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,11 +25,13 @@ from pmjoint_codegen.values import COMPENSATOR, OWN_SUFFIX, of_plant
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
+    from matplotlib.colorbar import Colorbar
     from matplotlib.figure import Figure
 
 
 PANEL: Final = (3.05, 2.55)  # inches
 BINS: Final = 60
+FEW_DECADES: Final = 1e3
 ALIKE: Final = 1e-9  # of their size: values that differ by rounding or tolerance alone
 LOST: Final = "#c9c6c1"
 COLOURS: Final = ("#1f4e79", "#b5482a")
@@ -160,9 +163,24 @@ def metric_map(dataset: xr.Dataset, name: str, x: str, y: str, note: str) -> Fig
         image = _image(panel, values, x, y, limits, steep=steep)
         panel.set_title(case.title)
         _labels(panel, dataset, x, y)
-    figure.colorbar(image, ax=panels, label=f"{words} ({_unit(dataset[name])})", fraction=0.05, pad=0.02)
+    bar = figure.colorbar(
+        image, ax=panels, label=f"{words} ({_unit(dataset[name])})", fraction=0.05, pad=0.02
+    )
+    if steep:
+        _plain_ticks(bar, limits)
     _caption(figure, dataset, "Grey: the joint is lost.", note)
     return figure
+
+
+def _plain_ticks(bar: Colorbar, limits: tuple[float, float]) -> None:
+    """Numbers as people write them beside a logarithmic scale, more of them where it spans few decades."""
+    from matplotlib.ticker import FuncFormatter, LogLocator
+
+    few = limits[1] < FEW_DECADES * limits[0]
+    bar.minorticks_off()
+    bar.set_ticks(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,)))
+    bar.formatter = FuncFormatter(lambda value, _: f"{value:g}")
+    bar.update_ticks()
 
 
 def curves(dataset: xr.Dataset, x: str) -> Figure:
@@ -279,14 +297,22 @@ def _labels(panel: Axes, dataset: xr.Dataset, x: str, y: str) -> None:
 
 
 def _label(dataset: xr.Dataset, name: str) -> str:
-    stem = name.rstrip("0123456789")
-    shown = f"${stem}_{{{name[len(stem) :]}}}$" if len(stem) == 1 and stem != name else name.replace("_", " ")
     start = "(0)" if dataset[name].attrs.get("long_name") == "plant state" else ""
-    return f"{shown}{start} ({_unit(dataset[name])})"
+    return f"{_symbol(name)}{start} ({_unit(dataset[name])})"
+
+
+def _symbol(name: str) -> str:
+    """Letter, index and word of a name as mathematics: ``b0_plant``; a longer name as it is."""
+    match = re.fullmatch(r"([A-Za-z])(\d*)(?:_([A-Za-z]+))?", name)
+    if match is None:
+        return name.replace("_", " ")
+    letter, index, word = match.groups()
+    below = ",".join(part for part in (index, rf"\mathrm{{{word}}}" if word else "") if part)
+    return f"${letter}_{{{below}}}$" if below else f"${letter}$"
 
 
 def _unit(values: xr.DataArray) -> str:
-    return str(values.attrs.get("units", "")) or "1"
+    return re.sub(r"\^(\d+)", r"$^{\1}$", str(values.attrs.get("units", ""))) or "1"
 
 
 def _caption(figure: Figure, dataset: xr.Dataset, words: str, note: str) -> None:
