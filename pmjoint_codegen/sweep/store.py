@@ -104,10 +104,13 @@ class Store:
             _write(self._trajectories(start), result.trajectories)
         _write(self._table(start), result.table)
 
-    def column(self, index: int) -> Array:
-        """One column of all chunks' tables, shape (runs,)."""
-        parts = [np.load(self._table(start), mmap_mode="r")[:, index] for start in self.starts()]
-        return np.concatenate(parts)
+    def columns(self, first: int, count: int) -> Array:
+        """Some neighbouring columns of all chunks' tables, shape (count, runs)."""
+        result = np.empty((count, self.request.plan.runs))
+        for start in self.starts():
+            table = np.load(self._table(start))
+            result[:, start : start + len(table)] = table[:, first : first + count].T
+        return result
 
     def trajectories(self) -> Array:
         """All trajectories, shape (runs, instants, nX + 2)."""
