@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import platform
 import shutil
 from collections.abc import Iterable, Iterator
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 
 FORMATS: Final = ("zarr", "netcdf", "parquet")
 MEMORY: Final = 2**26  # bytes of the variables that are written in one pass over the chunks
+PART: Final = 2**20  # numbers in one file of the dataset
 _INTEGERS: Final = (Column.STATUS, Column.STEPS, Column.SWITCHES)
 
 
@@ -85,6 +87,7 @@ def assemble(store: Store, manifest: Manifest) -> None:
             name,
             shape=variable.values.shape,
             dtype=variable.values.dtype,
+            chunks=_chunks(variable.values.shape),
             dimension_names=variable.dimensions,
             fill_value=np.nan if variable.values.dtype == np.float64 else 0,
             attributes=variable.attributes,
@@ -93,6 +96,14 @@ def assemble(store: Store, manifest: Manifest) -> None:
     shutil.rmtree(store.dataset, ignore_errors=True)
     staged.rename(store.dataset)
     store.clear_chunks()
+
+
+def _chunks(shape: tuple[int, ...]) -> tuple[int, ...]:
+    """Cut along the first dimensions alone, into parts of at most `PART` numbers: each part costs time."""
+    sizes = list(shape)
+    for i in range(len(sizes)):
+        sizes[i] = max(1, min(sizes[i], PART // math.prod(sizes[i + 1 :])))
+    return tuple(sizes)
 
 
 def columns(path: Path, names: Iterable[str]) -> dict[str, Array]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -63,16 +64,18 @@ def test_runs_outside_the_design_s_rules_are_marked_and_the_others_made(case: Ca
     assert set(result[~invalid, Column.STATUS].tolist()) == {float(Status.DONE), float(Status.DIVERGED)}
 
 
-def test_rules_are_those_of_single_designs(case: Case) -> None:
-    manifest, generator = case.manifest, np.random.default_rng(0)
-    own = np.array(case.request.p)
-    p = own * generator.choice([1.0, 1.0, 1.0, 1.0, 1.0, -1.0, 0.0, 0.5], (400, len(own)))
+@pytest.mark.parametrize("model", ["paper", "third-order"])
+def test_rules_are_those_of_single_designs(root: Path, model: str) -> None:
+    manifest, generator = Manifest.read(root / "generated" / model), np.random.default_rng(0)
+    own = np.array([item.value for item in manifest.parameters])
+    p = own * generator.choice([1.0, 1.0, 1.0, 1.0, 1.0, -1.0, 0.0, 0.02], (400, len(own)))
     p[5, 3] = np.nan
-    found = valid_rows(manifest, p, np.zeros((400, 2)))
+    found = valid_rows(manifest, p, np.zeros((400, manifest.nx)))
     assert 0 < np.sum(found) < 400
     for row, good in zip(p.tolist(), found.tolist(), strict=True):
         assert good == is_valid(manifest, row)
-    assert not valid_rows(manifest, own[np.newaxis], np.array([[math.inf, 0.0]]))[0]
+    assert not valid_rows(manifest, own[np.newaxis], np.full((1, manifest.nx), math.inf))[0]
+    assert not valid_rows(manifest, np.full((1, len(own)), np.nan), np.zeros((1, manifest.nx)))[0]
 
 
 def is_valid(manifest: Manifest, row: list[float]) -> bool:
@@ -82,7 +85,7 @@ def is_valid(manifest: Manifest, row: list[float]) -> bool:
             n=manifest.n,
             rho=manifest.rho,
             limit=manifest.limit,
-            leading=manifest.leading,
+            leading=manifest.leading if manifest.leading in manifest.parameter_names else None,
             where="",
             error=UsageError,
         )
