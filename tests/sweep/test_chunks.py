@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 
 from pmjoint_codegen import ClosedLoop
-from pmjoint_codegen.errors import UsageError
+from pmjoint_codegen.errors import StaleError, UsageError
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.hold import hold_matrices as single_hold
 from pmjoint_codegen.simulate.status import Status
@@ -20,6 +21,7 @@ from pmjoint_codegen.sweep.metrics import INVALID, Column, quantities, status_me
 from pmjoint_codegen.sweep.plan import make_plan
 from pmjoint_codegen.sweep.request import make_request, varied_names
 from pmjoint_codegen.sweep.validity import valid_rows
+from pmjoint_codegen.tune.request import make_request as make_tuning
 from pmjoint_codegen.values import check_values
 
 from .conftest import Case
@@ -130,6 +132,16 @@ def test_a_request_is_known_by_everything_that_its_result_depends_on(case: Case)
     assert len(hashes) == len(changes)
     assert make_request(case.manifest, plan).hash in hashes
     assert make_request(case.manifest, make_plan(("x1=0,1",), (), None, 0, "sobol")).hash not in hashes
+
+
+def test_a_model_generated_without_lanes_is_stale(case: Case) -> None:
+    old = replace(
+        case.manifest, files={name: hash for name, hash in case.manifest.files.items() if name != "lanes.c"}
+    )
+    with pytest.raises(StaleError, match=r"no lanes\.c.*pmjoint regenerate paper"):
+        make_request(old, case.request.plan)
+    with pytest.raises(StaleError, match=r"no lanes\.c.*pmjoint regenerate paper"):
+        make_tuning(old)
 
 
 @pytest.mark.parametrize(
