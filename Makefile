@@ -45,7 +45,7 @@ bench: environment-bench ## ratios to public tools, side by side in one run; ins
 bench-smoke: environment-dev ## every benchmark for a moment, with the tools that are there; measures nothing
 	@$(run) benchmarks --quick
 
-docs: environment ## draw docs/figures and write docs/audit.md anew
+docs: environment-dev ## draw docs/figures (make bench: its own) and write docs/audit.md anew
 	@$(run) docs.draw
 	@$(run) pmjoint_codegen audit --format markdown --out docs/audit.md
 
