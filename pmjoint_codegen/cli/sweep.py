@@ -232,15 +232,15 @@ def _account(store: Store, provided: Provided, files: tuple[Path, ...]) -> dict[
     """The sweep in a few numbers."""
     import numpy as np
 
-    from pmjoint_codegen.sweep.dataset import columns
+    from pmjoint_codegen.sweep.dataset import column
     from pmjoint_codegen.sweep.metrics import quantities, status_meanings
     from pmjoint_codegen.sweep.reach import holds
 
     request = store.request
     names = ("ise", "max_abs_e", "settling_s", "saturated_s", "max_abs_v")
-    values = columns(store.dataset, ("status", "final_e", *names))
-    good = holds(values["status"], values["final_e"], values["max_abs_e"])
-    counts = {name: int(np.sum(values["status"] == value)) for value, name in status_meanings().items()}
+    status = column(store.dataset, "status")
+    good = holds(status, column(store.dataset, "final_e"), column(store.dataset, "max_abs_e"))
+    counts = {name: int(np.sum(status == value)) for value, name in status_meanings().items()}
     units = {item.name: item.unit for item in quantities(provided.manifest)}
     return {
         "model": request.model,
@@ -251,7 +251,7 @@ def _account(store: Store, provided: Provided, files: tuple[Path, ...]) -> dict[
         "seed": request.plan.seed,
         "status": {name: count for name, count in counts.items() if count},
         "held": int(good.sum()),
-        "quantiles_of_held": {name: _quantiles(values[name][good]) for name in names},
+        "quantiles_of_held": {name: _quantiles(column(store.dataset, name)[good]) for name in names},
         "units": {name: units[name] for name in names},
         "files": files,
     }

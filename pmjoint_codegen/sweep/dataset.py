@@ -106,12 +106,11 @@ def _chunks(shape: tuple[int, ...]) -> tuple[int, ...]:
     return tuple(sizes)
 
 
-def columns(path: Path, names: Iterable[str]) -> dict[str, Array]:
-    """Some variables of a dataset by name, a value a run, in the order of the runs."""
+def column(path: Path, name: str) -> Array:
+    """One variable of a dataset, a value a run, in the order of the runs."""
     import zarr
 
-    group = zarr.open_group(path, mode="r")
-    return {name: np.asarray(group[name][...]).reshape(-1) for name in names}  # type: ignore[index]
+    return np.asarray(zarr.open_array(path / name, mode="r")[...]).reshape(-1)
 
 
 def read(path: Path) -> xr.Dataset:
