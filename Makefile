@@ -7,7 +7,8 @@ ARGS   ?=
 
 run = .venv/bin/python -m
 
-.PHONY: help simulate test regenerate check coverage lint format bench docs lock environment environment-dev clean
+.PHONY: help simulate test regenerate check coverage lint format bench bench-smoke docs lock \
+	environment environment-dev environment-bench clean
 .DEFAULT_GOAL := help
 
 help: ## list the targets
@@ -38,10 +39,13 @@ format: environment-dev ## put the source into the project's layout
 	@$(run) ruff format --quiet
 	@$(run) ruff check --quiet --fix
 
-bench: environment-dev ## ratios to public tools, side by side in one run
+bench: environment-bench ## ratios to public tools, side by side in one run; installs those tools
 	@$(run) benchmarks $(ARGS)
 
-docs: environment ## draw docs/figures and write docs/audit.md anew
+bench-smoke: environment-dev ## every benchmark for a moment, with the tools that are there; measures nothing
+	@$(run) benchmarks --quick
+
+docs: environment-dev ## draw docs/figures (make bench: its own) and write docs/audit.md anew
 	@$(run) docs.draw
 	@$(run) pmjoint_codegen audit --format markdown --out docs/audit.md
 
@@ -52,12 +56,17 @@ compile = UV_CUSTOM_COMPILE_COMMAND="make lock" $(run) uv pip compile --quiet --
 lock: environment-dev ## pin every dependency with its hashes in requirements/
 	@$(compile) --output-file requirements/simulate.txt
 	@$(compile) --extra test --extra dev --extra sweep --constraint requirements/simulate.txt --output-file requirements/dev.txt
+	@$(compile) --extra test --extra dev --extra sweep --extra bench --constraint requirements/dev.txt \
+		--output-file requirements/bench.txt
 
 environment:
 	@$(PYTHON) tools/environment.py simulate
 
 environment-dev:
 	@$(PYTHON) tools/environment.py simulate dev
+
+environment-bench:
+	@$(PYTHON) tools/environment.py simulate dev bench
 
 clean: ## remove .venv, runs and caches
 	@rm -rf .venv runs build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis .coverage .coverage.*

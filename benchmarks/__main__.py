@@ -1,8 +1,8 @@
 """Compare this project with its peers, all measured in this one run, and write ``docs/benchmarks.md``.
 
-    make bench                     # about five minutes
-    make bench ARGS=--quick        # a smoke test: few rounds, small sweeps; writes nothing
+    make bench                     # about ten minutes
     make bench ARGS="law sampled"  # only these tables; writes nothing
+    make bench-smoke               # --quick: few rounds, small sweeps; writes nothing; part of .ci/run
 
 Each row is a ratio of medians of interleaved runs, beside the ratio that the project promises. Times are
 those of this machine; ratios travel better.

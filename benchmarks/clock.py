@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 
 
 def interleaved(
-    contestants: Mapping[str, Callable[[], object]], rounds: int, burst: int = 1
+    contestants: Mapping[str, Callable[[], object]], rounds: int, burst: int = 1, *, warm: bool = False
 ) -> dict[str, float]:
     """Time each contestant once a round, after one round that does not count.
 
@@ -16,12 +16,13 @@ def interleaved(
         contestants: by name, what to run.
         rounds: how many times each is timed.
         burst: calls in one timing, so that short ones are longer than the clock's grain.
+        warm: the contestants have run before: no round that does not count.
 
     Returns:
         by name, the median time of one call, s.
     """
     times: dict[str, list[float]] = {name: [] for name in contestants}
-    for index in range(rounds + 1):
+    for index in range(warm, rounds + 1):
         for name, call in contestants.items():
             begun = time.perf_counter()
             for _ in range(burst):

@@ -8,8 +8,8 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
@@ -20,7 +20,8 @@ from benchmarks.report import Row, Section
 
 GIB: Final = 2.0**30
 PATIENCE_S: Final = 120  # with one process
-SAMPLED: Final = ("--controller", "sampled")  # long enough that the start of a process does not matter
+SAMPLED: Final = ("--controller", "sampled")
+SIDE: Final = 280  # of the grid: long enough that the start of a process does not matter
 WARM_S: Final = 20  # patience with a cluster that starts
 
 
@@ -59,7 +60,9 @@ def sweeps(quick: bool, folder: Path) -> Section:
         "Sweeps from end to end",
         "`pmjoint sweep paper` over a grid of x1 and x2, dataset written, no figures, process start included."
         " Memory: largest resident set of the process, continuous controller. Threads and workers: sampled"
-        " controller, 20000 samples a run; a worker has one thread, on loopback.",
+        " controller, 20000 samples a run; a worker has one thread, on loopback. The yardstick is two"
+        " `pmjoint sweep` with one thread and half the grid each, started together: what this machine gave"
+        " two at once in the same rounds.",
     )
     if missing := [name for name in ("xarray", "zarr") if find_spec(name) is None]:
         section.absent.append(f"sweeps: no {', '.join(missing)}")
@@ -71,16 +74,56 @@ def sweeps(quick: bool, folder: Path) -> Section:
             (f"{side * side} runs, memory", f"{peak / 2**20:.0f} MiB", "1 GiB", "1024 MiB",
              f"{peak / GIB:.3g}", "<= 1 " + ("holds" if peak <= GIB else "MISSED"))
         )  # fmt: skip
-    side = 20 if quick else 200
-    calls = {str(n): _sweep(folder / f"threads-{n}", side, *SAMPLED, "--threads", str(n)) for n in (1, 2)}
-    times = interleaved(calls, 1 if quick else 2)
-    section.add(Row(f"{side**2} runs, two threads", times["2"], "one thread", times["1"]))
-    if find_spec("distributed") is None:
-        section.absent.append("workers: no distributed")
-        return section
-    taken = _workers(folder, side, 1 if quick else 2)
-    section.add(Row(f"{side**2} runs, two Dask workers", taken[2], "one Dask worker", taken[1], 1 / 1.7))
+    side, rounds = (20, 1) if quick else (SIDE, 3)
+    times = _at_once(folder, side, rounds, section.absent)
+    runs = f"{side**2} runs,"
+    section.add(Row(f"{runs} two threads", times["2"], "one thread", times["1"], 1 / 1.7))
+    section.add(Row(f"{runs} two commands apart", times["apart"], "one thread", times["1"]))
+    section.add(Row(f"{runs} two threads", times["2"], "two commands apart", times["apart"]))
+    if "workers 2" in times:
+        one, two = times["workers 1"], times["workers 2"]
+        section.add(Row(f"{runs} two Dask workers", two, "one Dask worker", one, 1 / 1.7))
+        section.add(Row(f"{runs} one Dask worker", one, "one thread", times["1"]))
     return section
+
+
+def _at_once(folder: Path, side: int, rounds: int, absent: list[str]) -> dict[str, float]:
+    """Return the time of a sweep in one thread and two, in two commands, and with workers, s."""
+
+    def calls(side: int, clusters: Mapping[str, str]) -> dict[str, Callable[[], object]]:
+        threads = {
+            str(n): _sweep(folder / f"threads-{n}", side, *SAMPLED, "--threads", str(n)) for n in (1, 2)
+        }
+        workers = {
+            name: _sweep(folder / name, side, *SAMPLED, "--scheduler", address)
+            for name, address in clusters.items()
+        }
+        return threads | {"apart": lambda: _apart(folder, side)} | workers
+
+    with ExitStack() as stack:
+        clusters: dict[str, str] = {}
+        if find_spec("distributed") is None:
+            absent.append("workers: no distributed")
+        else:
+            for n in (1, 2):
+                clusters[f"workers {n}"] = stack.enter_context(_cluster(folder, n))
+        for call in calls(20, clusters).values():  # builds, and the workers' imports
+            call()
+        return interleaved(calls(side, clusters), rounds, warm=True)
+
+
+def _apart(folder: Path, side: int) -> None:
+    """Run two commands at once, each with half the grid and one thread."""
+    started = []
+    for name, span in (("low", "-60:0"), ("high", "0:60")):
+        grid = ("--grid", f"x1={span}:{side // 2}", "--grid", f"x2=-30:30:{side}")
+        common = ("--no-figures", "--restart", "--threads", "1", "--out", str(folder / f"apart-{name}"))
+        command = [sys.executable, "-m", "pmjoint_codegen", "sweep", "paper", *grid, *common, *SAMPLED]
+        started.append(
+            subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        )
+    if any([child.wait(PATIENCE_S) for child in started]):
+        raise SystemExit("benchmarks: a sweep of half the grid has failed")
 
 
 def _sweep(folder: Path, side: int, *options: str) -> Callable[[], object]:
@@ -112,17 +155,6 @@ def _memory(folder: Path, side: int) -> float:
     done = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True)
     scale = 1 if sys.platform == "darwin" else 1024
     return float(done.stdout) * scale
-
-
-def _workers(folder: Path, side: int, rounds: int) -> dict[int, float]:
-    """Return the time of a sweep with one and with two workers, s."""
-    with _cluster(folder, 1) as one, _cluster(folder, 2) as two:
-        calls = {
-            name: _sweep(folder / f"workers-{name}", side, *SAMPLED, "--scheduler", address)
-            for name, address in (("1", one), ("2", two))
-        }
-        times = interleaved(calls, rounds)
-    return {int(name): taken for name, taken in times.items()}
 
 
 @contextmanager

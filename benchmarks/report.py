@@ -184,7 +184,7 @@ are the machine's; ratios travel better. A promise is the largest ratio that we 
 is slowed down for it: each peer runs in the fastest of the settings tried that reaches the accuracy
 demanded, compiled where it can be.
 
-Peers are optional: `pip install '.[bench]'` installs them. What is absent is named as not run.
+`make bench` installs the peers; without one of them, it is named as not run.
 """
 
 
@@ -227,9 +227,15 @@ WHY: Final = (
     (
         "",
         "one thread",
-        "where other work has the second core, nothing is won; look at the load, and run again",
+        "the row of two processes or commands apart, which share nothing, is what the machine gave two at"
+        " once; beyond it, start and writing are one thread's work",
     ),
-    ("", "one Dask worker", "the client, the scheduler and two workers share two cores"),
+    (
+        "",
+        "one Dask worker",
+        "the row of two commands apart is what the machine gave two at once; beyond it, the client, the"
+        " scheduler and two workers share two cores",
+    ),
 )
 
 

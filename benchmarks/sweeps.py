@@ -7,11 +7,13 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
 
 from benchmarks.clock import interleaved
+from benchmarks.halves import apart
 from benchmarks.paper import HORIZON, X0, Array
 from benchmarks.peers import heyoka_loop, jax_loop, scipy_loop
 from benchmarks.peers.solver import load
@@ -20,6 +22,7 @@ from benchmarks.report import Row, Section
 from pmjoint_codegen import ClosedLoop
 from pmjoint_codegen.kernels.batch import BatchLibrary, Runs
 from pmjoint_codegen.sweep.kit import library_of, make_kit
+from pmjoint_codegen.sweep.store import CHUNK_RUNS, PARTS, TAIL
 
 ACCURACY: Final = 1e-6  # largest error in any state at any of the instants below
 INSTANTS: Final = (0.5, 2.0, HORIZON)  # s: in the transient and after it
@@ -34,6 +37,7 @@ SLOW: Final = {
 }
 HALVES: Final = tuple(10.0**-k for k in np.arange(4.0, 10.1, 0.5))
 
+Request = Callable[[float, slice, float], Runs]  # tolerance, which, horizon
 Integrate = Callable[[float, int, float], Array]  # tolerance, number of runs, horizon -> final states
 
 
@@ -77,7 +81,7 @@ def library() -> BatchLibrary:
     return library_of(make_kit(ROOT / "generated" / "paper"), os.environ)
 
 
-def requests(batch: BatchLibrary, drawn: Draw) -> Callable[[float, slice, float], Runs]:
+def requests(batch: BatchLibrary, drawn: Draw) -> Request:
     """Return (tolerance, which, horizon) -> what the batch library takes."""
     manifest = batch.manifest
     p = np.tile(np.array([item.value for item in manifest.parameters]), (len(drawn.x0), 1))
@@ -268,14 +272,16 @@ def _diffrax(drawn: Draw) -> Integrate:
 
 
 def scaling(quick: bool) -> Section:
-    """Measure ours with the number of runs, and with two threads."""
+    """Measure ours with the number of runs, and with two threads; and what the machine itself can do."""
     batch = library()
     most = 8000 if quick else RUNS
     request = requests(batch, draw(most))
     section = Section(
         "Scaling of a sweep in memory",
         "The same sweep at 1e-6: time of one run with the number of runs, and of the whole with two threads"
-        " against one. Bound: two threads take at most 1/1.9 of the time of one.",
+        " against one, cut into chunks as `pmjoint sweep` cuts it. Bound: two threads take at most 1/1.9 of"
+        " the time of one. The yardstick for it is the row of two processes that make half the runs each and"
+        " share nothing: what this machine gave two at once in the same rounds.",
     )
     sizes = [size for size in (1000, 10_000, 100_000) if size <= most]
     calls = {str(n): partial(_make, batch, request, n) for n in sizes}
@@ -284,24 +290,40 @@ def scaling(quick: bool) -> Section:
         section.add(
             Row(f"{size} runs, each", times[str(size)] / size, "1000 runs, each", times["1000"] / 1000)
         )
-    one, two = _threads(batch, request, most, 3 if quick else 9)
-    section.add(Row(f"{most} runs, two threads", two, "one thread", one, 1 / 1.9))
+    taken = _two_at_once(batch, request, most, 3 if quick else 9)
+    section.add(Row(f"{most} runs, two threads", taken["2"], "one thread", taken["1"], 1 / 1.9))
+    section.add(Row(f"{most} runs, two processes apart", taken["apart"], "one thread", taken["1"]))
+    section.add(Row(f"{most} runs, two threads", taken["2"], "two processes apart", taken["apart"]))
     return section
 
 
-def _make(batch: BatchLibrary, request: Callable[[float, slice, float], Runs], runs: int) -> None:
+def _make(batch: BatchLibrary, request: Request, runs: int) -> None:
     batch.simulate(request(1e-6, slice(0, runs), HORIZON))
 
 
-def _threads(
-    batch: BatchLibrary, request: Callable[[float, slice, float], Runs], runs: int, rounds: int
-) -> tuple[float, float]:
-    """Return times with one and with two threads, s, over chunks as `pmjoint sweep` makes them."""
-    chunks = [slice(first, min(first + 2000, runs)) for first in range(0, runs, 2000)]
+def chunks(runs: int) -> list[slice]:
+    """Cut runs as `pmjoint sweep` does, its last chunks being short."""
+    tail = max(0, runs // CHUNK_RUNS - TAIL) * CHUNK_RUNS
+    starts = [*range(0, tail, CHUNK_RUNS), *range(tail, runs, CHUNK_RUNS // PARTS), runs]
+    return [slice(*pair) for pair in pairwise(starts)]
+
+
+def make_chunk(batch: BatchLibrary, request: Request, which: slice) -> None:
+    """Make some of the runs."""
+    batch.simulate(request(1e-6, which, HORIZON))
+
+
+def _two_at_once(batch: BatchLibrary, request: Request, runs: int, rounds: int) -> dict[str, float]:
+    """Return times with one thread, with two, and with two processes that share nothing, s."""
 
     def with_threads(count: int) -> None:
         with ThreadPoolExecutor(count) as pool:
-            list(pool.map(lambda which: batch.simulate(request(1e-6, which, HORIZON)), chunks))
+            list(pool.map(lambda which: make_chunk(batch, request, which), chunks(runs)))
 
-    times = interleaved({str(n): partial(with_threads, n) for n in (1, 2)}, rounds)
-    return times["1"], times["2"]
+    with apart(runs, 2) as halves:
+        calls: dict[str, Callable[[], object]] = {
+            "1": partial(with_threads, 1),
+            "2": partial(with_threads, 2),
+            "apart": halves,
+        }
+        return interleaved(calls, rounds)

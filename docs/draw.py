@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import shlex
+import tempfile
+from contextlib import redirect_stdout
+from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pmjoint_codegen import ClosedLoop, Run
+from pmjoint_codegen.cli.main import run
 from pmjoint_codegen.simulate.figures import png
 from pmjoint_codegen.storage import write_bytes
 
@@ -26,9 +31,9 @@ STYLE: Any = {  # matplotlib types its keys as a list of literals
 SHOWN = 10.0  # s; after it the curves lie on zero
 
 
-def curve(axes: Axes, run: Run, column: str, label: str, colour: str, dashes: str) -> None:
+def curve(axes: Axes, done: Run, column: str, label: str, colour: str, dashes: str) -> None:
     """Add one column of one run."""
-    axes.plot(run.t, run[column], color=colour, linestyle=dashes, linewidth=1.2, label=label)
+    axes.plot(done.t, done[column], color=colour, linestyle=dashes, linewidth=1.2, label=label)
 
 
 def compensator_figure(with_it: Run, without: Run) -> Figure:
@@ -43,9 +48,9 @@ def compensator_figure(with_it: Run, without: Run) -> Figure:
             (with_it, "with the compensator (23)", "#1f4e79", "-"),
             (without, "without, r = 0", "#b03a2e", "--"),
         )
-        for run, label, colour, dashes in labelled:
-            curve(error, run, "e", label, colour, dashes)
-            curve(actuation, run, "u", label, colour, dashes)
+        for done, label, colour, dashes in labelled:
+            curve(error, done, "e", label, colour, dashes)
+            curve(actuation, done, "u", label, colour, dashes)
         error.set(xlabel="t (s)", ylabel="tracking error $e = y - y_r$ (rad)", xlim=(0, SHOWN))
         actuation.set(xlabel="t (s)", ylabel="applied input $u$ (V)", xlim=(0, 1.5))
         for axes in (error, actuation):
@@ -57,11 +62,37 @@ def compensator_figure(with_it: Run, without: Run) -> Figure:
     return figure
 
 
+def from_command(arguments: str, drawn: str, shown: str) -> None:
+    """Run a command as the documentation gives it, in a folder of its own, and keep one of its figures.
+
+    Args:
+        arguments: of `pmjoint`, with OUT for the place of its results.
+        drawn: the figure, in that place.
+        shown: its name among the documentation's figures.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        command = [word.replace("OUT", folder) for word in shlex.split(arguments)]
+        with redirect_stdout(StringIO()):
+            code = run(command)
+        if code:
+            raise SystemExit(f"docs: pmjoint {arguments} failed")
+        write_bytes(FIGURES / shown, (Path(folder) / drawn).read_bytes())
+
+
+REGION = "sweep paper --grid x1=-100:100:401 --grid x2=-40:40:161 --grid compensator=0,1 --out OUT"
+TUNE = (
+    'tune paper --perturb "b0~uniform(1.6,2.4)" --perturb "x1~uniform(-3,3)" --plants 16 --seed 7 --max-v 100'
+    ' --objective "ise + 0.01*max_abs_v" --out OUT/paper-tuned.toml'
+)
+
+
 def main() -> None:
-    """Write every figure."""
+    """Write every figure but that of the benchmarks, which `make bench` draws."""
     loop = ClosedLoop.load("paper")
     runs = [loop.simulate(compensator=switch, output_step=0.002) for switch in (True, False)]
     write_bytes(FIGURES / "compensator.png", png(compensator_figure(*runs)))
+    from_command(REGION, "region.png", "region.png")
+    from_command(TUNE, "paper-tuned.png", "tune.png")
 
 
 if __name__ == "__main__":

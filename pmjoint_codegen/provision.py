@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -140,6 +139,8 @@ def _derived(
 
 def _toolchain_key() -> str:
     """Changes whenever the tools or the sources that shape generated text do."""
+    from importlib import metadata  # slow to import, and of no use to a model that needs no derivation
+
     package = Path(__file__).resolve().parent
     folders = (package.parent / "derive", package / "spec", package / "emit", package / "report")
     sources = [path for folder in folders for path in sorted(folder.glob("*.py"))]

@@ -117,3 +117,12 @@ def test_links_and_targets_exist(page: str) -> None:
         assert re.search(rf"^{target}:", makefile, re.MULTILINE), f"make {target}"
     for link in re.findall(r"\]\(([^)#:]+)\)", text):
         assert (ROOT / link).exists(), link
+
+
+def test_every_figure_shown_is_there_and_drawn_by_a_command() -> None:
+    pages = [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
+    shown = {name for page in pages for name in re.findall(r"figures/(\w+\.png)\)", page.read_text("utf-8"))}
+    makers = (ROOT / "docs" / "draw.py", ROOT / "benchmarks" / "__main__.py")  # make docs, make bench
+    drawn = {name for maker in makers for name in re.findall(r'"(\w+\.png)"', maker.read_text("utf-8"))}
+    assert shown == {path.name for path in (ROOT / "docs" / "figures").iterdir()}
+    assert shown <= drawn

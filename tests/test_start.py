@@ -38,6 +38,16 @@ def test_simulate_loads_no_symbolic_tool(root: Path, tmp_path: Path) -> None:
     assert names.isdisjoint({"sympy", "casadi", "pydantic", "matplotlib", "scipy", "derive"})
 
 
+@pytest.mark.skipif(find_compiler(os.environ) is None, reason="a sweep needs a compiler")
+def test_a_sweep_without_figures_writes_its_dataset_without_xarray(root: Path, tmp_path: Path) -> None:
+    pytest.importorskip("xarray")
+    pytest.importorskip("zarr")
+    grid = ("--grid", "x1=0,1", "--horizon", "0.1")
+    names = loaded(root, "sweep", "paper", *grid, "--no-figures", "--out", str(tmp_path))
+    assert "zarr" in names
+    assert names.isdisjoint({"xarray", "pandas", "dask", "matplotlib", "scipy", "sympy", "casadi"})
+
+
 @pytest.mark.parametrize("arguments", [["--help"], ["simulate", "--help"], ["--version"]])
 def test_help_loads_no_array_library(root: Path, arguments: list[str]) -> None:
     assert loaded(root, *arguments).isdisjoint(

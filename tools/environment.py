@@ -1,6 +1,6 @@
 """Make `.venv` hold exactly what lock files name, or leave it alone if it already does.
 
-    python3 tools/environment.py simulate [dev]
+    python3 tools/environment.py simulate [dev [bench]]
 
 Each name stands for `requirements/<name>.txt`; a later lock adds to an earlier one. Standard library only,
 since this runs before anything is installed. A lock's stamp is written last and is named after the content of

@@ -11,9 +11,12 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import shutil
 import subprocess
 import tempfile
+import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
@@ -26,6 +29,8 @@ from pmjoint_codegen.storage import ensure_folder, replace_folder, sha256
 FLAGS: Final = ("-O2", "-std=c99", "-ffp-contract=off", "-fPIC", "-shared")
 LIBRARY: Final = "kernels.so"
 HASHES: Final = "sha256.json"
+PRIVATE: Final = ".build-"  # beginning of the name of the folder that a compiler works in
+ABANDONED_S: Final = 24 * 3600.0  # no build takes a day
 
 Extras = Callable[[], Mapping[str, bytes]]
 
@@ -86,8 +91,9 @@ def is_sound(folder: Path) -> bool:
 
 def _compile(sources: Mapping[str, bytes], compiler: Compiler, cache: Path, flags: Sequence[str]) -> bytes:
     ensure_folder(cache)
+    _clear_abandoned(cache)
     try:
-        with tempfile.TemporaryDirectory(prefix=".build-", dir=cache) as private:
+        with tempfile.TemporaryDirectory(prefix=PRIVATE, dir=cache) as private:
             for name, content in sources.items():
                 (Path(private) / name).write_bytes(content)
             units = sorted(name for name in sources if name.endswith(".c"))
@@ -97,6 +103,19 @@ def _compile(sources: Mapping[str, bytes], compiler: Compiler, cache: Path, flag
         reason = (error.strerror or str(error)).lower()
         remedy = "make room, or set PMJOINT_CACHE to another folder"
         raise UsageError(f"cannot be used to build in ({reason})", where=str(cache), remedy=remedy) from error
+
+
+def _clear_abandoned(cache: Path) -> None:
+    """Remove the private folders of builds that were killed: those that nobody has touched for `ABANDONED_S`.
+
+    Another process may do the same, or a folder be another user's: what cannot be removed is left.
+    """
+    oldest = time.time() - ABANDONED_S
+    with suppress(OSError):
+        for folder in cache.glob(f"{PRIVATE}*"):
+            with suppress(OSError):
+                if folder.lstat().st_mtime < oldest:
+                    shutil.rmtree(folder, ignore_errors=True)
 
 
 def _call(command: list[str], folder: Path) -> None:

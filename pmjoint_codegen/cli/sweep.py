@@ -13,8 +13,6 @@ from pmjoint_codegen.cli.options import Assignment, Numbers, assignments
 from pmjoint_codegen.cli.terminal import activity, document, message, result, table
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from pmjoint_codegen.provision import Provided
     from pmjoint_codegen.sweep.request import Request
     from pmjoint_codegen.sweep.store import Store
@@ -156,8 +154,8 @@ def command(
     request = make_request(provided.manifest, plan, **settings)
     folder = out or Path("runs") / f"{provided.manifest.name}-sweep"
     store = _compute(provided, request, folder, threads=threads, scheduler=scheduler, restart=restart)
-    files, dataset = _write(store, provided, formats, figures=not no_figures)
-    account = _account(dataset, request, files)
+    files = _write(store, provided, formats, figures=not no_figures)
+    account = _account(store, provided, files)
     if wants_json:
         document(account)
     else:
@@ -174,6 +172,7 @@ def _compute(
     restart: bool,
 ) -> Store:
     """Make what is missing, with a bar; say how to go on where that is interrupted."""
+    from pmjoint_codegen.sweep.dataset import import_ahead
     from pmjoint_codegen.sweep.drive import drive
     from pmjoint_codegen.sweep.kit import make_kit
     from pmjoint_codegen.sweep.store import Store
@@ -184,6 +183,7 @@ def _compute(
     if store.dataset.exists():
         return store
     kit = make_kit(provided.folder)
+    import_ahead()
     try:
         with activity(f"simulating {total} runs", total=total, unit="runs") as progress:
             drive(
@@ -207,40 +207,42 @@ def _processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _write(
-    store: Store, provided: Provided, formats: tuple[str, ...], *, figures: bool
-) -> tuple[tuple[Path, ...], xr.Dataset]:
+def _write(store: Store, provided: Provided, formats: tuple[str, ...], *, figures: bool) -> tuple[Path, ...]:
     from pmjoint_codegen.sweep.dataset import assemble, export, read
-    from pmjoint_codegen.sweep.maps import write_maps
-    from pmjoint_codegen.workspace import cache_dir
 
     with activity("writing the dataset"):
         if not store.dataset.exists():
             assemble(store, provided.manifest)
+    files = [store.dataset]
+    if not (formats or figures):
+        return tuple(files)
+    with activity("reading the dataset"):
         dataset = read(store.dataset)
-        files = [store.dataset, *(export(dataset, store.folder, kind) for kind in formats)]
+        files += [export(dataset, store.folder, kind) for kind in formats]
     if figures:
+        from pmjoint_codegen.sweep.maps import write_maps
+        from pmjoint_codegen.workspace import cache_dir
+
         os.environ.setdefault("MPLCONFIGDIR", str(cache_dir(os.environ) / "matplotlib"))
         with activity("drawing figures"):
             files += write_maps(dataset, provided.manifest, store.folder)
-    return tuple(files), dataset
+    return tuple(files)
 
 
-def _account(dataset: xr.Dataset, request: Request, files: tuple[Path, ...]) -> dict[str, Any]:
+def _account(store: Store, provided: Provided, files: tuple[Path, ...]) -> dict[str, Any]:
     """The sweep in a few numbers."""
     import numpy as np
 
-    from pmjoint_codegen.sweep.metrics import status_meanings
-    from pmjoint_codegen.sweep.reach import held
+    from pmjoint_codegen.sweep.dataset import column
+    from pmjoint_codegen.sweep.metrics import quantities, status_meanings
+    from pmjoint_codegen.sweep.reach import holds
 
-    status = dataset["status"].values
-    counts = {
-        name: int(np.sum(status == value))
-        for value, name in status_meanings().items()
-        if np.any(status == value)
-    }
-    good = held(dataset).values
+    request = store.request
     names = ("ise", "max_abs_e", "settling_s", "saturated_s", "max_abs_v")
+    status = column(store.dataset, "status")
+    good = holds(status, column(store.dataset, "final_e"), column(store.dataset, "max_abs_e"))
+    counts = {name: int(np.sum(status == value)) for value, name in status_meanings().items()}
+    units = {item.name: item.unit for item in quantities(provided.manifest)}
     return {
         "model": request.model,
         "model_hash": request.model_hash,
@@ -248,10 +250,10 @@ def _account(dataset: xr.Dataset, request: Request, files: tuple[Path, ...]) -> 
         "runs": request.plan.runs,
         "dimensions": request.plan.dimensions,
         "seed": request.plan.seed,
-        "status": counts,
+        "status": {name: count for name, count in counts.items() if count},
         "held": int(good.sum()),
-        "quantiles_of_held": {name: _quantiles(dataset[name].values[good]) for name in names},
-        "units": {name: dataset[name].attrs["units"] for name in names},
+        "quantiles_of_held": {name: _quantiles(column(store.dataset, name)[good]) for name in names},
+        "units": {name: units[name] for name in names},
         "files": files,
     }
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -13,7 +14,16 @@ from pmjoint_codegen.build.compiler import Compiler
 from pmjoint_codegen.build.library import LIBRARY, build
 from pmjoint_codegen.errors import SimulationError, StaleError
 from pmjoint_codegen.kernels.declarations import MODULE, declarations, load_module, to_module
-from pmjoint_codegen.kernels.evaluator import Array, Kernel, Kind, as_rows, find_function
+from pmjoint_codegen.kernels.evaluator import (
+    Array,
+    Kernel,
+    Kind,
+    Prepared,
+    as_rows,
+    find_function,
+    prepared_arrays,
+    wanted_outputs,
+)
 from pmjoint_codegen.manifest import Manifest
 
 RUNTIME_HEADER: Final = "pmjoint_runtime.h"
@@ -80,19 +90,47 @@ class CompiledEvaluator:
 
         return evaluate
 
-    def call(self, name: str, *arrays: npt.ArrayLike) -> tuple[Array, ...]:
+    def prepare(self, name: str) -> Prepared:
+        """One kernel for one point after another, its arguments and results in place; see `Evaluator`."""
+        bound = self.function(name)
+        arrays = prepared_arrays(find_function(self.manifest, name))
+        for pointers, side in zip(bound.memory, arrays, strict=True):
+            for i, array in enumerate(side):
+                pointers[i] = self.ffi.from_buffer("double[]", array)
+        apply, struct = self.lib.pmj_apply, bound.struct
+
+        def run(_keep: object = (bound, arrays)) -> None:
+            if failed := apply(struct):
+                _check(name, failed)
+
+        return Prepared(*arrays, run)
+
+    def call(
+        self, name: str, *arrays: npt.ArrayLike, results: Sequence[str] | None = None
+    ) -> tuple[Array, ...]:
         """Evaluate a kernel over rows; see `Evaluator.call`."""
         description = find_function(self.manifest, name)
         shape, rows = as_rows(description, arrays)
-        count = int(np.prod(shape))
-        results = [np.empty((count, size)) for _, size in description.outputs]
-        self._map(name, count, rows, results)
-        return tuple(result.reshape(*shape, result.shape[1]) for result in results)
+        count = math.prod(shape)
+        sizes = [size for _, size in description.outputs]
+        wanted = wanted_outputs(description, results)
+        found = [
+            np.empty((count, size)) if asked else None for size, asked in zip(sizes, wanted, strict=True)
+        ]
+        self._map(name, count, rows, found, sizes)
+        return tuple(result.reshape(*shape, result.shape[1]) for result in found if result is not None)
 
-    def _map(self, name: str, count: int, arguments: list[Array], results: list[Array]) -> None:
+    def _map(
+        self,
+        name: str,
+        count: int,
+        arguments: list[Array],
+        results: list[Array | None],
+        sizes: list[int],
+    ) -> None:
         ffi = self.ffi
         inputs = [ffi.from_buffer("double[]", array) for array in arguments]
-        outputs = [ffi.from_buffer("double[]", array) for array in results]
+        outputs = [ffi.NULL if array is None else ffi.from_buffer("double[]", array) for array in results]
         strides = [array.shape[1] if len(array) > 1 else 0 for array in arguments]
         bound = self.function(name)
         failed = self.lib.pmj_map(
@@ -103,7 +141,7 @@ class CompiledEvaluator:
             ffi.new("long long[]", strides),
             len(outputs),
             ffi.new("double *[]", outputs),
-            ffi.new("long long[]", [array.shape[1] for array in results]),
+            ffi.new("long long[]", sizes),
         )
         _check(name, failed)
 

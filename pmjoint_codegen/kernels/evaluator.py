@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Literal, Protocol
 
 import numpy as np
@@ -14,6 +15,21 @@ from pmjoint_codegen.manifest import Function, Manifest
 Array = npt.NDArray[np.float64]
 Kernel = Callable[..., tuple[Array, ...]]
 Kind = Literal["compiled", "interpreted"]
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A kernel with memory of its own, for one user at a time.
+
+    Attributes:
+        inputs: arrays that it reads, one for each argument.
+        outputs: arrays that it writes, one for each result.
+        run: evaluates it; raises `SimulationError` where it reports failure.
+    """
+
+    inputs: tuple[Array, ...]
+    outputs: tuple[Array, ...]
+    run: Callable[[], None]
 
 
 class Evaluator(Protocol):
@@ -49,6 +65,30 @@ class Evaluator(Protocol):
         ...
 
 
+class PreparingEvaluator(Evaluator, Protocol):
+    """What a script is given beyond what a run needs."""
+
+    def prepare(self, name: str) -> Prepared:
+        """One kernel for one point after another, its arguments and results in place.
+
+        Raises:
+            UsageError: there is no such kernel.
+        """
+        ...
+
+    def call(
+        self, name: str, *arrays: npt.ArrayLike, results: Sequence[str] | None = None
+    ) -> tuple[Array, ...]:
+        """Evaluate a kernel over rows, as `Evaluator.call`.
+
+        Args:
+            name: of the kernel.
+            arrays: one for each input.
+            results: labels of the outputs that are wanted, given in the kernel's order; None: all.
+        """
+        ...
+
+
 def find_function(manifest: Manifest, name: str) -> Function:
     """Look a kernel up by name.
 
@@ -62,6 +102,26 @@ def find_function(manifest: Manifest, name: str) -> Function:
         raise UsageError(
             f"no kernel is called {name!r}", where=manifest.name, remedy=f"kernels: {names}"
         ) from None
+
+
+def prepared_arrays(function: Function) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+    """Zeros for every argument and every result."""
+    inputs = tuple(np.zeros(size) for _, size in function.inputs)
+    return inputs, tuple(np.zeros(size) for _, size in function.outputs)
+
+
+def wanted_outputs(function: Function, results: Sequence[str] | None) -> list[bool]:
+    """Which outputs are wanted; all for None.
+
+    Raises:
+        UsageError: a label that no output has.
+    """
+    labels = [label for label, _ in function.outputs]
+    if unknown := set(results or ()) - set(labels):
+        raise UsageError(
+            f"gives no {sorted(unknown)[0]}", where=function.name, remedy=f"it gives: {', '.join(labels)}"
+        )
+    return [results is None or label in results for label, _ in function.outputs]
 
 
 def as_rows(function: Function, arrays: Sequence[npt.ArrayLike]) -> tuple[tuple[int, ...], list[Array]]:
@@ -86,8 +146,11 @@ def as_rows(function: Function, arrays: Sequence[npt.ArrayLike]) -> tuple[tuple[
             raise UsageError(
                 f"argument {label} has shape {array.shape}, not (..., {size})", where=function.name
             )
+    shapes = {array.shape[:-1] for array in given} - {()}
+    if not shapes:
+        return (), [_row(array) for array in given]
     try:
-        shape = np.broadcast_shapes(*(array.shape[:-1] for array in given))
+        shape = shapes.pop() if len(shapes) == 1 else np.broadcast_shapes(*shapes)
     except ValueError as error:
         raise UsageError(f"leading dimensions do not broadcast: {error}", where=function.name) from None
     return shape, [_rows(array, shape) for array in given]
@@ -96,5 +159,10 @@ def as_rows(function: Function, arrays: Sequence[npt.ArrayLike]) -> tuple[tuple[
 def _rows(array: Array, shape: tuple[int, ...]) -> Array:
     size = array.shape[-1]
     if array.size == size:
-        return np.ascontiguousarray(array.reshape(1, size))
-    return np.ascontiguousarray(np.broadcast_to(array, (*shape, size)).reshape(-1, size))
+        return _row(array)
+    whole = array if array.shape[:-1] == shape else np.broadcast_to(array, (*shape, size))
+    return np.ascontiguousarray(whole.reshape(-1, size))
+
+
+def _row(array: Array) -> Array:
+    return np.ascontiguousarray(array.reshape(1, array.shape[-1]))

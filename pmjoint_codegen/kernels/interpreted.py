@@ -5,8 +5,9 @@ Alone in the runtime, this module imports CasADi, inside functions.
 
 from __future__ import annotations
 
+import math
 import operator
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,18 @@ import numpy as np
 import numpy.typing as npt
 
 from pmjoint_codegen.errors import MissingToolError, StaleError
-from pmjoint_codegen.kernels.evaluator import Array, Kernel, Kind, as_rows, find_function
+from pmjoint_codegen.kernels.evaluator import (
+    Array,
+    Kernel,
+    Kind,
+    Prepared,
+    as_rows,
+    find_function,
+    prepared_arrays,
+    wanted_outputs,
+)
 from pmjoint_codegen.kernels.tape import FILE_NAME, Tape, read_tapes
-from pmjoint_codegen.manifest import Manifest
+from pmjoint_codegen.manifest import Function, Manifest
 
 
 class InterpretedEvaluator:
@@ -36,35 +46,50 @@ class InterpretedEvaluator:
 
     def kernel(self, name: str) -> Kernel:
         """One kernel for one point: contiguous float64 vectors in, fresh vectors out; nothing is checked."""
-        description = find_function(self.manifest, name)
-        buffer, trigger = self._function(name).buffer()
-        arguments = [np.empty(size) for _, size in description.inputs]
-        results = [np.empty(size) for _, size in description.outputs]
-        for i, array in enumerate(arguments):
-            buffer.set_arg(i, array.data)
-        for i, array in enumerate(results):
-            buffer.set_res(i, array.data)
+        prepared = self.prepare(name)
 
         def evaluate(*arrays: Array) -> tuple[Array, ...]:
-            for argument, array in zip(arguments, arrays, strict=True):
+            for argument, array in zip(prepared.inputs, arrays, strict=True):
                 argument[:] = array
-            trigger()
-            return tuple(result.copy() for result in results)
+            prepared.run()
+            return tuple(result.copy() for result in prepared.outputs)
 
-        evaluate.__dict__["keep_alive"] = buffer
         return evaluate
 
-    def call(self, name: str, *arrays: npt.ArrayLike) -> tuple[Array, ...]:
+    def prepare(self, name: str) -> Prepared:
+        """One kernel for one point after another, its arguments and results in place; see `Evaluator`."""
+        arrays = prepared_arrays(find_function(self.manifest, name))
+        buffer, trigger = self._function(name).buffer()
+        for place, side in zip((buffer.set_arg, buffer.set_res), arrays, strict=True):
+            for i, array in enumerate(side):
+                place(i, array.data)
+
+        def run(_keep: object = (buffer, arrays)) -> None:
+            trigger()
+
+        return Prepared(*arrays, run)
+
+    def call(
+        self, name: str, *arrays: npt.ArrayLike, results: Sequence[str] | None = None
+    ) -> tuple[Array, ...]:
         """Evaluate a kernel over rows; see `Evaluator.call`."""
         description = find_function(self.manifest, name)
         shape, rows = as_rows(description, arrays)
-        count = int(np.prod(shape))
+        found = self._map(description, math.prod(shape), rows)
+        wanted = wanted_outputs(description, results)
+        return tuple(
+            result.reshape(*shape, result.shape[1])
+            for result, asked in zip(found, wanted, strict=True)
+            if asked
+        )
+
+    def _map(self, description: Function, count: int, rows: list[Array]) -> list[Array]:
         if count == 0:
-            return tuple(np.empty((*shape, size)) for _, size in description.outputs)
+            return [np.empty((0, size)) for _, size in description.outputs]
         columns = [np.broadcast_to(array, (count, array.shape[1])).T for array in rows]
-        found = self._function(name).map(count)(*columns)
+        found = self._function(description.name).map(count)(*columns)
         results = [found] if len(description.outputs) == 1 else list(found)
-        return tuple(np.asarray(result.full().T).reshape(*shape, -1) for result in results)
+        return [np.asarray(result.full().T) for result in results]
 
     def _function(self, name: str) -> Any:
         if name not in self._functions:

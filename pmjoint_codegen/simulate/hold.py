@@ -1,10 +1,23 @@
-"""Zero-order-hold matrices of filters and compensator, for the ``sampled_update`` kernel."""
+"""Zero-order-hold matrices of filters and compensator, for the ``sampled_update`` kernel.
+
+Many small matrices at once, in sums and products of whole arrays: no call of a linear algebra library, whose
+threads would get into each other's way, and whose rounding differs from processor to processor.
+"""
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
+import numpy.typing as npt
 
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator
+
+RADIUS: Final = 0.5  # of the matrix whose exponential is summed
+DEGREE: Final = 14  # of that sum: 0.5^15 / 16! is 1.5e-18
+BALANCING: Final = 4  # rounds
+
+Exponents = npt.NDArray[np.int_]
 
 
 def hold_matrices(evaluator: Evaluator, p: Array, sample_time: float) -> Array:
@@ -18,21 +31,72 @@ def hold_matrices(evaluator: Evaluator, p: Array, sample_time: float) -> Array:
     Returns:
         Shape (2 n^2 + 2 rho^2,).
     """
-    blocks = []
-    for name in ("filter_matrix", "compensator_matrix"):
-        (flat,) = evaluator.call(name, p)
-        size = round(len(flat) ** 0.5)
-        blocks += [matrix.ravel() for matrix in _exponential(flat.reshape(size, size), sample_time)]
-    return np.concatenate(blocks)
+    first, second = (evaluator.call(name, p)[0] for name in ("filter_matrix", "compensator_matrix"))
+    if len(first) == len(second):
+        return exponentials(np.stack([first, second]), sample_time).reshape(-1)
+    return np.concatenate([exponentials(flat[np.newaxis], sample_time)[0] for flat in (first, second)])
 
 
-def _exponential(A: Array, sample_time: float) -> tuple[Array, Array]:
-    """``expm(A T)`` and ``int_0^T expm(A s) ds``, as blocks of one exponential (van Loan)."""
-    from scipy.linalg import expm
+def exponentials(flat: Array, sample_time: float) -> Array:
+    """``E = expm(A T)`` and ``F = int_0^T expm(A s) ds`` of many matrices, each on its own.
 
-    size = len(A)
-    block = np.zeros((2 * size, 2 * size))
-    block[:size, :size] = A
-    block[:size, size:] = np.eye(size)
-    whole = np.asarray(expm(block * sample_time), dtype=np.float64)
-    return whole[:size, :size], whole[:size, size:]
+    Taylor's series of F over ``h = T / 2^s``, then ``E(2h) = E(h)^2`` and ``F(2h) = F(h) + E(h) F(h)``.
+    Rounding in sums and products respects a diagonal change of scale, so `_halvings` may look at A balanced.
+
+    Args:
+        flat: the matrices A, row by row, shape (count, size^2).
+        sample_time: T, s.
+
+    Returns:
+        E and F of each, row by row, shape (count, 2 size^2).
+    """
+    count, size = len(flat), round(flat.shape[1] ** 0.5)
+    A = np.ascontiguousarray(flat.T).reshape(size, size, count)
+    identity = np.eye(size)[:, :, np.newaxis]
+    with np.errstate(all="ignore"):  # gains near the largest float overflow here, and the run then says so
+        s = _halvings(A, sample_time)
+        h = np.ldexp(sample_time, -s)
+        step, total = A * h, identity / (DEGREE + 1)
+        for k in range(DEGREE, 0, -1):
+            total = (identity + _product(step, total)) / k
+        E, F = identity + _product(step, total), total * h
+        for done in range(int(s.max(initial=0))):
+            more = done < s
+            F = np.where(more, F + _product(E, F), F)
+            E = np.where(more, _product(E, E), E)
+    return np.ascontiguousarray(np.concatenate([E, F]).reshape(-1, count).T)
+
+
+def _product(one: Array, other: Array) -> Array:
+    """Products of matrices, shape (size, size, count), terms added from left to right."""
+    total = one[:, 0, np.newaxis] * other[0]
+    for j in range(1, len(one)):
+        total = total + one[:, j, np.newaxis] * other[j]
+    return np.asarray(total)
+
+
+def _halvings(A: Array, sample_time: float) -> Exponents:
+    """The least s >= 0 for which the balanced norm of ``A T / 2^s`` is below `RADIUS`, shape (count,)."""
+    norm = np.max(_sums(_balanced(np.abs(A))), axis=0) * sample_time
+    _, exponent = np.frexp(np.where(norm < np.inf, norm, 0.0) / RADIUS)
+    return np.maximum(exponent, 0)
+
+
+def _balanced(M: Array) -> Array:
+    """Rows and columns of matrices that are not negative, made alike by powers of two (Osborne 1960)."""
+    for i in [*range(len(M))] * (BALANCING if len(M) > 1 else 0):
+        row, column = _sums(M)[i] - M[i, i], _sums(M.swapaxes(0, 1))[i] - M[i, i]
+        both = (row > 0) & (column > 0)
+        _, exponent = np.frexp(np.where(both, row, 1.0) / np.where(both, column, 1.0))
+        factor = np.ldexp(1.0, exponent // 2)
+        M[i] /= factor
+        M[:, i] *= factor
+    return M
+
+
+def _sums(M: Array) -> Array:
+    """Of every row, shape (size, count)."""
+    total = M[:, 0]
+    for j in range(1, len(M)):
+        total = total + M[:, j]
+    return total

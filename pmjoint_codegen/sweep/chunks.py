@@ -10,6 +10,7 @@ import numpy as np
 from pmjoint_codegen.kernels.batch import METRICS, BatchLibrary, Runs
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
+from pmjoint_codegen.simulate.hold import exponentials
 from pmjoint_codegen.simulate.status import Status
 from pmjoint_codegen.sweep.metrics import INVALID, Column
 from pmjoint_codegen.sweep.request import Request
@@ -93,27 +94,13 @@ def hold_matrices(library: BatchLibrary, p: Array, sample_time: float) -> Array:
     Returns:
         Shape (1, 2 n^2 + 2 rho^2) where all runs have the same gains, else (runs, 2 n^2 + 2 rho^2).
     """
-    manifest = library.manifest
-    rows, which = np.unique(library.matrices(p), axis=0, return_inverse=True)
-    split = manifest.n**2
-    blocks = [
-        _exponentials(rows[:, :split], manifest.n, sample_time),
-        _exponentials(rows[:, split:], manifest.rho, sample_time),
-    ]
-    whole = np.concatenate(blocks, axis=1)
-    return whole if len(whole) == 1 else np.ascontiguousarray(whole[which.reshape(-1)])
-
-
-def _exponentials(flat: Array, size: int, sample_time: float) -> Array:
-    """Both matrices of each row, as blocks of one exponential (van Loan); shape (rows, 2 size^2)."""
-    from scipy.linalg import expm
-
-    block = np.zeros((len(flat), 2 * size, 2 * size))
-    block[:, :size, :size] = flat.reshape(-1, size, size)
-    block[:, :size, size:] = np.eye(size)
-    whole = np.asarray([expm(one * sample_time) for one in block]).reshape(-1, 2 * size, 2 * size)
-    parts = [whole[:, :size, :size].reshape(len(flat), -1), whole[:, :size, size:].reshape(len(flat), -1)]
-    return np.concatenate(parts, axis=1)
+    rows = library.matrices(p)
+    if np.array_equal(rows[1:], rows[:-1]):
+        rows = rows[:1]
+    split = library.manifest.n**2
+    return np.concatenate(
+        [exponentials(part, sample_time) for part in np.split(rows, [split], axis=1)], axis=1
+    )
 
 
 def _blank(table: Array) -> None:

@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import json
+import math
 import platform
 import shutil
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
+from threading import Thread
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+import numpy.typing as npt
 
 from pmjoint_codegen import __version__
 from pmjoint_codegen.errors import MissingToolError
+from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.sweep.drive import INSTALL
 from pmjoint_codegen.sweep.metrics import Column, Quantity, quantities, status_meanings
@@ -24,6 +31,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 FORMATS: Final = ("zarr", "netcdf", "parquet")
+MEMORY: Final = 2**26  # bytes of the variables that are written in one pass over the chunks
+PART: Final = 2**20  # numbers in one file of the dataset
 _INTEGERS: Final = (Column.STATUS, Column.STEPS, Column.SWITCHES)
 
 
@@ -46,26 +55,62 @@ def require(formats: Iterable[str]) -> None:
             raise MissingToolError(f"{name} is needed for sweeps", remedy=f"install it: {INSTALL}")
 
 
+def import_ahead() -> None:
+    """Import what writing needs in a thread of its own, while the C loops compute and leave Python alone.
+
+    Nothing depends on it: an import that fails there fails again, and is reported, where it is needed.
+    """
+
+    def work() -> None:
+        with suppress(Exception):
+            import_module("zarr")
+
+    Thread(target=work, name="import-ahead", daemon=True).start()
+
+
 def assemble(store: Store, manifest: Manifest) -> None:
     """Write ``sweep.zarr`` from the chunks, whole or not at all; then remove the chunks.
 
-    One variable is in memory at a time.
+    Zarr alone writes it: xarray, which reads it, takes longer to import than many sweeps to compute. A few
+    variables are in memory at a time.
 
     Raises:
         UsageError: the folder cannot be written.
     """
+    import zarr
+
     staged = store.folder / f".{store.dataset.name}.new"
     shutil.rmtree(staged, ignore_errors=True)
-    header = _header(store.request, manifest)
-    header.to_zarr(staged, mode="w", consolidated=False, zarr_format=3)
-    for index, item in enumerate(quantities(manifest)):
-        one = _variable(store, header, index, item)
-        one.to_zarr(staged, mode="a", consolidated=False, zarr_format=3)
-    if store.request.output_step:
-        _trajectories(store, header, manifest).to_zarr(staged, mode="a", consolidated=False, zarr_format=3)
+    group = zarr.create_group(staged, zarr_format=3, attributes=_attributes(store.request, manifest))
+    for name, variable in (*_coordinates(store.request, manifest), *_variables(store, manifest)):
+        array = group.create_array(
+            name,
+            shape=variable.values.shape,
+            dtype=variable.values.dtype,
+            chunks=_chunks(variable.values.shape),
+            dimension_names=variable.dimensions,
+            fill_value=np.nan if variable.values.dtype == np.float64 else 0,
+            attributes=variable.attributes,
+        )
+        array[...] = variable.values
     shutil.rmtree(store.dataset, ignore_errors=True)
     staged.rename(store.dataset)
     store.clear_chunks()
+
+
+def _chunks(shape: tuple[int, ...]) -> tuple[int, ...]:
+    """Cut along the first dimensions alone, into parts of at most `PART` numbers: each part costs time."""
+    sizes = list(shape)
+    for i in range(len(sizes)):
+        sizes[i] = max(1, min(sizes[i], PART // math.prod(sizes[i + 1 :])))
+    return tuple(sizes)
+
+
+def column(path: Path, name: str) -> Array:
+    """One variable of a dataset, a value a run, in the order of the runs."""
+    import zarr
+
+    return np.asarray(zarr.open_array(path / name, mode="r")[...]).reshape(-1)
 
 
 def read(path: Path) -> xr.Dataset:
@@ -99,24 +144,38 @@ def export(dataset: xr.Dataset, folder: Path, kind: str) -> Path:
     return path
 
 
-def _header(request: Request, manifest: Manifest) -> xr.Dataset:
-    """Coordinates and attributes, without results."""
-    import xarray as xr
+@dataclass(frozen=True)
+class _Variable:
+    """An array of the dataset.
 
+    Attributes:
+        dimensions: names.
+        values: an entry for each place.
+        attributes: units and words.
+    """
+
+    dimensions: tuple[str, ...]
+    values: npt.NDArray[Any]
+    attributes: dict[str, Any]
+
+
+def _coordinates(request: Request, manifest: Manifest) -> Iterator[tuple[str, _Variable]]:
+    """The axes, the number of the draw, and what was drawn."""
     plan = request.plan
     units = _units(manifest)
-    coordinates: dict[str, Any] = {
-        axis.name: (axis.name, np.array(axis.values), units[axis.name]) for axis in plan.axes
-    }
+    for axis in plan.axes:
+        yield axis.name, _Variable((axis.name,), np.array(axis.values), units[axis.name])
     if plan.samples:
-        coordinates[DRAW] = (DRAW, np.arange(plan.draws))
-    drawn = {name: (DRAW, values, units[name]) for name, values in plan.drawn.items()}
-    return xr.Dataset(coords={**coordinates, **drawn}, attrs=_attributes(request, manifest))
+        yield DRAW, _Variable((DRAW,), np.arange(plan.draws), {})
+    for name, values in plan.drawn.items():
+        yield name, _Variable((DRAW,), values, units[name])
 
 
 def _attributes(request: Request, manifest: Manifest) -> dict[str, Any]:
+    """All that the result depends on; ``coordinates`` names, as CF has it, those that are no dimension."""
     versions = {"pmjoint_codegen": __version__, "python": platform.python_version(), "numpy": np.__version__}
-    return {
+    drawn = {"coordinates": " ".join(request.plan.drawn)} if request.plan.samples else {}
+    return drawn | {
         "title": f"Sweep of {manifest.title}",
         "source": manifest.source,
         "model": manifest.name,
@@ -151,34 +210,42 @@ def _units(manifest: Manifest) -> dict[str, dict[str, str]]:
     return {name: {"units": u, "long_name": about} for name, (u, about) in (states | parameters).items()}
 
 
-def _variable(store: Store, header: xr.Dataset, index: int, item: Quantity) -> xr.Dataset:
-    dimensions = store.request.plan.dimensions
-    values = store.column(index).reshape(tuple(dimensions.values()))
+def _variables(store: Store, manifest: Manifest) -> Iterator[tuple[str, _Variable]]:
+    """What is reported of every run, as many variables in memory at a time as `MEMORY` holds."""
+    items = quantities(manifest)
+    together = max(1, MEMORY // (8 * store.request.plan.runs))
+    for first in range(0, len(items), together):
+        some = items[first : first + together]
+        for index, (item, values) in enumerate(
+            zip(some, store.columns(first, len(some)), strict=True), first
+        ):
+            yield item.name, _variable(store.request, index, item, values)
+    if store.request.output_step:
+        yield from _trajectories(store, manifest)
+
+
+def _variable(request: Request, index: int, item: Quantity, values: Array) -> _Variable:
+    dimensions = request.plan.dimensions
     attributes: dict[str, Any] = {"units": item.unit, "long_name": item.about}
-    if index in _INTEGERS:
-        values = np.nan_to_num(values).astype(np.int64)
     if index == Column.STATUS:
         meanings = status_meanings()
         attributes |= {"flag_values": list(meanings), "flag_meanings": " ".join(meanings.values())}
-    return header.assign({item.name: (tuple(dimensions), values, attributes)})[[item.name]].drop_vars(
-        list(header.coords)
-    )
+    shaped = values.reshape(tuple(dimensions.values()))
+    if index in _INTEGERS:
+        return _Variable(tuple(dimensions), np.nan_to_num(shaped).astype(np.int64), attributes)
+    return _Variable(tuple(dimensions), shaped, attributes)
 
 
-def _trajectories(store: Store, header: xr.Dataset, manifest: Manifest) -> xr.Dataset:
+def _trajectories(store: Store, manifest: Manifest) -> Iterator[tuple[str, _Variable]]:
     """One variable a signal, over the sweep's dimensions and t."""
     dimensions = store.request.plan.dimensions
     times = store.request.times()
     names = trajectory_names(manifest)
     values = store.trajectories().reshape(*dimensions.values(), len(times), len(names))
     units = {item.name: item.unit for item in (*manifest.states, *manifest.signals)}
-    variables = {
-        f"trajectory_{name}": ((*dimensions, "t"), values[..., i], {"units": units[name]})
-        for i, name in enumerate(names)
-    }
-    return (
-        header.assign_coords(t=("t", times, {"units": "s"})).assign(variables).drop_vars(list(header.coords))
-    )
+    yield "t", _Variable(("t",), times, {"units": "s"})
+    for i, name in enumerate(names):
+        yield f"trajectory_{name}", _Variable((*dimensions, "t"), values[..., i], {"units": units[name]})
 
 
 def trajectory_names(manifest: Manifest) -> tuple[str, ...]:

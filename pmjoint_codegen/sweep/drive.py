@@ -97,31 +97,54 @@ def _on_cluster(store: Store, kit: Kit, missing: list[int], address: str) -> Ite
             remedy="start one: dask scheduler, and workers: dask worker ADDRESS",
         ) from None
     with client:
-        yield from _farm_out(distributed, client, store, kit, missing)
+        yield from farm_out(distributed, client, store, kit, missing)
 
 
-def _farm_out(
+def farm_out(
     distributed: Any, client: Any, store: Store, kit: Kit, missing: list[int]
 ) -> Iterator[tuple[int, Result]]:
-    """Hand out chunks, a few ahead of every worker; Dask repeats those that are lost with one."""
+    """Hand out chunks, a few ahead of every worker; Dask repeats those that are lost with one.
+
+    Args:
+        distributed: the library.
+        client: connected to a scheduler.
+        store: of the sweep.
+        kit: the model.
+        missing: first runs of the chunks to make.
+
+    Yields:
+        First run and result of each, as they are done.
+
+    Raises:
+        UsageError: the scheduler has no workers.
+    """
     plan, queue = store.request.plan, iter(missing)
-    model = client.scatter(kit, broadcast=True)
+    model = _on_all_workers(client, kit)
     light = replace(store.request, plan=Plan(()))  # the columns stand for the plan: a task stays small
-    starts: dict[Any, int] = {}
+    name, starts = f"pmjoint-{store.request.hash[:16]}", dict[Any, int]()
+    running = distributed.as_completed(loop=client.loop)
 
-    def submit(start: int) -> Any:
-        columns = plan.columns(start, start + store.length(start))
-        key = f"pmjoint-{store.request.hash[:16]}-{start}"
-        starts[key] = start
-        return client.submit(simulate_on_worker, model, light, columns, key=key)
+    def hand_out() -> None:
+        threads = max(1, sum(client.nthreads().values()))  # now: workers may join a sweep that runs, or leave
+        for start in _take(queue, threads * (1 + AHEAD) - len(starts)):
+            columns = plan.columns(start, start + store.length(start))
+            key = f"{name}-{start}"
+            starts[key] = start
+            running.add(client.submit(simulate_on_worker, model, light, columns, key=key))
 
-    workers = max(1, len(client.scheduler_info()["workers"]))
-    first = [submit(start) for start in _take(queue, workers * (1 + AHEAD))]
-    running = distributed.as_completed(first, loop=client.loop)
+    hand_out()
     for future in running:
         yield starts.pop(future.key), future.result()
-        for start in _take(queue, 1):
-            running.add(submit(start))
+        hand_out()
+
+
+def _on_all_workers(client: Any, kit: Kit) -> Any:
+    try:
+        return client.scatter(kit, broadcast=True)
+    except TimeoutError:
+        raise UsageError(
+            "has no workers", where="--scheduler", remedy="start some: dask worker ADDRESS"
+        ) from None
 
 
 def _distributed() -> Any:

@@ -99,6 +99,11 @@ class Plan:
         return math.prod(self.dimensions.values())
 
     @cached_property
+    def grid(self) -> Mapping[str, Array]:
+        """Values along the axes by name."""
+        return {axis.name: np.array(axis.values) for axis in self.axes}
+
+    @cached_property
     def drawn(self) -> Mapping[str, Array]:
         """Sampled values by name, shape (draws,)."""
         if not self.samples:
@@ -110,7 +115,7 @@ class Plan:
         """Values of every varied name in the runs start..stop-1, shape (stop - start,)."""
         places = np.unravel_index(np.arange(start, stop), tuple(self.dimensions.values()))
         by_name = dict(zip(self.dimensions, places, strict=True))
-        grid = {axis.name: np.array(axis.values)[by_name[axis.name]] for axis in self.axes}
+        grid = {name: values[by_name[name]] for name, values in self.grid.items()}
         return grid | {name: values[by_name[DRAW]] for name, values in self.drawn.items()}
 
 

@@ -5,10 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
+import numpy as np
+import numpy.typing as npt
+
+from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.status import Status
+from pmjoint_codegen.sweep.validity import Mask
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -49,10 +54,14 @@ def border(manifest: Manifest, values: Mapping[str, float]) -> Border | None:
 
 
 def held(dataset: xr.Dataset) -> xr.DataArray:
+    """Which runs of a dataset hold the joint; see `holds`."""
+    names = ("status", "final_e", "max_abs_e")
+    return dataset["status"].copy(data=holds(*(dataset[name].values for name in names)))
+
+
+def holds(status: npt.NDArray[Any], final_e: Array, max_abs_e: Array) -> Mask:
     """Whether a run reached the horizon with an error that is not largest just there, as a lost joint's is.
 
     A run that is held may still be far from its reference: its settling time then is the horizon.
     """
-    done = dataset["status"] == int(Status.DONE)
-    result: xr.DataArray = done & (abs(dataset["final_e"]) < GROWING * dataset["max_abs_e"])
-    return result
+    return np.asarray((status == int(Status.DONE)) & (np.abs(final_e) < GROWING * max_abs_e))

@@ -30,6 +30,8 @@ DATASET: Final = "sweep.zarr"
 CHUNKS: Final = "chunks"
 CHUNK_RUNS: Final = 2048
 MOST_CHUNKS: Final = 4096
+TAIL: Final = 4  # chunks at the end that are cut into `PARTS`
+PARTS: Final = 8
 
 
 @dataclass(frozen=True)
@@ -55,17 +57,26 @@ class Store:
     def step(self) -> int:
         """Runs in a chunk: a power of two times `CHUNK_RUNS`, so that there are not too many files."""
         step = CHUNK_RUNS
-        while self.request.plan.runs > step * MOST_CHUNKS:
+        while self.request.plan.runs > step * (MOST_CHUNKS - TAIL * PARTS):
             step *= 2
         return step
 
-    def starts(self) -> range:
-        """First run of every chunk."""
-        return range(0, self.request.plan.runs, self.step)
+    def starts(self) -> tuple[int, ...]:
+        """First run of every chunk; the last are short, so that all workers end at about the same time."""
+        return (
+            *range(0, self._tail, self.step),
+            *range(self._tail, self.request.plan.runs, self.step // PARTS),
+        )
 
     def length(self, start: int) -> int:
         """Number of runs in the chunk that begins there."""
-        return min(self.step, self.request.plan.runs - start)
+        step = self.step if start < self._tail else self.step // PARTS
+        return min(step, self.request.plan.runs - start)
+
+    @property
+    def _tail(self) -> int:
+        """The run from which on chunks are short."""
+        return max(0, self.request.plan.runs // self.step - TAIL) * self.step
 
     def open(self, *, restart: bool = False) -> None:
         """Make the folder this sweep's.
@@ -104,10 +115,13 @@ class Store:
             _write(self._trajectories(start), result.trajectories)
         _write(self._table(start), result.table)
 
-    def column(self, index: int) -> Array:
-        """One column of all chunks' tables, shape (runs,)."""
-        parts = [np.load(self._table(start), mmap_mode="r")[:, index] for start in self.starts()]
-        return np.concatenate(parts)
+    def columns(self, first: int, count: int) -> Array:
+        """Some neighbouring columns of all chunks' tables, shape (count, runs)."""
+        result = np.empty((count, self.request.plan.runs))
+        for start in self.starts():
+            table = np.load(self._table(start))
+            result[:, start : start + len(table)] = table[:, first : first + count].T
+        return result
 
     def trajectories(self) -> Array:
         """All trajectories, shape (runs, instants, nX + 2)."""

@@ -40,9 +40,14 @@ def valid_rows(manifest: Manifest, p: Array, x0: Array) -> Mask:
 
 
 def _hurwitz(k: Array, among: Mask) -> Mask:
-    """Whether ``s^n + k_1 s^(n-1) + ... + k_n`` is Hurwitz, row by row; equal rows are looked at once."""
-    result = np.zeros(len(k), dtype=bool)
-    rows, which = np.unique(k[among], axis=0, return_inverse=True)
+    """Whether ``s^n + k_1 s^(n-1) + ... + k_n`` is Hurwitz, row by row.
+
+    Positive coefficients are necessary, and up to n = 2 sufficient. Beyond, equal rows are looked at once.
+    """
+    result: Mask = among & np.all(k > 0, axis=1)
+    if k.shape[1] <= 2:
+        return result
+    rows, which = np.unique(k[result], axis=0, return_inverse=True)
     verdicts = np.array([is_hurwitz([1.0, *row]) for row in rows.tolist()], dtype=bool)
-    result[among] = verdicts[which.reshape(-1)] if len(rows) else False
+    result[result] = verdicts[which.reshape(-1)]
     return result

@@ -34,7 +34,7 @@ class Costing:
     Attributes:
         library: of the model.
         request: what is minimised, over which plants.
-        threads: to simulate the continuous controller with; the result does not depend on it.
+        threads: to simulate with; the result does not depend on it.
     """
 
     library: BatchLibrary
@@ -52,10 +52,7 @@ class Costing:
         """
         designs = len(next(iter(gains.values())))
         columns = cross(gains, self.request.plants)
-        # Every design has matrix exponentials of its own. Taken in two threads at once, each with its linear
-        # algebra in further threads, they took ten times as long as in one.
-        threads = 1 if self.request.runs.sample_time else self.threads
-        parts = np.array_split(np.arange(designs * self.request.count), threads)
+        parts = np.array_split(np.arange(designs * self.request.count), self.threads)
         tasks = [{name: values[part] for name, values in columns.items()} for part in parts if len(part)]
         tables = _together(lambda task: simulate_chunk(self.library, self.request.runs, task).table, tasks)
         return np.concatenate(tables).reshape(designs, self.request.count, -1)

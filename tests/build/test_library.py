@@ -133,3 +133,21 @@ def test_a_build_killed_in_the_middle_leaves_no_broken_library(tmp_path: Path, c
     assert not (cache / key).exists()
     fast = counting()
     assert answer(build(SOURCES, fast.compiler, cache)) == 42
+
+
+def test_what_killed_builds_left_is_removed_after_a_day_and_nothing_else(
+    tmp_path: Path, counting: Make
+) -> None:
+    old, young, other = (tmp_path / name for name in (".build-old", ".build-young", "somebody's"))
+    for folder in (old, young, other):
+        folder.mkdir()
+        (folder / "half.c").write_text("int a")
+    (tmp_path / ".build-elsewhere").symlink_to(other)
+    for folder in (old, other):
+        os.utime(folder, (0, time.time() - 25 * 3600))
+    os.utime(tmp_path / ".build-elsewhere", (0, 0), follow_symlinks=False)
+    os.utime(young, (0, time.time() - 3600))
+    assert answer(build(SOURCES, counting().compiler, tmp_path)) == 42
+    assert not old.exists()
+    assert (young / "half.c").is_file()
+    assert (other / "half.c").is_file()

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from pmjoint_codegen.build.compiler import find_compiler
 from pmjoint_codegen.cli.main import run
+from pmjoint_codegen.errors import StaleError
+from pmjoint_codegen.manifest import FILE_NAME, Manifest
 
 pytest.importorskip("xarray")
 pytest.importorskip("zarr")
@@ -67,3 +71,27 @@ def test_an_absent_extra_costs_one_line_with_its_remedy(
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     assert run(["sweep", "paper", *GRID, "--out", str(tmp_path)]) == 3
     assert "pip install 'pmjoint-codegen[sweep]'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("arguments", [["sweep", "paper", "--grid", "c1=10,20"], ["tune", "paper"]])
+def test_generated_files_of_before_the_batch_loops_are_stale(
+    arguments: list[str],
+    root: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    for name in ("models", "generated/paper"):
+        shutil.copytree(root / name, tmp_path / name)
+    folder = tmp_path / "generated" / "paper"
+    manifest = Manifest.read(folder)
+    lanes = {"lanes.c", "lanes.h"}
+    for name in lanes:
+        (folder / name).unlink()
+    files = {name: hash for name, hash in manifest.files.items() if name not in lanes}
+    (folder / FILE_NAME).write_text(replace(manifest, files=files).to_json())
+    monkeypatch.chdir(tmp_path)
+    assert run(arguments) == StaleError.exit_code
+    error = capsys.readouterr().err
+    assert "no lanes.c among the generated files; run pmjoint regenerate paper" in error
+    assert error.count("\n") == 1

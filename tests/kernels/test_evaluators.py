@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from pmjoint_codegen.build.compiler import find_compiler
-from pmjoint_codegen.errors import StaleError, UsageError
+from pmjoint_codegen.errors import SimulationError, StaleError, UsageError
 from pmjoint_codegen.kernels import compiled, interpreted
 from pmjoint_codegen.kernels.declarations import declarations, load_module, to_module
-from pmjoint_codegen.kernels.evaluator import Evaluator
+from pmjoint_codegen.kernels.evaluator import Evaluator, PreparingEvaluator
 from pmjoint_codegen.manifest import Manifest
 
 C_SOURCES = Path(compiled.__file__).parent / "c"
@@ -70,6 +70,56 @@ def test_one_point_and_rows_and_broadcasting_agree(kind: str, request: pytest.Fi
         for j in range(5):
             np.testing.assert_array_equal(v[i, j], point(y[i, 0], s[j], y_r, p)[2])
     assert evaluator.call("law", np.empty((0, 1)), s[0], y_r, p)[2].shape == (0, 1)
+
+
+@pytest.mark.parametrize("kind", ["fast", "slow"])
+def test_wanted_results_are_those_of_the_whole_call(kind: str, request: pytest.FixtureRequest) -> None:
+    evaluator: PreparingEvaluator = request.getfixturevalue(kind)
+    draw = np.random.default_rng(4)
+    given = [draw.normal(size=(6, size)) for _, size in evaluator.manifest.function("law").inputs]
+    z, alpha, v = evaluator.call("law", *given)
+    for wanted, expected in ((("v",), [v]), (("z", "v"), [z, v]), (("alpha",), [alpha]), ((), [])):
+        found = evaluator.call("law", *given, results=wanted)
+        assert len(found) == len(expected)
+        for one, other in zip(found, expected, strict=True):
+            np.testing.assert_array_equal(one, other)
+    with pytest.raises(UsageError, match="gives no w; it gives: z, alpha, v"):
+        evaluator.call("law", *given, results=("v", "w"))
+    assert evaluator.call("law", *(rows[:0] for rows in given), results=("v",))[0].shape == (0, 1)
+
+
+@pytest.mark.parametrize("kind", ["fast", "slow"])
+def test_a_prepared_kernel_reads_and_writes_its_own_arrays(kind: str, request: pytest.FixtureRequest) -> None:
+    evaluator: PreparingEvaluator = request.getfixturevalue(kind)
+    draw = np.random.default_rng(5)
+    for function in evaluator.manifest.functions:
+        one, other = evaluator.prepare(function.name), evaluator.prepare(function.name)
+        assert [len(array) for array in one.inputs] == [size for _, size in function.inputs]
+        for _ in range(3):
+            for prepared in (one, other):
+                for array in prepared.inputs:
+                    array[:] = draw.normal(size=len(array))
+            one.run()
+            other.run()
+            for prepared in (one, other):
+                for found, expected in zip(
+                    prepared.outputs, evaluator.call(function.name, *prepared.inputs), strict=True
+                ):
+                    np.testing.assert_array_equal(found, expected, err_msg=function.name)
+    with pytest.raises(UsageError, match="no kernel is called"):
+        evaluator.prepare("lew")
+
+
+def test_a_prepared_kernel_that_fails_says_so(fast: compiled.CompiledEvaluator) -> None:
+    class Failing:
+        pmj_apply = staticmethod(lambda kernel: 3)
+
+        def __getattr__(self, name: str) -> object:
+            return getattr(fast.lib, name)
+
+    broken = compiled.CompiledEvaluator(fast.manifest, fast.ffi, Failing())
+    with pytest.raises(SimulationError, match="kernel law reported failure 3"):
+        broken.prepare("law").run()
 
 
 @pytest.mark.parametrize("kind", ["fast", "slow"])

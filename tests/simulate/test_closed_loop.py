@@ -50,6 +50,44 @@ def test_control_is_v_along_the_run_and_broadcasts(loop: ClosedLoop) -> None:
         loop.control(np.zeros(8), 0.0, np.zeros(3), parameters={"zz": 1.0})
 
 
+@pytest.mark.parametrize("parameters", [None, {"c2": 7.0}])
+def test_a_prepared_law_is_control_one_state_at_a_time(
+    loop: ClosedLoop, parameters: dict[str, float] | None
+) -> None:
+    draw = np.random.default_rng(6)
+    states, y, references = draw.normal(size=(20, 8)), draw.normal(size=20), draw.normal(size=(20, 3))
+    expected = loop.control(states, y, references, parameters=parameters)
+    law, other = loop.law(parameters=parameters), loop.law()
+    for i, v in enumerate(expected):
+        assert law(states[i], y[i], references[i]) == v
+        other(states[0], 0.0, references[0])  # does not disturb it
+        assert law.evaluate() == v
+        assert law(states[i].tolist(), float(y[i]), references[i].tolist()) == v
+        law.s[:], law.y[0] = 0.0, 0.0
+        assert law.evaluate() == loop.control(np.zeros(8), 0.0, references[i], parameters=parameters)
+        assert law.v[0] == law.evaluate()
+    assert type(law.evaluate()) is float
+    assert (law.z.shape, law.alpha.shape) == ((2,), (1,))
+
+
+def test_a_law_of_other_shapes_or_parameters_is_refused(loop: ClosedLoop) -> None:
+    law = loop.law()
+    for arguments in (
+        (np.zeros(7), 0.0, np.zeros(3)),
+        (np.zeros(1), 0.0, np.zeros(3)),
+        (np.zeros(10), 0.0, np.zeros(3)),
+        (0.0, 0.0, np.zeros(3)),
+        (np.zeros(8), 0.0, np.zeros(2)),
+        (np.zeros((8, 2)), 0.0, np.zeros(3)),
+        (np.zeros(8), np.zeros(2), np.zeros(3)),
+        (["x"] * 8, 0.0, np.zeros(3)),
+    ):
+        with pytest.raises(UsageError, match="a state of length 8, a number, a reference of length 3"):
+            law(*arguments)
+    with pytest.raises(UsageError, match="no parameter"):
+        loop.law(parameters={"zz": 1.0})
+
+
 def test_a_failed_run_is_an_error_that_carries_the_run(loop: ClosedLoop) -> None:
     with pytest.raises(SimulationError, match="finite") as caught:
         loop.simulate(parameters={"b0": 1e-300})

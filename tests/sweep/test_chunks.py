@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from pmjoint_codegen import ClosedLoop
-from pmjoint_codegen.errors import UsageError
+from pmjoint_codegen.errors import StaleError, UsageError
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.hold import hold_matrices as single_hold
 from pmjoint_codegen.simulate.status import Status
@@ -19,6 +21,7 @@ from pmjoint_codegen.sweep.metrics import INVALID, Column, quantities, status_me
 from pmjoint_codegen.sweep.plan import Axis, Plan, make_plan
 from pmjoint_codegen.sweep.request import make_request, varied_names
 from pmjoint_codegen.sweep.validity import valid_rows
+from pmjoint_codegen.tune.request import make_request as make_tuning
 from pmjoint_codegen.values import check_values
 
 from .conftest import Case
@@ -83,16 +86,18 @@ def test_runs_outside_the_design_s_rules_are_marked_and_the_others_made(case: Ca
     assert set(result[~invalid, Column.STATUS].tolist()) == {float(Status.DONE), float(Status.DIVERGED)}
 
 
-def test_rules_are_those_of_single_designs(case: Case) -> None:
-    manifest, generator = case.manifest, np.random.default_rng(0)
-    own = np.array(case.request.p)
-    p = own * generator.choice([1.0, 1.0, 1.0, 1.0, 1.0, -1.0, 0.0, 0.5], (400, len(own)))
+@pytest.mark.parametrize("model", ["paper", "third-order"])
+def test_rules_are_those_of_single_designs(root: Path, model: str) -> None:
+    manifest, generator = Manifest.read(root / "generated" / model), np.random.default_rng(0)
+    own = np.array([item.value for item in manifest.parameters])
+    p = own * generator.choice([1.0, 1.0, 1.0, 1.0, 1.0, -1.0, 0.0, 0.02], (400, len(own)))
     p[5, 3] = np.nan
-    found = valid_rows(manifest, p, np.zeros((400, 2)))
+    found = valid_rows(manifest, p, np.zeros((400, manifest.nx)))
     assert 0 < np.sum(found) < 400
     for row, good in zip(p.tolist(), found.tolist(), strict=True):
         assert good == is_valid(manifest, row)
-    assert not valid_rows(manifest, own[np.newaxis], np.array([[math.inf, 0.0]]))[0]
+    assert not valid_rows(manifest, own[np.newaxis], np.full((1, manifest.nx), math.inf))[0]
+    assert not valid_rows(manifest, np.full((1, len(own)), np.nan), np.zeros((1, manifest.nx)))[0]
 
 
 def is_valid(manifest: Manifest, row: list[float]) -> bool:
@@ -102,7 +107,7 @@ def is_valid(manifest: Manifest, row: list[float]) -> bool:
             n=manifest.n,
             rho=manifest.rho,
             limit=manifest.limit,
-            leading=manifest.leading,
+            leading=manifest.leading if manifest.leading in manifest.parameter_names else None,
             where="",
             error=UsageError,
         )
@@ -147,6 +152,16 @@ def test_a_request_is_known_by_everything_that_its_result_depends_on(case: Case)
     assert len(hashes) == len(changes)
     assert make_request(case.manifest, plan).hash in hashes
     assert make_request(case.manifest, make_plan(("x1=0,1",), (), None, 0, "sobol")).hash not in hashes
+
+
+def test_a_model_generated_without_lanes_is_stale(case: Case) -> None:
+    old = replace(
+        case.manifest, files={name: hash for name, hash in case.manifest.files.items() if name != "lanes.c"}
+    )
+    with pytest.raises(StaleError, match=r"no lanes\.c.*pmjoint regenerate paper"):
+        make_request(old, case.request.plan)
+    with pytest.raises(StaleError, match=r"no lanes\.c.*pmjoint regenerate paper"):
+        make_tuning(old)
 
 
 @pytest.mark.parametrize(

@@ -8,15 +8,16 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from importlib import import_module
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from pmjoint_codegen.errors import MissingToolError, UsageError
-from pmjoint_codegen.sweep.drive import drive
+from pmjoint_codegen.sweep.drive import AHEAD, drive, farm_out
 from pmjoint_codegen.sweep.plan import make_plan
 from pmjoint_codegen.sweep.request import make_request
 from pmjoint_codegen.sweep.store import Store
@@ -121,12 +122,71 @@ def test_a_folder_keeps_to_its_sweep(case: Case, tmp_path: Path) -> None:
     assert other.missing() == [0]
 
 
-def test_chunks_grow_so_that_there_are_not_too_many(case: Case, tmp_path: Path) -> None:
-    plan = make_plan(("x1=0:1:10000", "x2=0:1:10000"), (), None, 0, "sobol")
+@pytest.mark.parametrize("runs", [1, 255, 256, 257, 8192, 8193, 10_239, 100_000, 12_345_000])
+def test_chunks_follow_each_other_end_short_and_are_not_too_many(
+    case: Case, tmp_path: Path, runs: int
+) -> None:
+    axes = (f"x1=0:1:{runs}",) if runs < 10_000 else (f"x1=0:1:{runs // 1000}", "x2=0:1:1000")
+    plan = make_plan(axes, (), None, 0, "sobol")
+    runs = plan.runs
     store = Store(tmp_path, make_request(case.manifest, plan), case.manifest.nX)
-    assert len(store.starts()) <= 4096
-    assert sum(store.length(start) for start in (store.starts()[0], store.starts()[-1])) <= 2 * store.step
-    assert store.starts()[-1] + store.length(store.starts()[-1]) == plan.runs
+    starts = store.starts()
+    assert len(starts) <= 4096
+    assert [0, *(start + store.length(start) for start in starts)] == [*starts, runs]
+    lengths = [store.length(start) for start in starts]
+    assert lengths == sorted(lengths, reverse=True)
+    assert lengths[-1] <= store.step // 8
+
+
+@dataclass
+class Cluster:
+    """Client, scheduler and library of a cluster that has one worker, and later ten."""
+
+    workers: int = 1
+    loop: None = None
+    flying: list[SimpleNamespace] = field(default_factory=list)
+    most: int = 0
+
+    def scatter(self, kit: object, broadcast: bool) -> object:
+        if not self.workers:
+            raise TimeoutError("No valid workers found")
+        return kit
+
+    def nthreads(self) -> dict[int, int]:
+        return dict.fromkeys(range(self.workers), 1)
+
+    def submit(self, work: object, *arguments: object, key: str) -> SimpleNamespace:
+        return SimpleNamespace(key=key, result=lambda: None)
+
+    def as_completed(self, loop: None) -> Cluster:
+        return self
+
+    def add(self, future: SimpleNamespace) -> None:
+        self.flying.append(future)
+        self.most = max(self.most, len(self.flying))
+
+    def __iter__(self) -> Iterator[SimpleNamespace]:
+        while self.flying:
+            yield self.flying.pop(0)
+
+
+def test_workers_that_join_later_are_given_work(case: Case, tmp_path: Path) -> None:
+    plan = make_plan(("x1=0:1:100000",), (), None, 0, "sobol")
+    store = Store(tmp_path, make_request(case.manifest, plan), case.manifest.nX)
+    cluster, made = Cluster(), []
+    for start, _ in farm_out(cluster, cluster, store, case.kit, store.missing()):
+        made.append(start)
+        if len(made) == 1:
+            assert cluster.most == 1 + AHEAD
+            cluster.workers = 10
+    assert cluster.most == 10 * (1 + AHEAD)
+    assert made == [*store.starts()]
+
+
+def test_a_scheduler_without_workers_is_said_so(case: Case, tmp_path: Path) -> None:
+    store, cluster = Store(tmp_path, case.request, case.manifest.nX), Cluster(workers=0)
+    with pytest.raises(UsageError, match="no workers"):
+        next(farm_out(cluster, cluster, store, case.kit, [0]))
 
 
 def port() -> int:

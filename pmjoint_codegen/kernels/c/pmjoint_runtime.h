@@ -118,6 +118,7 @@ void pmj_sampled(const pmj_problem *problem, const pmj_function *plant_taylor, c
                  long long budget);
 
 /* map.c */
+int pmj_apply(const pmj_function *kernel);
 int pmj_map(const pmj_function *kernel, long long rows, long long n_arg, const double **arg,
             const long long *arg_stride, long long n_res, double **res, const long long *res_stride);
 

@@ -1,0 +1,63 @@
+"""The control law made ready for one state after another, as a loop in Python asks for it."""
+
+from __future__ import annotations
+
+import numpy.typing as npt
+
+from pmjoint_codegen.errors import UsageError
+from pmjoint_codegen.kernels.evaluator import Array, PreparingEvaluator
+
+
+class Law:
+    """v of (29) at one state, in arrays that are made once: for one user at a time.
+
+    Attributes:
+        y: measured output, shape (1,).
+        s: controller states (xi, Xi, lambda, r), shape (ns,).
+        y_r: the reference and its derivatives up to order rho, shape (rho + 1,).
+        z: (24), shape (rho,); of the last evaluation, as are alpha and v.
+        alpha: (25), (26), shape (rho - 1,).
+        v: (29), shape (1,).
+    """
+
+    __slots__ = ("_run", "alpha", "s", "v", "y", "y_r", "z")
+
+    def __init__(self, evaluator: PreparingEvaluator, p: Array) -> None:
+        """Make the law ready.
+
+        Args:
+            evaluator: of the kernels.
+            p: parameters, shape (np,); another law is made for others.
+        """
+        prepared = evaluator.prepare("law")
+        self.y, self.s, self.y_r, own = prepared.inputs
+        own[:] = p
+        self.z, self.alpha, self.v = prepared.outputs
+        self._run = prepared.run
+
+    def __call__(self, state: npt.ArrayLike, y: float, reference: npt.ArrayLike) -> float:
+        """Evaluate.
+
+        Args:
+            state: controller states s, shape (ns,).
+            y: measured output.
+            reference: y_r and its derivatives up to order rho, shape (rho + 1,).
+
+        Raises:
+            UsageError: shapes that do not fit.
+        """
+        try:
+            fits = len(state) == len(self.s) and len(reference) == len(self.y_r)  # type: ignore[arg-type]
+            self.s[:], self.y[0], self.y_r[:] = state, y, reference
+        except (TypeError, ValueError):
+            fits = False
+        if not fits:
+            rule = f"a state of length {len(self.s)}, a number, a reference of length {len(self.y_r)}"
+            raise UsageError("takes other shapes", where="law", remedy=rule)
+        self._run()
+        return self.v.item()
+
+    def evaluate(self) -> float:
+        """Evaluate at what has been written into `s`, `y` and `y_r`: the fastest way."""
+        self._run()
+        return self.v.item()
