@@ -94,6 +94,29 @@ def test_every_switch_is_found_where_it_is(
     np.testing.assert_allclose(found["x1"][-1], exact(v, 1.0, switches), rtol=0, atol=1e-13)
 
 
+@pytest.mark.parametrize(
+    "v",
+    [
+        shape(LIMIT, 0.25, 0.75, scale=-4.0),
+        shape(LIMIT, 0.25, 0.75, scale=4.0),
+        shape(-LIMIT, 0.25, 0.75, scale=8.0),
+        shape(LIMIT, 0.125, 0.25, 0.5, 0.75, scale=64.0),
+        [0.0, -1.0, 30.0, -33.0],  # its line at 0 stays inside, the curve leaves on both sides
+        [-1.0, 0.0, 0.0, 8.0, 0.0, -8.0],
+    ],
+)
+def test_what_stays_between_the_thresholds_is_told_before_the_step(
+    polynomial_model: Evaluator, v: list[float]
+) -> None:
+    """No crossing is missed, and none found by a step that fails: each piece is a polynomial, so one step."""
+    found = simulate(polynomial_model, v)
+    roots = [root for limit in (-LIMIT, LIMIT) for root in Polynomial([v[0] - limit, *v[1:]]).roots()]
+    real = [float(np.real(root)) for root in roots if abs(np.imag(root)) < 1e-9]
+    crossings = sorted(root for root in real if 0.0 < root < 1.0)
+    np.testing.assert_allclose([t for t, _ in found.switches], crossings, rtol=0, atol=1e-12)
+    assert found.steps == len(found.switches) + 1
+
+
 def test_states_and_outputs_are_exact_on_both_sides_of_a_switch(polynomial_model: Evaluator) -> None:
     v = shape(LIMIT, 0.3, 0.6, scale=-4.0)
     found = simulate(polynomial_model, v, output_step=0.01)
