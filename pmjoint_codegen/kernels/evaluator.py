@@ -97,4 +97,5 @@ def _rows(array: Array, shape: tuple[int, ...]) -> Array:
     size = array.shape[-1]
     if array.size == size:
         return np.ascontiguousarray(array.reshape(1, size))
-    return np.ascontiguousarray(np.broadcast_to(array, (*shape, size)).reshape(-1, size))
+    whole = array if array.shape == (*shape, size) else np.broadcast_to(array, (*shape, size))
+    return np.ascontiguousarray(whole.reshape(-1, size))
