@@ -21,6 +21,7 @@ from pmjoint_codegen import ClosedLoop
 from pmjoint_codegen.build.compiler import find_compiler
 from pmjoint_codegen.emit.pipeline import generate
 from pmjoint_codegen.kernels import compiled
+from pmjoint_codegen.kernels.processor import usable_levels
 from pmjoint_codegen.spec import model_of
 
 HEAD = (
@@ -73,7 +74,7 @@ def row(document: dict[str, Any], folder: Path) -> str:
     for name, text in artifacts.files.items():
         (source / name).write_text(text, encoding="utf-8")
     marks.append(time.perf_counter())
-    loop = ClosedLoop(compiled.load(source, artifacts.manifest, compiler, folder))
+    loop = ClosedLoop(compiled.load(source, artifacts.manifest, compiler, folder, usable_levels(os.environ)))
     marks.append(time.perf_counter())
     run = loop.simulate()
     derivation = marks[1] - marks[0]

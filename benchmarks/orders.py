@@ -19,6 +19,7 @@ from pmjoint_codegen import ClosedLoop
 from pmjoint_codegen.build.compiler import find_compiler
 from pmjoint_codegen.emit.pipeline import generate
 from pmjoint_codegen.kernels import compiled
+from pmjoint_codegen.kernels.processor import usable_levels
 from pmjoint_codegen.spec import model_of
 from pmjoint_codegen.spec.reader import read_document
 from pmjoint_codegen.workspace import find_model
@@ -38,7 +39,7 @@ def loop_of_order(model: str, order: int, folder: Path) -> ClosedLoop:
     compiler = find_compiler(os.environ, print)
     if compiler is None:
         raise SystemExit("benchmarks.orders: no C compiler was found")
-    return ClosedLoop(compiled.load(target, artifacts.manifest, compiler, folder))
+    return ClosedLoop(compiled.load(target, artifacts.manifest, compiler, folder, usable_levels(os.environ)))
 
 
 def main(arguments: list[str]) -> None:

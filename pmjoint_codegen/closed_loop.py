@@ -187,9 +187,12 @@ def _evaluator(
     compiler = None if kind == "interpreted" else find_compiler(environment, notify)
     if compiler is not None:
         from pmjoint_codegen.kernels import compiled
+        from pmjoint_codegen.kernels.processor import usable_levels
         from pmjoint_codegen.workspace import cache_dir
 
-        return compiled.load(provided.folder, provided.manifest, compiler, cache_dir(environment, notify))
+        cache = cache_dir(environment, notify)
+        levels = usable_levels(environment)
+        return compiled.load(provided.folder, provided.manifest, compiler, cache, levels)
     if kind == "compiled":
         raise MissingToolError(
             "no C compiler was found (CC, cc, gcc, clang)", remedy=f"install one: {INSTALL}"

@@ -24,8 +24,7 @@ from pmjoint_codegen.build.compiler import Compiler
 from pmjoint_codegen.errors import BuildError, UsageError
 from pmjoint_codegen.storage import ensure_folder, replace_folder, sha256
 
-# Bits must not depend on the machine or the optimiser: no contraction into fused operations, no native
-# instructions.
+# Bits must not depend on the machine or the optimiser: no contraction into fused operations.
 FLAGS: Final = ("-O2", "-std=c99", "-ffp-contract=off", "-fPIC", "-shared")
 LIBRARY: Final = "kernels.so"
 HASHES: Final = "sha256.json"

@@ -14,6 +14,7 @@ from pmjoint_codegen.emit.table import Kernel, kernel_table
 from pmjoint_codegen.identity import Document
 from pmjoint_codegen.kernels import compiled, interpreted
 from pmjoint_codegen.kernels.evaluator import Evaluator
+from pmjoint_codegen.kernels.processor import usable_levels
 from pmjoint_codegen.kernels.tape import FILE_NAME, Tape, read_tapes
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.workspace import cache_dir, generated_root
@@ -72,7 +73,8 @@ class Subject:
         if self.compiler is None:
             return None
         cache = cache_dir(self.environment, self.notify)
-        return compiled.load(self.folder, self.manifest, self.compiler, cache)
+        levels = usable_levels(self.environment)
+        return compiled.load(self.folder, self.manifest, self.compiler, cache, levels)
 
     @cached_property
     def interpreted(self) -> Evaluator:

@@ -1,8 +1,8 @@
-"""C and header text of the kernels: CasADi prints the bodies, this module the banner and the declarations.
+"""C and header text of the kernels: CasADi prints most bodies, this module the banner and the declarations.
 
-The bodies are CasADi's as they come (its calling convention, its checks for absent arguments). The header
-declares just what is called, without macros or types of CasADi's, so that cffi reads it and a person does
-too.
+The bodies are CasADi's as they come (its calling convention, its checks for absent arguments), but for
+those of the Taylor kernels, in which runs spend their time (`hot_text`). The header declares just what is
+called, without macros or types of CasADi's, so that cffi reads it and a person does too.
 """
 
 from __future__ import annotations
@@ -11,8 +11,10 @@ from collections.abc import Mapping
 
 import casadi as ca
 
+from pmjoint_codegen.emit.hot_text import hot_source
 from pmjoint_codegen.manifest import Function
 
+HOT = ("taylor", "plant_taylor")
 _CONVENTION = """\
 /* arg[i] points to input i, res[i] to output i: dense vectors of doubles. iw, w, mem are unused and may be 0.
  * Every function returns 0. None allocates, keeps state or calls another. */
@@ -29,10 +31,12 @@ def kernels_source(functions: Mapping[str, ca.Function], head: str) -> str:
     """``kernels.c``: every function, in order."""
     private_helpers, own_header = {"static_aux": True}, {"with_header": False}
     generator = ca.CodeGenerator("kernels", private_helpers | own_header)
-    for function in functions.values():
-        generator.add(function)
+    for name, function in functions.items():
+        if name not in HOT:
+            generator.add(function)
     body = "\n".join(line.rstrip() for line in str(generator.dump()).splitlines())
-    return f'{head}#include "kernels.h"\n\n{body.strip()}\n'
+    hot = "\n".join(hot_source(functions[name]) for name in HOT)
+    return f'{head}#include "kernels.h"\n\n{body.strip()}\n\n{hot}'
 
 
 def kernels_header(functions: tuple[Function, ...], head: str) -> str:

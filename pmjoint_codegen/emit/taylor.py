@@ -1,192 +1,35 @@
 """Taylor coefficients of an ordinary differential equation, as one straight-line CasADi function.
 
 The right-hand side is a list of elementary operations (CasADi's own instruction list). Each operation has a
-recurrence that gives its k-th normalised coefficient ``a[k] = (d^k a / dt^k) / k!`` from lower ones; the
-state follows by ``x[k+1] = x'[k] / (k+1)``. Running the list for k = 0, 1, ..., N on symbols instead of
-numbers yields all coefficients exactly, with no truncation error in any of them.
+recurrence (`recurrences`) that gives its k-th normalised coefficient ``a[k] = (d^k a / dt^k) / k!`` from
+lower ones; the state follows by ``x[k+1] = x'[k] / (k+1)``. Running the list for k = 0, 1, ..., N on symbols
+instead of numbers yields all coefficients exactly, with no truncation error in any of them.
 
-Recurrences: Moore, Interval Analysis (1966); Jorba and Zou, Experimental Mathematics 14 (2005), Proposition
-    2.1.
+Order 0 is computed as the right-hand side stands. Above it, constants fall out of sums, and linear
+expressions are multiplied out where that saves operations (`affine`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import casadi as ca
 
+from pmjoint_codegen.emit.affine import (
+    PRIME,
+    Combination,
+    Factor,
+    factor,
+    inverse,
+    one,
+    residue_named,
+    residue_of,
+    shortest,
+)
+from pmjoint_codegen.emit.recurrences import Node, Recurrence, constant_power, recurrences
+from pmjoint_codegen.emit.terms import Term, number
 from pmjoint_codegen.errors import ModelError
-
-Series = list[ca.SX]
-Recurrence = Callable[["Node", int], ca.SX]
-
-
-@dataclass
-class Node:
-    """One operation of the right-hand side, with the coefficients computed so far.
-
-    Attributes:
-        recurrence: gives coefficient k from the operands' coefficients up to k and its own below k.
-        operands: nodes that it reads.
-        series: coefficients 0..k.
-        constant: whether only coefficient 0 can differ from zero.
-        companion: second series of a coupled pair, such as the cosine beside a sine.
-        exponent: of a constant power.
-    """
-
-    recurrence: Recurrence
-    operands: tuple[Node, ...] = ()
-    series: Series = field(default_factory=list)
-    constant: bool = False
-    companion: Series = field(default_factory=list)
-    exponent: float = 0.0
-
-    def __getitem__(self, k: int) -> ca.SX:
-        """Coefficient k; beyond a constant's (or time's) own coefficients there are zeros."""
-        return self.series[k] if k < len(self.series) else ca.SX(0)
-
-    def extend(self, k: int) -> None:
-        """Compute coefficient k, all lower ones being known."""
-        if not (self.constant and k > 0):
-            self.series.append(self.recurrence(self, k))
-
-
-def convolve(
-    a: Sequence[ca.SX] | Node, b: Sequence[ca.SX] | Node, k: int, first: int = 0, last: int | None = None
-) -> ca.SX:
-    """``sum_j a[j] b[k-j]`` for j = first..last (k by default)."""
-    total = ca.SX(0)
-    for j in range(first, (k if last is None else last) + 1):
-        total += a[j] * b[k - j]
-    return total
-
-
-def _weighted(a: Node, b: Sequence[ca.SX], k: int) -> ca.SX:
-    """``(1/k) sum_{j=1..k} j a[j] b[k-j]``: coefficient k of the primitive of a' b."""
-    total = ca.SX(0)
-    for j in range(1, k + 1):
-        total += (j * a[j]) * b[k - j]
-    return total * (1 / k)
-
-
-def _multiply(node: Node, k: int) -> ca.SX:
-    a, b = node.operands
-    if a.constant:
-        return a[0] * b[k]
-    if b.constant:
-        return a[k] * b[0]
-    return convolve(a, b, k)
-
-
-def _square(node: Node, k: int) -> ca.SX:
-    a = node.operands[0]
-    pairs = 2 * convolve(a, a, k, 0, (k - 1) // 2) if k > 0 else ca.SX(0)
-    return pairs + a[k // 2] * a[k // 2] if k % 2 == 0 else pairs
-
-
-def _divide(node: Node, k: int) -> ca.SX:
-    a, b = node.operands
-    if b.constant and k > 0:
-        return a[k] * (1 / b[0])
-    return (a[k] - convolve(b, node.series, k, 1)) / b[0]
-
-
-def _invert(node: Node, k: int) -> ca.SX:
-    a = node.operands[0]
-    return 1 / a[0] if k == 0 else -convolve(a, node.series, k, 1) * node.series[0]
-
-
-def _sine(node: Node, k: int) -> ca.SX:
-    a = node.operands[0]
-    node.companion.append(ca.cos(a[0]) if k == 0 else -_weighted(a, node.series, k))
-    return ca.sin(a[0]) if k == 0 else _weighted(a, node.companion, k)
-
-
-def _cosine(node: Node, k: int) -> ca.SX:
-    a = node.operands[0]
-    node.companion.append(ca.sin(a[0]) if k == 0 else _weighted(a, node.series, k))
-    return ca.cos(a[0]) if k == 0 else -_weighted(a, node.companion, k)
-
-
-def _exponential(node: Node, k: int) -> ca.SX:
-    a = node.operands[0]
-    return ca.exp(a[0]) if k == 0 else _weighted(a, node.series, k)
-
-
-def _logarithm(node: Node, k: int) -> ca.SX:
-    a = node.operands[0]
-    if k == 0:
-        return ca.log(a[0])
-    inner = ca.SX(0)
-    for j in range(1, k):
-        inner += (j * node.series[j]) * a[k - j]
-    return (a[k] - inner * (1 / k)) / a[0]
-
-
-def _root(node: Node, k: int) -> ca.SX:
-    a = node.operands[0]
-    return (
-        ca.sqrt(a[0])
-        if k == 0
-        else (a[k] - convolve(node.series, node.series, k, 1, k - 1)) / (2 * node.series[0])
-    )
-
-
-def _tangent_like(function: Callable[[ca.SX], ca.SX], sign: int) -> Recurrence:
-    """``f' = (1 + sign f^2) a'``: tan with +1, tanh with -1; the companion holds f^2."""
-
-    def recurrence(node: Node, k: int) -> ca.SX:
-        a = node.operands[0]
-        own = function(a[0]) if k == 0 else a[k] + sign * _weighted(a, node.companion, k)
-        node.companion.append(convolve([*node.series, own], [*node.series, own], k))
-        return own
-
-    return recurrence
-
-
-def _magnitude(node: Node, k: int) -> ca.SX:
-    """|a| is a or -a away from its kink, and takes the slope 0 on it."""
-    a = node.operands[0]
-    return ca.fabs(a[0]) if k == 0 else ca.sign(a[0]) * a[k]
-
-
-def _sign(node: Node, k: int) -> ca.SX:
-    return ca.sign(node.operands[0][0]) if k == 0 else ca.SX(0)
-
-
-def _constant_power(node: Node, k: int) -> ca.SX:
-    a, exponent = node.operands[0], node.exponent
-    if k == 0:
-        return a[0] ** exponent
-    total = ca.SX(0)
-    for j in range(k):
-        total += (k * exponent - j * (exponent + 1)) * (a[k - j] * node.series[j])
-    return total / (k * a[0])
-
-
-def _recurrences() -> Mapping[int, Recurrence]:
-    return {
-        ca.OP_ASSIGN: lambda node, k: node.operands[0][k],
-        ca.OP_ADD: lambda node, k: node.operands[0][k] + node.operands[1][k],
-        ca.OP_SUB: lambda node, k: node.operands[0][k] - node.operands[1][k],
-        ca.OP_NEG: lambda node, k: -node.operands[0][k],
-        ca.OP_TWICE: lambda node, k: 2 * node.operands[0][k],
-        ca.OP_MUL: _multiply,
-        ca.OP_SQ: _square,
-        ca.OP_DIV: _divide,
-        ca.OP_INV: _invert,
-        ca.OP_SIN: _sine,
-        ca.OP_COS: _cosine,
-        ca.OP_TAN: _tangent_like(ca.tan, 1),
-        ca.OP_TANH: _tangent_like(ca.tanh, -1),
-        ca.OP_EXP: _exponential,
-        ca.OP_LOG: _logarithm,
-        ca.OP_SQRT: _root,
-        ca.OP_CONSTPOW: _constant_power,
-        ca.OP_FABS: _magnitude,
-        ca.OP_SIGN: _sign,
-    }
 
 
 @dataclass(frozen=True)
@@ -212,10 +55,10 @@ def build_graph(function: ca.Function, leaves: Mapping[tuple[int, int], Node]) -
     Raises:
         ModelError: for an operation without a recurrence; it is not analytic, or not known here.
     """
-    recurrences = _recurrences()
+    known = recurrences()
     nodes: list[Node] = []
     register: dict[int, Node] = {}
-    outputs: list[list[Node]] = [[leaf(ca.SX(0))] * function.nnz_out(i) for i in range(function.n_out())]
+    outputs: list[list[Node]] = [[literal(0.0)] * function.nnz_out(i) for i in range(function.n_out())]
     for position in range(function.n_instructions()):
         operation = function.instruction_id(position)
         reads, writes = function.instruction_input(position), function.instruction_output(position)
@@ -224,29 +67,116 @@ def build_graph(function: ca.Function, leaves: Mapping[tuple[int, int], Node]) -
         elif operation == ca.OP_OUTPUT:
             outputs[writes[0]][writes[1]] = register[reads[0]]
         elif operation == ca.OP_CONST:
-            register[writes[0]] = leaf(ca.SX(function.instruction_constant(position)))
+            register[writes[0]] = literal(float(function.instruction_constant(position)))
         else:
-            register[writes[0]] = _operation(operation, [register[i] for i in reads], recurrences)
+            register[writes[0]] = _operation(operation, [register[i] for i in reads], known)
             nodes.append(register[writes[0]])
     return Graph(tuple(nodes), tuple(tuple(entries) for entries in outputs))
 
 
-def _operation(operation: int, operands: list[Node], recurrences: Mapping[int, Recurrence]) -> Node:
+def _operation(operation: int, operands: list[Node], known: Mapping[int, Recurrence]) -> Node:
     if operation in (ca.OP_POW, ca.OP_CONSTPOW):
-        exponent = operands[1][0]
-        return Node(_constant_power, (operands[0],), exponent=float(exponent), constant=operands[0].constant)
-    if operation not in recurrences:
+        exponent = float(operands[1][0].value)
+        node = Node(constant_power, (operands[0],), exponent=exponent, constant=operands[0].constant)
+    elif operation in known:
+        constant = all(node.constant for node in operands)
+        node = Node(known[operation], tuple(operands), constant=constant)
+    else:
         raise ModelError(
             what=f"operation {operation} of the right-hand side has no Taylor recurrence",
             where="continuous integrator",
             remedy="use analytic functions: + - * / **, sin, cos, tan, exp, log, sqrt, tanh",
         )
-    return Node(recurrences[operation], tuple(operands), constant=all(node.constant for node in operands))
+    node.operation = operation
+    if node.constant:
+        node.residue = _residue(node)
+    return node
 
 
 def leaf(*series: ca.SX, moving: bool = False) -> Node:
-    """A node whose coefficients come from outside: a number, a parameter, time, or a state's entry."""
-    return Node(lambda _node, _k: ca.SX(0), series=list(series), constant=not moving)
+    """A node whose coefficients come from outside: a parameter, time, or a state's entry."""
+    return Node(lambda _node, _k: number(0.0), series=[Term(value) for value in series], constant=not moving)
+
+
+def literal(value: float) -> Node:
+    """A node that is a number."""
+    node = leaf(ca.SX(value))
+    node.residue = residue_of(value)
+    return node
+
+
+def _residue(node: Node) -> int:
+    """Residue of a constant from those of its operands."""
+    a, b = (node.operands[0].residue, node.operands[-1].residue)
+    exact = {
+        ca.OP_ASSIGN: lambda: a,
+        ca.OP_ADD: lambda: a + b,
+        ca.OP_SUB: lambda: a - b,
+        ca.OP_NEG: lambda: -a,
+        ca.OP_TWICE: lambda: 2 * a,
+        ca.OP_MUL: lambda: a * b,
+        ca.OP_SQ: lambda: a * a,
+        ca.OP_DIV: lambda: a * inverse(b),
+        ca.OP_INV: lambda: inverse(a),
+    }.get(node.operation)
+    return exact() % PRIME if exact else residue_named(node.operation, node.exponent, a, b)
+
+
+def _constant_factor(node: Node, *, inverted: bool = False) -> Factor:
+    if inverted:
+        return factor(inverse(node.residue), number(1.0) / node[0])
+    return factor(node.residue, node[0])
+
+
+def _parts(node: Node) -> list[tuple[Node, Factor]] | None:
+    """A linear operation as a sum of moving nodes with constant factors; None for any other operation."""
+    a, b = node.operands[0], node.operands[-1]
+    if node.operation == ca.OP_MUL and (a.constant or b.constant):
+        moving, fixed = (b, a) if a.constant else (a, b)
+        return [(moving, _constant_factor(fixed))]
+    if node.operation == ca.OP_DIV and b.constant:
+        return [(a, _constant_factor(b, inverted=True))]
+    plus = one()
+    signed = {
+        ca.OP_ASSIGN: [(a, plus)],
+        ca.OP_NEG: [(a, -plus)],
+        ca.OP_TWICE: [(a, factor(2, number(2.0)))],
+        ca.OP_ADD: [(a, plus), (b, plus)],
+        ca.OP_SUB: [(a, plus), (b, -plus)],
+    }.get(node.operation)
+    return None if signed is None else [(part, sign) for part, sign in signed if not part.constant]
+
+
+def _simplify(graph: Graph) -> None:
+    """Replace linear recurrences above order 0 by the shortest combinations."""
+    linear = {}
+    for node in graph.nodes:
+        parts = None if node.constant else _parts(node)
+        if parts is not None:
+            linear[node] = parts
+    known: list[Node] = []
+    place: dict[Node, int] = {}
+
+    def name(node: Node) -> int:
+        if node not in place:
+            place[node] = len(known)
+            known.append(node)
+        return place[node]
+
+    forms: dict[int, Combination] = {}
+    for node, parts in linear.items():
+        form: Combination = {}
+        for part, times in parts:
+            key = name(part)
+            form[key] = form[key] + times if key in form else times
+        forms[name(node)] = form
+    asked = [node for entries in graph.outputs for node in entries]
+    asked += [operand for node in graph.nodes if node not in linear for operand in node.operands]
+    kept = shortest(forms, [place[node] for node in asked if node in linear])
+    for key in forms:
+        known[key].absorbed = key not in kept
+    for key, form in kept.items():
+        known[key].sum = tuple((known[part], times) for part, times in form.items())
 
 
 def taylor_function(
@@ -271,23 +201,32 @@ def taylor_function(
     """
     inputs = [ca.SX.sym(label, function.size1_in(i)) for i, label in enumerate(function.name_in())]
     leaves = {
-        (i, entry): _input_leaf(inputs[i][entry], label, time, state)
+        (i, entry): _input_leaf(inputs[i][entry], label, entry, time, state)
         for i, label in enumerate(function.name_in())
         for entry in range(inputs[i].numel())
     }
     states = [leaves[function.index_in(state), entry] for entry in range(function.size1_in(state))]
     graph = build_graph(function, leaves)
+    for node, rate in zip(states, graph.outputs[0], strict=True):
+        node.rate = rate
+    for node in graph.nodes:
+        if node.constant:
+            node.extend(0)
+    _simplify(graph)
     for k in range(order + 1):
         for node in graph.nodes:
-            node.extend(k)
+            if not (node.constant and k == 0):
+                node.extend(k)
         for node, rate in zip(states, graph.outputs[0], strict=True):
-            node.series.append(rate[k] * (1 / (k + 1)))
+            node.series.append(rate[k].times(1 / (k + 1)))
     channels = [*states, *(node for entries in graph.outputs[1:] for node in entries)]
-    rows = [node[k] for k in range(order + 1) for node in channels]
+    rows = [node[k].value for k in range(order + 1) for node in channels]
     return ca.Function(name, inputs, [ca.cse(ca.vertcat(*rows))], function.name_in(), ["c"])
 
 
-def _input_leaf(symbol: ca.SX, label: str, time: str, state: str) -> Node:
+def _input_leaf(symbol: ca.SX, label: str, entry: int, time: str, state: str) -> Node:
     if label == time:
         return leaf(symbol, ca.SX(1), moving=True)
-    return leaf(symbol, moving=label == state)
+    node = leaf(symbol, moving=label == state)
+    node.residue = residue_named(label, entry)
+    return node

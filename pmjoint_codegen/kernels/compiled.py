@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -11,8 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from pmjoint_codegen.build.compiler import Compiler
+from pmjoint_codegen.build.library import FLAGS as BITS
 from pmjoint_codegen.build.library import LIBRARY, build
-from pmjoint_codegen.errors import SimulationError, StaleError
+from pmjoint_codegen.errors import BuildError, SimulationError, StaleError
 from pmjoint_codegen.kernels.declarations import MODULE, declarations, load_module, to_module
 from pmjoint_codegen.kernels.evaluator import (
     Array,
@@ -24,8 +26,12 @@ from pmjoint_codegen.kernels.evaluator import (
     prepared_arrays,
     wanted_outputs,
 )
+from pmjoint_codegen.kernels.processor import Level, known_levels
 from pmjoint_codegen.manifest import Manifest
 
+# Neither of the first two changes a result; without them, sine and cosine of one angle are two calls, and
+# choices are jumps. -Wno-psabi: no vector crosses the border of a file.
+FLAGS: Final = (*BITS, "-fno-math-errno", "-fno-trapping-math", "-Wno-psabi")
 RUNTIME_HEADER: Final = "pmjoint_runtime.h"
 
 
@@ -35,10 +41,12 @@ class BoundFunction(NamedTuple):
     Attributes:
         struct: ``pmj_function *``.
         memory: its pointer arrays, ``arg`` and ``res``.
+        library: whose code it is.
     """
 
     struct: Any
     memory: tuple[Any, Any]
+    library: Any
 
 
 class CompiledEvaluator:
@@ -66,7 +74,7 @@ class CompiledEvaluator:
         call = self.ffi.cast("pmj_kernel", getattr(self.lib, name))
         # kernels.h: iw and w are unused and may be null.
         return BoundFunction(
-            self.ffi.new("pmj_function *", {"call": call, "arg": arg, "res": res}), (arg, res)
+            self.ffi.new("pmj_function *", {"call": call, "arg": arg, "res": res}), (arg, res), self.lib
         )
 
     def kernel(self, name: str) -> Kernel:
@@ -146,7 +154,13 @@ class CompiledEvaluator:
         _check(name, failed)
 
 
-def load(folder: Path, manifest: Manifest, compiler: Compiler, cache: Path) -> CompiledEvaluator:
+def load(
+    folder: Path,
+    manifest: Manifest,
+    compiler: Compiler,
+    cache: Path,
+    levels: Sequence[Level] | None = None,
+) -> CompiledEvaluator:
     """Build the kernels of a model, or reuse the build, and load them.
 
     Args:
@@ -154,6 +168,8 @@ def load(folder: Path, manifest: Manifest, compiler: Compiler, cache: Path) -> C
         manifest: the model.
         compiler: to build with.
         cache: folder for builds.
+        levels: instructions that this machine has, the widest first, by default the lowest alone; a compiler
+            that does not know one is asked for the next.
 
     Raises:
         BuildError: the compiler failed.
@@ -170,9 +186,19 @@ def load(folder: Path, manifest: Manifest, compiler: Compiler, cache: Path) -> C
             raise _stale(str(error), folder) from None
         return {MODULE: to_module(text).encode()}
 
-    built = build(sources, compiler, cache, extras)
+    built = build_for(
+        levels or known_levels()[-1:], lambda flags: build(sources, compiler, cache, extras, flags)
+    )
     ffi = load_module((built / MODULE).read_text(encoding="utf-8"))
     return CompiledEvaluator(manifest, ffi, ffi.dlopen(str(built / LIBRARY)))
+
+
+def build_for(levels: Sequence[Level], build_with: Callable[[Sequence[str]], Path]) -> Path:
+    """The build for the first level that the compiler knows; the last level must be."""
+    for level in levels[:-1]:
+        with suppress(BuildError):
+            return build_with((*FLAGS, *level.flags))
+    return build_with((*FLAGS, *levels[-1].flags))
 
 
 def _sources(folder: Path) -> dict[str, bytes]:

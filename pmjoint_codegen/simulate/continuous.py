@@ -22,20 +22,16 @@ from typing import Final
 import numpy as np
 
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator, Kernel
-from pmjoint_codegen.simulate.polynomial import (
-    differentiate,
-    evaluate,
-    first_crossing,
-    note_peaks,
-    note_value,
-    step_size,
-)
+from pmjoint_codegen.simulate.polynomial import first_crossing, note_extremum, note_value
 from pmjoint_codegen.simulate.problem import Memory, Problem, Progress
 from pmjoint_codegen.simulate.status import Status
+from pmjoint_codegen.simulate.steps import allowed_step, arrive, bounds, scales
+from pmjoint_codegen.simulate.steps import values as values_at
 
 DEFECT: Final = 64.0  # a step's polynomial may miss the kernels at its end by this multiple of the tolerance
 SMALLEST_STEP: Final = 1e-14  # relative to max(1 s, t): below it, time does not move
 UNDECIDED_STEP: Final = 1e-7  # s; the step that leaves the thresholds alone
+ROUNDED_UP: Final = 1.0 + 1e-12  # factor that covers the rounding of a sum of magnitudes, generously
 
 
 def continuous_loop(
@@ -60,6 +56,8 @@ class _Loop:
         self.progress = progress
         self.memory = memory
         self.c: Array = np.empty(0)  # coefficients at t
+        self.scales: Array = np.empty(0)  # of X and v at t, for relative errors
+        self.reach: Array = np.empty(0)  # what X and v cannot exceed within the step on trial
         self.X: Array = memory.state[: problem.n_states].copy()
 
     def advance(self, budget: int) -> None:
@@ -101,10 +99,12 @@ class _Loop:
         remaining = problem.horizon - progress.t
         smallest = SMALLEST_STEP * max(progress.t, 1.0)
         undecided = progress.idle > problem.n_thresholds
-        h = step_size(self.c, problem.tolerance, problem.safety)
+        self.scales = scales(self.c)
+        h = allowed_step(self.c, self.scales, problem.tolerance, problem.safety)
         h = min(h, UNDECIDED_STEP) if undecided else h
         h = h if h < remaining else remaining
         while True:
+            self.reach = bounds(self.c, h)
             index, tau = (-1, h) if undecided else self.first_passage(h)
             if index >= 0 and tau == 0.0:
                 self.cross(index, progress.t)
@@ -113,10 +113,11 @@ class _Loop:
                 return
             end = progress.t + tau if tau < remaining else problem.horizon
             mode = progress.mode + (0 if index < 0 else 1 if index == progress.mode else -1)
-            trial = evaluate(self.c[:, :-1], tau)
+            values, slopes = arrive(self.c, tau)
+            trial = values[:-1]
             following = self.expand(end, trial, mode)
-            if self.defect(following, tau) <= 1.0:
-                self.accept(trial, following, tau, end)
+            if self.agrees(values, slopes, following, tau):
+                self.accept(trial, slopes, following, tau, end)
                 progress.touching = -1
                 if index >= 0:
                     self.cross(index, end)
@@ -132,6 +133,8 @@ class _Loop:
         """The threshold that v passes first within h, or -1; the time until then, or h."""
         progress, problem = self.progress, self.problem
         found, tau = -1, h
+        if self.stays(h):
+            return found, tau
         if progress.mode > 0:
             when = self.passes(progress.mode - 1, -1, tau)
             if when is not None:
@@ -141,6 +144,21 @@ class _Loop:
             if when is not None:
                 found, tau = progress.mode, when
         return found, tau
+
+    def stays(self, h: float) -> bool:
+        """Whether v certainly keeps between the thresholds of its mode up to h.
+
+        `reach` bounds its terms: a straight line, and no more beside it than the higher terms can add.
+        """
+        mode, thresholds = self.progress.mode, self.problem.thresholds
+        low = float(thresholds[mode - 1]) if mode > 0 else -math.inf
+        high = float(thresholds[mode]) if mode < len(thresholds) else math.inf
+        v = float(self.c[0, -1])
+        rise = float(self.c[1, -1]) * h
+        beside = float(self.reach[-1]) * ROUNDED_UP - abs(v) - abs(rise)
+        least = v + (rise if rise < 0.0 else 0.0) - beside
+        most = v + (rise if rise > 0.0 else 0.0) + beside
+        return self.progress.touching < 0 and least > low and most < high
 
     def passes(self, index: int, outward: int, h: float) -> float | None:
         """When v passes a threshold outwards (+1 above the mode, -1 below), from 0 to before h, or None.
@@ -155,28 +173,23 @@ class _Loop:
             return 0.0
         return first_crossing(q[zeros:], h)
 
-    def defect(self, following: Array, tau: float) -> float:
-        """How far the polynomial is from the kernels at its end, over what the tolerance allows.
+    def agrees(self, values: Array, slopes: Array, following: Array, tau: float) -> bool:
+        """Whether the polynomial agrees with the kernels at its end, as far as the tolerance asks.
 
         Compared are the slopes of the states and the value of v. High gains leave more rounding in v than its
-        present value tells, so that its scale is its largest value so far.
+        present value tells, so that its scale is its largest value so far. Nothing agrees with NaN.
         """
-        c, states = self.c[:, :-1], following[:, :-1]
-        v = float(evaluate(self.c[:, -1:], tau)[0])
-        scale = np.maximum(np.maximum(np.abs(c[0]), 1.0), np.abs(states[0]))
-        slopes = tau * np.abs(differentiate(c, tau) - states[1]) / scale
-        value = abs(v - float(following[0, -1])) / max(float(self.memory.peaks[-1]), 1.0)
-        worst = float(np.max(np.append(slopes, value)))  # NaN if any is
-        return worst / (DEFECT * self.problem.tolerance) if math.isfinite(worst) else math.inf
+        allowed = DEFECT * self.problem.tolerance
+        missed = tau * np.abs(slopes[:-1] - following[1, :-1]) * self.scales[:-1]
+        v = abs(float(values[-1]) - float(following[0, -1]))
+        return bool(np.all(missed <= allowed)) and v <= allowed * max(float(self.memory.peaks[-1]), 1.0)
 
-    def accept(self, trial: Array, following: Array, tau: float, end: float) -> None:
+    def accept(self, trial: Array, slopes: Array, following: Array, tau: float, end: float) -> None:
         """Take a step: output rows, integral of e^2, state."""
         progress, problem = self.progress, self.problem
         self.write_rows(end)
         self.integrate_error(tau)
-        peaks, times = self.memory.peaks, self.memory.peak_times
-        slopes = differentiate(self.c, tau)
-        note_peaks(self.c, problem.n_searched, progress.t, tau, following[0], slopes, peaks, times)
+        self.note_peaks(slopes, following, tau)
         self.X, self.c = trial, following
         if np.any(np.abs(trial) > problem.divergence):
             progress.status = Status.DIVERGED
@@ -184,21 +197,31 @@ class _Loop:
         progress.t = end
         progress.steps += 1
 
+    def note_peaks(self, slopes: Array, following: Array, tau: float) -> None:
+        """Peaks of X and v over a step: at its end, and inside where a slope changes its sign."""
+        c, t, peaks, times = self.c, self.progress.t, self.memory.peaks, self.memory.peak_times
+        for i in range(c.shape[1]):
+            note_value(float(following[0, i]), t + tau, i, peaks, times)
+            turns = i < self.problem.n_searched and c[1, i] * slopes[i] < 0.0
+            if turns and self.reach[i] * ROUNDED_UP > peaks[i]:
+                note_extremum(c[:, i].tolist(), t, tau, i, peaks, times)
+
     def write_rows(self, until: float) -> None:
         """Output rows up to a time."""
         progress, problem = self.progress, self.problem
         stop = int(np.searchsorted(problem.times, until, side="right"))
         rows = slice(progress.row, max(stop, progress.row))
         tau = problem.times[rows, np.newaxis] - progress.t
-        self.memory.rows[rows] = evaluate(self.c[:, :-1], tau)
+        self.memory.rows[rows] = values_at(self.c[:, :-1], tau)
         progress.row = rows.stop
 
     def integrate_error(self, size: float) -> None:
         """Add the integral of (y - y_r)^2 over the step."""
         total = 0.0
-        for node, weight in zip(self.problem.nodes.tolist(), self.problem.weights.tolist(), strict=True):
-            tau = size * node
-            y = float(evaluate(self.c[:, :1], tau)[0])
+        instants = size * self.problem.nodes
+        values = values_at(self.c[:, :1], instants[:, np.newaxis])[:, 0]
+        rows = zip(instants.tolist(), values.tolist(), self.problem.weights.tolist(), strict=True)
+        for tau, y, weight in rows:
             e = y - float(self.reference(np.array([self.progress.t + tau]), self.problem.p)[0][0])
             total += weight * (e * e)
         self.progress.integral += size * total

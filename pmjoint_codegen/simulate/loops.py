@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import fields
+from struct import Struct
 from typing import Any, Final
 
 import numpy as np
@@ -15,7 +16,8 @@ from pmjoint_codegen.simulate.problem import Memory, Problem, Progress
 from pmjoint_codegen.simulate.sampled import sampled_loop
 
 Advance = Callable[[int], None]
-_PROGRESS: Final = {field.name: field.default for field in fields(Progress)}  # at the start of a run
+_START: Final = {field.name: field.default for field in fields(Progress)}
+_LAYOUT: Final = Struct("2d12q")  # of `pmj_progress`: t and integral, then whole numbers
 
 
 def make_loop(evaluator: Evaluator, problem: Problem, progress: Progress, memory: Memory) -> Advance:
@@ -56,34 +58,34 @@ class CompiledLoop:
         self._functions = [function.struct for function in self._bound]
         self._run = lib.pmj_sampled if problem.sample_time else lib.pmj_continuous
         self._records = (problem, progress, memory)  # and into these
+        self._arguments = (self._problem[0], *self._functions, self._progress[0], self._memory[0])
+        self._begin = lib.pmj_begin
+        self._bytes = ffi.buffer(self._progress[0])
 
     def __call__(self, budget: int) -> None:
         """Advance by at most `budget` steps or samples."""
-        self._run(self._problem[0], *self._functions, self._progress[0], self._memory[0], budget)
-        progress, source = self._records[1], self._progress[0]
-        for name in _PROGRESS:
-            setattr(progress, name, getattr(source, name))
+        self._run(*self._arguments, budget)
+        self._read()
 
     def restart(self, x0: Array) -> None:
         """Begin again at X(0) = x0, shape (nX,), in the memory of the run before: its results are lost."""
-        _, progress, memory = self._records
-        for name, value in _PROGRESS.items():
-            setattr(progress, name, value)
-            setattr(self._progress[0], name, value)
-        memory.state[:] = memory.sample[:] = memory.rows[0] = x0
-        memory.held[:1] = x0
-        memory.peaks[:] = memory.peak_times[:] = 0.0
+        self._records[2].state[:] = x0
+        self._begin(self._arguments[0], *self._arguments[-2:])
+        self._records[1].__dict__.update(_START)
+
+    def _read(self) -> None:
+        """Copy where the run stands from the C struct."""
+        self._records[1].__dict__.update(zip(_START, _LAYOUT.unpack(self._bytes), strict=True))
 
 
 def _struct(ffi: Any, name: str, record: Problem | Progress | Memory) -> tuple[Any, list[Any]]:
     """Copy a record into the C struct with the same field names; arrays become pointers into their memory."""
-    struct = ffi.new(name)
+    doubles, integers = ffi.typeof("double[]"), ffi.typeof("long long[]")
+    values = dict(vars(record))
     buffers = []
-    for field in fields(record):
-        value = getattr(record, field.name)
+    for field, value in values.items():
         if isinstance(value, np.ndarray):
-            kind = "long long[]" if value.dtype == np.int64 else "double[]"
-            buffers.append(ffi.from_buffer(kind, value))
-            value = buffers[-1]
-        setattr(struct, field.name, value)
-    return struct, buffers
+            kind = integers if value.dtype == np.int64 else doubles
+            values[field] = ffi.from_buffer(kind, value)
+            buffers.append(values[field])
+    return ffi.new(name, values), buffers

@@ -20,6 +20,7 @@ from pmjoint_codegen.kernels.evaluator import Array
 # ends.
 MAX_DEPTH: Final = 48
 MAX_REFINEMENTS: Final = 100
+CLOSE: Final = 1e-9
 EPSILON: Final = sys.float_info.epsilon
 
 
@@ -114,7 +115,7 @@ def note_peaks(
     for i in range(c.shape[1]):
         note_value(float(end[i]), t + tau, i, peaks, peak_times)
         if i < searched and c[1, i] * end_slope[i] < 0.0:
-            _note_extremum(c[:, i].tolist(), t, tau, i, peaks, peak_times)
+            note_extremum(c[:, i].tolist(), t, tau, i, peaks, peak_times)
 
 
 def note_value(value: float, t: float, i: int, peaks: Array, peak_times: Array) -> None:
@@ -124,7 +125,7 @@ def note_value(value: float, t: float, i: int, peaks: Array, peak_times: Array) 
         peak_times[i] = t
 
 
-def _note_extremum(c: list[float], t: float, tau: float, i: int, peaks: Array, peak_times: Array) -> None:
+def note_extremum(c: list[float], t: float, tau: float, i: int, peaks: Array, peak_times: Array) -> None:
     """The largest magnitude of one channel inside a step at whose ends its slope has opposite signs."""
     power, bound = 1.0, 0.0
     for coefficient in c:
@@ -150,7 +151,8 @@ def _isolate(a: list[float], size: float) -> float | None:
         if before != 0 and first != 0 and first != before:
             return low  # the sign changed at the border, to rounding
         if changes == 1:
-            return _refine(a, low, low + width, first, 0.25 * EPSILON * size)
+            start = _guess(b, low, width, first, noise)
+            return _refine(a, start, low, low + width, first, 0.25 * EPSILON * size)
         if changes == 0 or width <= math.ldexp(1.0, -MAX_DEPTH):
             if changes > 0 and first != last:
                 return low + 0.5 * width
@@ -197,20 +199,36 @@ def _halve(b: list[float]) -> tuple[list[float], list[float]]:
     return left, right
 
 
-def _refine(a: list[float], low: float, high: float, before: int, noise: float) -> float:
-    """The root in (low, high), where the sign `before` ends: Newton, kept inside by bisection."""
-    s = 0.5 * (low + high)
+def _guess(b: list[float], low: float, width: float, before: int, noise: float) -> float:
+    """Where the broken line through the Bernstein coefficients leaves a side: close to a root."""
+    degree = len(b) - 1
+    other = (j for j in range(1, degree) if abs(b[j]) > noise and (b[j] > 0.0) != (before > 0))
+    j = next(other, degree)
+    rise = b[j - 1] - b[j]
+    return low + width * ((j - 1) + b[j - 1] / rise) / degree if rise != 0.0 else math.nan
+
+
+def _refine(a: list[float], start: float, low: float, high: float, before: int, noise: float) -> float:
+    """The root in (low, high), where the sign `before` ends: Newton, kept inside by bisection.
+
+    Its last step is not taken again: the error that it leaves is the square of a relative error below
+    `CLOSE`.
+    """
+    s = start if low < start < high else 0.5 * (low + high)
     for _ in range(MAX_REFINEMENTS):
         value, slope = a[-1], 0.0
         for coefficient in a[-2::-1]:
             slope = slope * s + value
             value = value * s + coefficient
         newton = s - value / slope if slope != 0.0 else math.nan
-        if abs(value) <= noise or abs(newton - s) <= 2.0 * EPSILON * s:
+        if abs(value) <= noise:
             return s
         if (value > 0.0) == (before > 0):
             low = s
         else:
             high = s
-        s = newton if low < newton < high else 0.5 * (low + high)
+        inside = low < newton < high
+        if abs(newton - s) <= CLOSE * s:
+            return newton if inside else s
+        s = newton if inside else 0.5 * (low + high)
     return s

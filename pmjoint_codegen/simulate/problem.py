@@ -7,11 +7,14 @@ Python twins take the same. Arrays are C-contiguous float64.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from pmjoint_codegen.kernels.evaluator import Array
+
+PADDING: Final = 3  # numbers behind a row of channels, so that blocks of four may read and write past it
 
 
 @dataclass(frozen=True)
@@ -119,8 +122,10 @@ class Memory:
     Attributes:
         coefficients: Taylor coefficients of two steps.
         state: X at t.
-        trial: X at the end of a step on trial.
+        trial: X and v at the end of a step on trial.
         slope: rates of X and v at the end of a step.
+        reach: sums of the magnitudes of their terms there.
+        scales: of X and v at the start of a step, for relative errors.
         reference: y_r and its derivatives.
         w: what the actuator delivers, sampled loop.
         sample: X at the last sample, sampled loop.
@@ -137,6 +142,8 @@ class Memory:
     state: Array
     trial: Array
     slope: Array
+    reach: Array
+    scales: Array
     reference: Array
     w: Array
     sample: Array
@@ -159,10 +166,12 @@ def make_memory(problem: Problem, x0: Array) -> Memory:
     n, rows = problem.n_states, problem.n_rows
     held_rows = rows if problem.sample_time else 0
     memory = Memory(
-        coefficients=np.zeros(2 * ((problem.order + 1) * (n + 1) + 3)),
+        coefficients=np.zeros(2 * ((problem.order + 1) * (n + 1) + PADDING)),
         state=x0.copy(),
-        trial=np.zeros(n),
-        slope=np.zeros(n + 1),
+        trial=np.zeros(n + 1 + PADDING),
+        slope=np.zeros(n + 1 + PADDING),
+        reach=np.zeros(n + 1 + PADDING),
+        scales=np.zeros(n + 1 + PADDING),
         reference=np.zeros(problem.n_reference),
         w=np.zeros(problem.n_actuated),
         sample=x0.copy(),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 
 @dataclass(frozen=True)
@@ -25,28 +26,33 @@ class Rule:
                 raise ValueError(f"the rule with {len(self.nodes)} nodes integrates x^{degree} to {moment}")
 
 
+# Ten nodes: the upper five mirror the lower five, with the same weights.
+_LOWER: Final = (
+    0.01304673574141414,
+    0.06746831665550775,
+    0.1602952158504878,
+    0.2833023029353764,
+    0.4255628305091844,
+)
+_WEIGHTS: Final = (
+    0.03333567215434407,
+    0.0747256745752903,
+    0.10954318125799102,
+    0.13463335965499817,
+    0.14776211235737644,
+)
+_LONG: Final = Rule((*_LOWER, *(1.0 - x for x in reversed(_LOWER))), (*_WEIGHTS, *reversed(_WEIGHTS)))
+_SHORT: Final = Rule(
+    (0.11270166537925831, 0.5, 0.8872983346207417),
+    (0.2777777777777778, 0.4444444444444444, 0.2777777777777778),
+)
+
+
 def long_steps() -> Rule:
     """Ten nodes, for the long steps of the continuous loop: exact to degree 19."""
-    nodes = (
-        0.01304673574141414,
-        0.06746831665550775,
-        0.1602952158504878,
-        0.2833023029353764,
-        0.4255628305091844,
-    )
-    weights = (
-        0.03333567215434407,
-        0.0747256745752903,
-        0.10954318125799102,
-        0.13463335965499817,
-        0.14776211235737644,
-    )
-    return Rule((*nodes, *(1.0 - x for x in reversed(nodes))), (*weights, *reversed(weights)))
+    return _LONG
 
 
 def short_steps() -> Rule:
     """Three nodes, for the short holds of the sampled loop: exact to degree 5."""
-    return Rule(
-        (0.11270166537925831, 0.5, 0.8872983346207417),
-        (0.2777777777777778, 0.4444444444444444, 0.2777777777777778),
-    )
+    return _SHORT

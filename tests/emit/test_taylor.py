@@ -41,6 +41,12 @@ CLOSED_FORMS: dict[str, tuple[Callable[[ca.SX, ca.SX, ca.SX], ca.SX], Callable[[
     "product of series": (lambda t, x, p: t * ca.exp(t) * p, lambda t: 3 * (t - 1) * mp.exp(t), 0.3),
     "magnitude, left of its kink": (lambda t, x, p: ca.fabs(t - p), lambda t: 3 * t - t**2 / 2, 0.3),
     "sign": (lambda t, x, p: ca.sign(p - t) * t, lambda t: t**2 / 2, 0.3),
+    "factors that cancel": (lambda t, x, p: -1.0 * ((p * x - x) - p * x), lambda t: mp.exp(t), 0.3),
+    "nested linear": (
+        lambda t, x, p: p * ((x - ca.sin(t)) / p + (x + ca.sin(t)) / p) / 2 - 2 * (x + t),
+        lambda t: 2 * mp.exp(-t) - 2 * t + 2,
+        0.3,
+    ),
     "twice and negation": (lambda t, x, p: -(x + x), lambda t: mp.exp(-2 * t), 0.3),
 }
 

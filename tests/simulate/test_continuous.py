@@ -10,6 +10,7 @@ import pytest
 from numpy.polynomial import Polynomial
 
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator, Kernel
+from pmjoint_codegen.simulate import run as run_module
 from pmjoint_codegen.simulate.run import Run, run
 from pmjoint_codegen.simulate.settings import Settings
 from pmjoint_codegen.simulate.status import Status
@@ -94,6 +95,29 @@ def test_every_switch_is_found_where_it_is(
     np.testing.assert_allclose(found["x1"][-1], exact(v, 1.0, switches), rtol=0, atol=1e-13)
 
 
+@pytest.mark.parametrize(
+    "v",
+    [
+        shape(LIMIT, 0.25, 0.75, scale=-4.0),
+        shape(LIMIT, 0.25, 0.75, scale=4.0),
+        shape(-LIMIT, 0.25, 0.75, scale=8.0),
+        shape(LIMIT, 0.125, 0.25, 0.5, 0.75, scale=64.0),
+        [0.0, -1.0, 30.0, -33.0],  # its line at 0 stays inside, the curve leaves on both sides
+        [-1.0, 0.0, 0.0, 8.0, 0.0, -8.0],
+    ],
+)
+def test_what_stays_between_the_thresholds_is_told_before_the_step(
+    polynomial_model: Evaluator, v: list[float]
+) -> None:
+    """No crossing is missed, and none found by a step that fails: each piece is a polynomial, so one step."""
+    found = simulate(polynomial_model, v)
+    roots = [root for limit in (-LIMIT, LIMIT) for root in Polynomial([v[0] - limit, *v[1:]]).roots()]
+    real = [float(np.real(root)) for root in roots if abs(np.imag(root)) < 1e-9]
+    crossings = sorted(root for root in real if 0.0 < root < 1.0)
+    np.testing.assert_allclose([t for t, _ in found.switches], crossings, rtol=0, atol=1e-12)
+    assert found.steps == len(found.switches) + 1
+
+
 def test_states_and_outputs_are_exact_on_both_sides_of_a_switch(polynomial_model: Evaluator) -> None:
     v = shape(LIMIT, 0.3, 0.6, scale=-4.0)
     found = simulate(polynomial_model, v, output_step=0.01)
@@ -124,6 +148,18 @@ def test_saturated_time_adds_up(polynomial_model: Evaluator) -> None:
     assert found.summary["saturated_s"] == pytest.approx(0.5, abs=1e-13)
     assert found.summary["initial_mode"] == -1
     assert found.summary["saturation_switches"] == [[pytest.approx(0.25), 0], [pytest.approx(0.75), 1]]
+
+
+def test_a_run_with_more_switches_than_there_was_room_for_begins_again(
+    polynomial_model: Evaluator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    v = shape(LIMIT, 0.125, 0.25, 0.5, 0.75, scale=64.0)
+    whole = simulate(polynomial_model, v)
+    monkeypatch.setattr(run_module, "FEW_SWITCHES", 2)
+    found = simulate(polynomial_model, v)
+    assert found.status == Status.DONE
+    assert (found.switches, found.steps, found.ise) == (whole.switches, whole.steps, whole.ise)
+    np.testing.assert_array_equal(found.states, whole.states)
 
 
 def test_limits_of_steps_and_switches_end_the_run_with_what_there_is(polynomial_model: Evaluator) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 from dataclasses import replace
 from typing import cast
@@ -12,6 +13,7 @@ import pytest
 from pmjoint_codegen import ClosedLoop
 from pmjoint_codegen.build.compiler import find_compiler
 from pmjoint_codegen.kernels.evaluator import Evaluator
+from pmjoint_codegen.kernels.processor import VARIABLE, usable_levels
 from pmjoint_codegen.simulate.loops import CompiledLoop, make_loop
 from pmjoint_codegen.simulate.modes import make_actuator
 from pmjoint_codegen.simulate.problem import Memory, Problem, Progress, make_memory
@@ -66,3 +68,35 @@ def test_without_the_search_for_peaks_all_else_is_the_same(evaluator: Evaluator)
     r2 = evaluator.manifest.nX - 1
     assert full.peaks[r2] > 8.548  # at 0.0522 s, inside a step
     assert np.all(lean.peaks <= full.peaks) and np.any(lean.peaks < full.peaks)
+
+
+def test_a_loop_outlives_the_evaluator_that_it_was_made_with() -> None:
+    """The library stays loaded as long as any of its functions can be called."""
+    if find_compiler(os.environ) is None:
+        pytest.skip("no C compiler")
+    loop, progress, memory = driven_alone()
+    gc.collect()
+    first = memory.rows[-1].copy()
+    loop.restart(np.array([1.5, *np.zeros(9)]))
+    loop(BUDGET)
+    assert progress.status == Status.DONE
+    np.testing.assert_array_equal(memory.rows[-1], first)
+
+
+def driven_alone() -> tuple[CompiledLoop, Progress, Memory]:
+    evaluator = ClosedLoop.load("paper", "compiled").evaluator
+    return driven(evaluator, prepared(evaluator))
+
+
+def test_runs_do_not_depend_on_the_instructions_that_the_processor_has() -> None:
+    if find_compiler(os.environ) is None:
+        pytest.skip("no C compiler")
+    found = []
+    for level in usable_levels(os.environ):
+        environment = {**os.environ, VARIABLE: level.name}
+        evaluator = ClosedLoop.load("paper", "compiled", environment=environment).evaluator
+        _, progress, memory = driven(evaluator, prepared(evaluator))
+        found.append((memory.rows, memory.peaks, memory.switch_times[:3], progress.integral, progress.steps))
+    for other in found[1:]:
+        for mine, theirs in zip(found[0], other, strict=True):
+            np.testing.assert_array_equal(mine, theirs)

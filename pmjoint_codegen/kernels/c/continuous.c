@@ -7,6 +7,8 @@
 #define DEFECT 64.0
 /* A threshold on which rounding alone decides the side is left alone for this long, s. */
 #define UNDECIDED_STEP 1e-7
+/* Rounding of a sum of terms, generously, relative to their magnitudes. */
+#define ROUNDED_UP (1.0 + 1e-12)
 
 static double *coefficients(const pmj_problem *problem, const pmj_memory *memory, long long buffer)
 {
@@ -42,7 +44,7 @@ static void write_rows(const pmj_problem *problem, pmj_progress *progress, const
     const long long n = problem->n_states;
     while (progress->row < problem->n_rows && problem->times[progress->row] <= until) {
         const double tau = problem->times[progress->row] - progress->t;
-        pmj_evaluate(c, n + 1, problem->order, tau, memory->rows + progress->row * n, n);
+        pmj_values(c, n + 1, problem->order, tau, memory->rows + progress->row * n, n);
         progress->row += 1;
     }
 }
@@ -51,12 +53,15 @@ static void write_rows(const pmj_problem *problem, pmj_progress *progress, const
 static int integrate_error(const pmj_problem *problem, const pmj_function *reference, pmj_progress *progress,
                            const pmj_memory *memory, const double *c, double size)
 {
+    double instants[PMJ_MAX_NODES];
+    double y[PMJ_MAX_NODES];
     double sum = 0.0;
     for (long long i = 0; i < problem->n_nodes; ++i) {
-        const double tau = size * problem->nodes[i];
-        const double t = progress->t + tau;
-        double y = 0.0;
-        pmj_evaluate(c, problem->n_states + 1, problem->order, tau, &y, 1);
+        instants[i] = size * problem->nodes[i];
+    }
+    pmj_channel(c, problem->n_states + 1, problem->order, instants, y, problem->n_nodes);
+    for (long long i = 0; i < problem->n_nodes; ++i) {
+        const double t = progress->t + instants[i];
         reference->arg[0] = &t;
         reference->arg[1] = problem->p;
         reference->res[0] = memory->reference;
@@ -64,11 +69,27 @@ static int integrate_error(const pmj_problem *problem, const pmj_function *refer
         if (failed) {
             return failed;
         }
-        const double e = y - memory->reference[0];
+        const double e = y[i] - memory->reference[0];
         sum += problem->weights[i] * (e * e);
     }
     progress->integral += size * sum;
     return 0;
+}
+
+/* Whether v certainly keeps between the thresholds of its mode up to h, where `memory->reach` bounds its terms: a
+ * straight line, and no more beside it than the higher terms can add. */
+static int stays(const pmj_problem *problem, const pmj_progress *progress, const pmj_memory *memory, const double *c,
+                 double h)
+{
+    const long long n = problem->n_states;
+    const double low = progress->mode > 0 ? problem->thresholds[progress->mode - 1] : -HUGE_VAL;
+    const double high = progress->mode < problem->n_thresholds ? problem->thresholds[progress->mode] : HUGE_VAL;
+    const double v = c[n];
+    const double rise = c[2 * n + 1] * h;
+    const double beside = memory->reach[n] * ROUNDED_UP - fabs(v) - fabs(rise);
+    const double least = v + (rise < 0.0 ? rise : 0.0) - beside;
+    const double most = v + (rise > 0.0 ? rise : 0.0) + beside;
+    return progress->touching < 0 && least > low && most < high;
 }
 
 /* When v passes threshold `index` outwards (`outward` is +1 above the mode, -1 below), from 0 to before h.
@@ -95,12 +116,15 @@ static int passes(const pmj_problem *problem, const pmj_progress *progress, cons
 }
 
 /* The threshold that v passes first within h, or -1; `*tau` becomes the time until then, or h. */
-static long long first_passage(const pmj_problem *problem, const pmj_progress *progress, const double *c,
-                               double h, double *tau)
+static long long first_passage(const pmj_problem *problem, const pmj_progress *progress, const pmj_memory *memory,
+                               const double *c, double h, double *tau)
 {
     long long found = -1;
     double when = 0.0;
     *tau = h;
+    if (stays(problem, progress, memory, c, h)) {
+        return -1;
+    }
     if (progress->mode > 0 && passes(problem, progress, c, progress->mode - 1, -1, h, &when)) {
         found = progress->mode - 1;
         *tau = when;
@@ -112,27 +136,18 @@ static long long first_passage(const pmj_problem *problem, const pmj_progress *p
     return found;
 }
 
-/* How far the step's polynomial is from the kernels at its end, over what the tolerance allows: in the slopes of the
+/* Whether the step's polynomial agrees with the kernels at its end, as far as the tolerance asks: in the slopes of the
  * states, and in the value of v. High gains leave more rounding in v than its present value tells, so that its
- * scale is its largest value so far. */
-static double defect(const pmj_problem *problem, const pmj_memory *memory, const double *c, const double *next,
-                     double tau)
+ * scale is its largest value so far. Nothing agrees with NaN. */
+static int agrees(const pmj_problem *problem, const pmj_memory *memory, const double *next, double tau)
 {
     const long long n = problem->n_states;
-    double v = 0.0;
-    pmj_evaluate(c + n, n + 1, problem->order, tau, &v, 1);
-    pmj_differentiate(c, n + 1, problem->order, tau, memory->slope, n + 1);
-    double worst = fabs(v - next[n]) / (memory->peaks[n] > 1.0 ? memory->peaks[n] : 1.0);
+    const double allowed = DEFECT * problem->tolerance;
+    int good = fabs(memory->trial[n] - next[n]) <= allowed * (memory->peaks[n] > 1.0 ? memory->peaks[n] : 1.0);
     for (long long i = 0; i < n; ++i) {
-        double scale = fabs(c[i]) > 1.0 ? fabs(c[i]) : 1.0;
-        scale = fabs(next[i]) > scale ? fabs(next[i]) : scale;
-        const double error = tau * fabs(memory->slope[i] - next[n + 1 + i]) / scale;
-        if (!(error <= DBL_MAX)) {
-            return HUGE_VAL; /* NaN too */
-        }
-        worst = error > worst ? error : worst;
+        good &= tau * fabs(memory->slope[i] - next[n + 1 + i]) * memory->scales[i] <= allowed;
     }
-    return worst <= DBL_MAX ? worst / (DEFECT * problem->tolerance) : HUGE_VAL;
+    return good;
 }
 
 /* Write down a change of mode at time t; a touch, there and back at one instant, is none. */
@@ -196,6 +211,24 @@ static void cross(const pmj_problem *problem, pmj_progress *progress, const pmj_
     note_switch(problem, progress, memory, t, progress->mode);
 }
 
+/* Peaks of X and v over a step of size tau: at its end, and inside where a slope changes its sign. */
+static void note_peaks(const pmj_problem *problem, const pmj_progress *progress, const pmj_memory *memory,
+                       const double *c, const double *next, double tau)
+{
+    const long long width = problem->n_states + 1;
+    const double t = progress->t;
+    for (long long i = 0; i < width; ++i) {
+        if (!(fabs(next[i]) <= memory->peaks[i])) {
+            memory->peaks[i] = fabs(next[i]);
+            memory->peak_times[i] = t + tau;
+        }
+        if (i < problem->n_searched && c[width + i] * memory->slope[i] < 0.0
+            && memory->reach[i] * ROUNDED_UP > memory->peaks[i]) {
+            pmj_note_extremum(c + i, width, problem->order, t, tau, memory->peaks + i, memory->peak_times + i);
+        }
+    }
+}
+
 /* Accept a step of size tau whose end state is `memory->trial`. */
 static void accept(const pmj_problem *problem, const pmj_function *reference, pmj_progress *progress,
                    const pmj_memory *memory, double tau, double end)
@@ -206,8 +239,7 @@ static void accept(const pmj_problem *problem, const pmj_function *reference, pm
     if (integrate_error(problem, reference, progress, memory, c, tau)) {
         progress->status = PMJ_KERNEL_FAILED;
     }
-    pmj_note_peaks(c, problem->n_states + 1, problem->order, problem->n_states + 1, problem->n_searched, progress->t,
-                   tau, next, memory->slope, memory->peaks, memory->peak_times);
+    note_peaks(problem, progress, memory, c, next, tau);
     for (long long i = 0; i < problem->n_states; ++i) {
         memory->state[i] = memory->trial[i];
         if (fabs(memory->state[i]) > problem->divergence) {
@@ -224,18 +256,21 @@ static void accept(const pmj_problem *problem, const pmj_function *reference, pm
 static void step(const pmj_problem *problem, const pmj_function *taylor, const pmj_function *reference,
                  pmj_progress *progress, const pmj_memory *memory)
 {
+    const long long n = problem->n_states;
     const double *c = coefficients(problem, memory, progress->buffer);
     const double *next = coefficients(problem, memory, 1 - progress->buffer);
     const double horizon = problem->times[problem->n_rows - 1];
     const double remaining = horizon - progress->t;
     const double smallest = PMJ_SMALLEST_STEP * (progress->t > 1.0 ? progress->t : 1.0);
     const int undecided = progress->idle > problem->n_thresholds;
-    double h = pmj_step_size(c, problem->n_states + 1, problem->order, problem->tolerance, problem->safety);
+    pmj_scales(c, n + 1, memory->scales);
+    double h = pmj_allowed_step(c, memory->scales, n + 1, problem->order, problem->tolerance, problem->safety);
     h = undecided && h > UNDECIDED_STEP ? UNDECIDED_STEP : h;
     h = h < remaining ? h : remaining;
     for (;;) {
         double tau = h;
-        const long long index = undecided ? -1 : first_passage(problem, progress, c, h, &tau);
+        pmj_bounds(c, n + 1, problem->order, tau, problem->n_searched > 0 ? 0 : n, memory->reach);
+        const long long index = undecided ? -1 : first_passage(problem, progress, memory, c, h, &tau);
         if (index >= 0 && tau == 0.0) {
             cross(problem, progress, memory, index, progress->t);
             progress->idle += 1;
@@ -247,12 +282,12 @@ static void step(const pmj_problem *problem, const pmj_function *taylor, const p
         }
         const double end = tau < remaining ? progress->t + tau : horizon;
         const long long mode = progress->mode + (index < 0 ? 0 : index == progress->mode ? 1 : -1);
-        pmj_evaluate(c, problem->n_states + 1, problem->order, tau, memory->trial, problem->n_states);
+        pmj_arrive(c, n + 1, problem->order, tau, memory->trial, memory->slope);
         if (expand(problem, taylor, progress, memory, end, memory->trial, mode, 1 - progress->buffer)) {
             progress->status = PMJ_KERNEL_FAILED;
             return;
         }
-        if (defect(problem, memory, c, next, tau) <= 1.0) {
+        if (agrees(problem, memory, next, tau)) {
             accept(problem, reference, progress, memory, tau, end);
             progress->touching = -1;
             if (index >= 0) {
@@ -263,9 +298,27 @@ static void step(const pmj_problem *problem, const pmj_function *taylor, const p
         progress->rejected += 1;
         h = 0.5 * tau;
         if (!(h >= smallest)) {
-            progress->status = all_finite(next, 2 * (problem->n_states + 1)) ? PMJ_STALLED : PMJ_NON_FINITE;
+            progress->status = all_finite(next, 2 * (n + 1)) ? PMJ_STALLED : PMJ_NON_FINITE;
             return;
         }
+    }
+}
+
+/* Back to the start of a run from `memory->state`: what a fresh `progress` and `memory` hold. */
+void pmj_begin(const pmj_problem *problem, pmj_progress *progress, pmj_memory *memory)
+{
+    const pmj_progress fresh = {.touching = -1, .row = 1};
+    *progress = fresh;
+    for (long long i = 0; i < problem->n_states; ++i) {
+        memory->rows[i] = memory->state[i];
+        memory->sample[i] = memory->state[i];
+        if (problem->sample_time > 0.0) {
+            memory->held[i] = memory->state[i];
+        }
+    }
+    for (long long i = 0; i <= problem->n_states; ++i) {
+        memory->peaks[i] = 0.0;
+        memory->peak_times[i] = 0.0;
     }
 }
 

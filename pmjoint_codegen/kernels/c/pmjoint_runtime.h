@@ -11,6 +11,8 @@
 
 /* The highest Taylor order that the root isolation holds on its stack. */
 #define PMJ_MAX_ORDER 40
+/* The most nodes of a quadrature rule. */
+#define PMJ_MAX_NODES 16
 /* Below this step, relative to max(1 s, t), time does not move any more. */
 #define PMJ_SMALLEST_STEP 1e-14
 
@@ -85,8 +87,10 @@ typedef struct {
 typedef struct {
     double *coefficients;     /* [2 ((N + 1)(nX + 1) + 3)]: this step's and the next's, padded for blocked reading */
     double *state;            /* [nX]: X at t */
-    double *trial;            /* [nX]: X at the end of a step on trial */
-    double *slope;            /* [nX + 1]: rates of X and v at the end of a step */
+    double *trial;            /* [nX + 1 + 3]: X and v at the end of a step on trial, padded */
+    double *slope;            /* [nX + 1 + 3]: rates of X and v there, padded */
+    double *reach;            /* [nX + 1 + 3]: sums of the magnitudes of their terms there, padded */
+    double *scales;           /* [nX + 1 + 3]: 1/max(1, |X_i|) and of v at its start, to a power of two, padded */
     double *reference;        /* [rho + 1] */
     double *w;                /* [nw] */
     double *sample;           /* sampled: [nX], X at the last sample */
@@ -105,10 +109,22 @@ void pmj_differentiate(const double *c, long long width, long long order, double
 double pmj_step_size(const double *c, long long width, long long order, double tolerance, double safety);
 int pmj_first_crossing(const double *q, long long degree, double h, double *root);
 void pmj_note_value(double value, double t, double *peak, double *peak_time);
+void pmj_note_extremum(const double *c, long long width, long long order, double t, double tau, double *peak,
+                       double *peak_time);
 void pmj_note_peaks(const double *c, long long width, long long order, long long n, long long searched, double t,
                     double tau, const double *end, const double *end_slope, double *peaks, double *peak_times);
 
+/* steps.c: results have room for whole blocks of four channels, but `out`, which takes n */
+void pmj_arrive(const double *c, long long width, long long order, double tau, double *values, double *slopes);
+void pmj_bounds(const double *c, long long width, long long order, double tau, long long from, double *reach);
+void pmj_values(const double *c, long long width, long long order, double tau, double *out, long long n);
+void pmj_channel(const double *c, long long width, long long order, const double *tau, double *out, long long n);
+void pmj_scales(const double *c, long long width, double *scales);
+double pmj_allowed_step(const double *c, const double *scales, long long width, long long order, double tolerance,
+                        double safety);
+
 /* continuous.c */
+void pmj_begin(const pmj_problem *problem, pmj_progress *progress, pmj_memory *memory);
 void pmj_continuous(const pmj_problem *problem, const pmj_function *taylor, const pmj_function *reference,
                     pmj_progress *progress, pmj_memory *memory, long long budget);
 

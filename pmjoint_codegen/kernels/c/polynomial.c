@@ -8,6 +8,7 @@
 /* Halvings of a step in the search for a root: below it, an interval is narrower than the rounding of its ends. */
 #define MAX_DEPTH 48
 #define MAX_REFINEMENTS 100
+#define CLOSE 1e-9
 
 /* out[i] = sum_k c[k*width + i] tau^k, by Horner, for i < n. */
 void pmj_evaluate(const double *c, long long width, long long order, double tau, double *out, long long n)
@@ -120,10 +121,22 @@ static void halve(double *left, double *right, long long degree)
     }
 }
 
-/* The root of sum_k a_k s^k in (low, high), where the sign `before` ends: Newton, kept inside by bisection. */
-static double refine(const double *a, long long degree, double low, double high, int before, double noise)
+/* Where the broken line through the Bernstein coefficients leaves the side `before`: close to the polynomial's root. */
+static double guess(const double *b, long long degree, double low, double width, int before, double noise)
 {
-    double s = 0.5 * (low + high);
+    long long j = 1;
+    while (j < degree && sign_outside(b[j], noise) != -before) {
+        ++j;
+    }
+    return low + width * ((double)(j - 1) + b[j - 1] / (b[j - 1] - b[j])) / (double)degree;
+}
+
+/* The root of sum_k a_k s^k in (low, high), where the sign `before` ends: Newton, kept inside by bisection. Its last
+ * step is not taken again: the error that it leaves is the square of a relative error below CLOSE. */
+static double refine(const double *a, long long degree, double start, double low, double high, int before,
+                     double noise)
+{
+    double s = start > low && start < high ? start : 0.5 * (low + high);
     for (int round = 0; round < MAX_REFINEMENTS; ++round) {
         double value = a[degree];
         double slope = 0.0;
@@ -132,7 +145,7 @@ static double refine(const double *a, long long degree, double low, double high,
             value = value * s + a[k];
         }
         const double newton = slope != 0.0 ? s - value / slope : NAN;
-        if (fabs(value) <= noise || fabs(newton - s) <= 2.0 * DBL_EPSILON * s) {
+        if (fabs(value) <= noise) {
             return s;
         }
         if ((value > 0.0) == (before > 0)) {
@@ -140,7 +153,11 @@ static double refine(const double *a, long long degree, double low, double high,
         } else {
             high = s;
         }
-        s = newton > low && newton < high ? newton : 0.5 * (low + high);
+        const int inside = newton > low && newton < high;
+        if (fabs(newton - s) <= CLOSE * s) {
+            return inside ? newton : s;
+        }
+        s = inside ? newton : 0.5 * (low + high);
     }
     return s;
 }
@@ -166,7 +183,8 @@ static int isolate(const double *a, long long degree, double size, double *root)
             return 1;
         }
         if (changes == 1) {
-            *root = refine(a, degree, low[top], low[top] + width[top], first, 0.25 * DBL_EPSILON * size);
+            *root = refine(a, degree, guess(stack[top], degree, low[top], width[top], first, noise), low[top],
+                           low[top] + width[top], first, 0.25 * DBL_EPSILON * size);
             return 1;
         }
         if (changes == 0 || width[top] <= ldexp(1.0, -MAX_DEPTH)) {
@@ -226,8 +244,8 @@ void pmj_note_value(double value, double t, double *peak, double *peak_time)
 }
 
 /* The largest magnitude of one channel inside a step at whose ends its slope has opposite signs. */
-static void note_extremum(const double *c, long long width, long long order, double t, double tau, double *peak,
-                          double *peak_time)
+void pmj_note_extremum(const double *c, long long width, long long order, double t, double tau, double *peak,
+                       double *peak_time)
 {
     double slope[PMJ_MAX_ORDER];
     double power = 1.0;
@@ -257,7 +275,7 @@ void pmj_note_peaks(const double *c, long long width, long long order, long long
     for (long long i = 0; i < n; ++i) {
         pmj_note_value(end[i], t + tau, peaks + i, peak_times + i);
         if (i < searched && c[width + i] * end_slope[i] < 0.0) {
-            note_extremum(c + i, width, order, t, tau, peaks + i, peak_times + i);
+            pmj_note_extremum(c + i, width, order, t, tau, peaks + i, peak_times + i);
         }
     }
 }
