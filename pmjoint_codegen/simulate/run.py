@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 INSTANTANEOUS: Final = ("y", "y_r", "e")  # of the signals, what a sampled controller does not hold
 BUDGET: Final = 2000  # steps between two looks at progress and Ctrl-C
+FEW_SWITCHES: Final = 1000  # more begin the run again, with room for as many as the settings allow
 
 Tell = Callable[[float], None]
 
@@ -73,9 +74,7 @@ def run(evaluator: Evaluator, settings: Settings, progress: Tell | None = None) 
     begun = time.perf_counter()
     actuator = make_actuator(evaluator.call("actuation", settings.p)[0])
     problem = make_problem(evaluator, settings, actuator)
-    memory = make_memory(problem, initial_state(evaluator.manifest, settings))
-    state = Progress()
-    _drive(make_loop(evaluator, problem, state, memory), problem, state, progress)
+    memory, state = _integrate(evaluator, settings, problem, progress)
     signals = _signals(evaluator, problem, memory, state.row)
     return Run(
         manifest=evaluator.manifest,
@@ -126,6 +125,20 @@ def make_problem(evaluator: Evaluator, settings: Settings, actuator: Actuator) -
         max_steps=settings.max_steps,
         max_switches=settings.max_switches,
     )
+
+
+def _integrate(
+    evaluator: Evaluator, settings: Settings, problem: Problem, progress: Tell | None
+) -> tuple[Memory, Progress]:
+    """Drive the loop to its end, with room for few switches first: large arrays cost more than a run."""
+    start = initial_state(evaluator.manifest, settings)
+    few = replace(problem, max_switches=min(problem.max_switches, FEW_SWITCHES))
+    for given in (few, problem):
+        memory, state = make_memory(given, start), Progress()
+        _drive(make_loop(evaluator, given, state, memory), given, state, progress)
+        if state.status != Status.TOO_MANY_SWITCHES or given.max_switches == problem.max_switches:
+            break
+    return memory, state
 
 
 def initial_state(manifest: Manifest, settings: Settings) -> Array:

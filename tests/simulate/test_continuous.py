@@ -10,6 +10,7 @@ import pytest
 from numpy.polynomial import Polynomial
 
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator, Kernel
+from pmjoint_codegen.simulate import run as run_module
 from pmjoint_codegen.simulate.run import Run, run
 from pmjoint_codegen.simulate.settings import Settings
 from pmjoint_codegen.simulate.status import Status
@@ -147,6 +148,18 @@ def test_saturated_time_adds_up(polynomial_model: Evaluator) -> None:
     assert found.summary["saturated_s"] == pytest.approx(0.5, abs=1e-13)
     assert found.summary["initial_mode"] == -1
     assert found.summary["saturation_switches"] == [[pytest.approx(0.25), 0], [pytest.approx(0.75), 1]]
+
+
+def test_a_run_with_more_switches_than_there_was_room_for_begins_again(
+    polynomial_model: Evaluator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    v = shape(LIMIT, 0.125, 0.25, 0.5, 0.75, scale=64.0)
+    whole = simulate(polynomial_model, v)
+    monkeypatch.setattr(run_module, "FEW_SWITCHES", 2)
+    found = simulate(polynomial_model, v)
+    assert found.status == Status.DONE
+    assert (found.switches, found.steps, found.ise) == (whole.switches, whole.steps, whole.ise)
+    np.testing.assert_array_equal(found.states, whole.states)
 
 
 def test_limits_of_steps_and_switches_end_the_run_with_what_there_is(polynomial_model: Evaluator) -> None:
