@@ -75,9 +75,10 @@ double pmj_step_size(const double *c, long long width, long long order, double t
 static void to_bernstein(const double *a, long long degree, double *b)
 {
     /* b_j = sum_k C(j, k)/C(degree, k) a_k, as running differences: scale, then sum up degree times. */
-    double binomial = 1.0;
-    for (long long k = 0; k <= degree; ++k) {
+    double binomial = 1.0; /* exact, and the same from both ends: half the chain of divisions */
+    for (long long k = 0; 2 * k <= degree; ++k) {
         b[k] = a[k] / binomial;
+        b[degree - k] = a[degree - k] / binomial;
         binomial = binomial * (double)(degree - k) / (double)(k + 1);
     }
     for (long long level = 1; level <= degree; ++level) {
