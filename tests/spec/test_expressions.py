@@ -271,6 +271,7 @@ EXPRESSIONS = st.recursive(NUMBERS | st.sampled_from(list(SYMBOLS)), compound, m
 
 
 @given(EXPRESSIONS)
+@example("(-(sin(1)))*((1)+(pi))")
 @settings(deadline=None)
 def test_agrees_with_sympys_own_reading(text: str) -> None:
     try:
@@ -279,7 +280,10 @@ def test_agrees_with_sympys_own_reading(text: str) -> None:
         assert "finite real" in error.what or "power" in error.what
         return
     assert ours == sp.sympify(text, locals=dict(SYMBOLS), rational=True)
-    assert read(str(ours).replace("E", "exp(1)")) == ours
+    again = read(str(ours).replace("E", "exp(1)"))
+    assert (
+        again == ours or sp.expand(again - ours) == 0
+    )  # SymPy multiplies numbers into sums as it meets them
 
 
 IV = MPIntervalContext()
