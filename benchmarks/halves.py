@@ -14,6 +14,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from benchmarks.drawn import chunks, draw, library, make_chunk, requests
 from benchmarks.reference import ROOT
 
 
@@ -52,8 +53,6 @@ def apart(runs: int, parts: int) -> Iterator[Callable[[], None]]:
 
 def main(runs: int, part: int, parts: int) -> None:
     """Make a part of the runs for every line that comes in."""
-    from benchmarks.sweeps import chunks, draw, library, make_chunk, requests
-
     batch = library()
     request = requests(batch, draw(runs))
     own = chunks(runs)[part::parts]

@@ -1,28 +1,20 @@
-"""A continuous sweep over random initial states and parameters: runs per second and core, and scaling."""
+"""A continuous sweep over random initial states and parameters: runs per second and core."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import partial
-from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
 
 from benchmarks.clock import interleaved
-from benchmarks.halves import apart
-from benchmarks.paper import HORIZON, X0, Array
+from benchmarks.drawn import Draw, draw, library, requests
+from benchmarks.paper import HORIZON, Array
 from benchmarks.peers import heyoka_loop, jax_loop, scipy_loop
 from benchmarks.peers.solver import load
-from benchmarks.reference import ROOT
 from benchmarks.report import Row, Section
 from pmjoint_codegen import ClosedLoop
-from pmjoint_codegen.kernels.batch import BatchLibrary, Runs
-from pmjoint_codegen.sweep.kit import library_of, make_kit
-from pmjoint_codegen.sweep.store import CHUNK_RUNS, PARTS, TAIL
 
 ACCURACY: Final = 1e-6  # largest error in any state at any of the instants below
 INSTANTS: Final = (0.5, 2.0, HORIZON)  # s: in the transient and after it
@@ -37,17 +29,7 @@ SLOW: Final = {
 }
 HALVES: Final = tuple(10.0**-k for k in np.arange(4.0, 10.1, 0.5))
 
-Request = Callable[[float, slice, float], Runs]  # tolerance, which, horizon
 Integrate = Callable[[float, int, float], Array]  # tolerance, number of runs, horizon -> final states
-
-
-@dataclass(frozen=True)
-class Draw:
-    """Random runs: x1 in +-20 rad, x2 in +-10 rad/s, d1 and b0 within 50 % and 20 % of the paper's."""
-
-    x0: Array
-    d1: Array
-    b0: Array
 
 
 @dataclass(frozen=True)
@@ -65,44 +47,6 @@ class Contestant:
     tolerances: Sequence[float]
     integrate: Integrate
     runs: int
-
-
-def draw(runs: int) -> Draw:
-    """Draw runs; the same for everybody."""
-    random = np.random.default_rng(7)
-    x0 = np.zeros((runs, len(X0)))
-    x0[:, 0] = random.uniform(-20.0, 20.0, runs)
-    x0[:, 1] = random.uniform(-10.0, 10.0, runs)
-    return Draw(x0, random.uniform(0.1, 0.3, runs), random.uniform(1.6, 2.4, runs))
-
-
-def library() -> BatchLibrary:
-    """Return our batch loops for this machine."""
-    return library_of(make_kit(ROOT / "generated" / "paper"), os.environ)
-
-
-def requests(batch: BatchLibrary, drawn: Draw) -> Request:
-    """Return (tolerance, which, horizon) -> what the batch library takes."""
-    manifest = batch.manifest
-    p = np.tile(np.array([item.value for item in manifest.parameters]), (len(drawn.x0), 1))
-    for name, values in (("d1", drawn.d1), ("b0", drawn.b0)):
-        for column in (name, f"{name}_plant"):  # the controller knows the plant
-            p[:, manifest.parameter_names.index(column)] = values
-
-    def make(tolerance: float, which: slice, horizon: float) -> Runs:
-        return Runs(
-            x0=drawn.x0[which],
-            p=p[which],
-            horizon=horizon,
-            tolerance=tolerance,
-            sample_time=0.0,
-            hold=np.empty((0, 0)),
-            times=np.empty(0),
-            divergence=1e9,
-            max_steps=1_000_000,
-        )
-
-    return make
 
 
 def run(quick: bool) -> Section:
@@ -269,61 +213,3 @@ def _diffrax(drawn: Draw) -> Integrate:
         return jax_loop.run_many(drawn.x0[:n], drawn.d1[:n], drawn.b0[:n], horizon, tolerance)
 
     return integrate
-
-
-def scaling(quick: bool) -> Section:
-    """Measure ours with the number of runs, and with two threads; and what the machine itself can do."""
-    batch = library()
-    most = 8000 if quick else RUNS
-    request = requests(batch, draw(most))
-    section = Section(
-        "Scaling of a sweep in memory",
-        "The same sweep at 1e-6: time of one run with the number of runs, and of the whole with two threads"
-        " against one, cut into chunks as `pmjoint sweep` cuts it. Bound: two threads take at most 1/1.9 of"
-        " the time of one. The yardstick for it is the row of two processes that make half the runs each and"
-        " share nothing: what this machine gave two at once in the same rounds.",
-    )
-    sizes = [size for size in (1000, 10_000, 100_000) if size <= most]
-    calls = {str(n): partial(_make, batch, request, n) for n in sizes}
-    times = interleaved(calls, 1 if quick else 5)
-    for size in sizes[1:]:
-        section.add(
-            Row(f"{size} runs, each", times[str(size)] / size, "1000 runs, each", times["1000"] / 1000)
-        )
-    taken = _two_at_once(batch, request, most, 3 if quick else 9)
-    section.add(Row(f"{most} runs, two threads", taken["2"], "one thread", taken["1"], 1 / 1.9))
-    section.add(Row(f"{most} runs, two processes apart", taken["apart"], "one thread", taken["1"]))
-    section.add(Row(f"{most} runs, two threads", taken["2"], "two processes apart", taken["apart"]))
-    return section
-
-
-def _make(batch: BatchLibrary, request: Request, runs: int) -> None:
-    batch.simulate(request(1e-6, slice(0, runs), HORIZON))
-
-
-def chunks(runs: int) -> list[slice]:
-    """Cut runs as `pmjoint sweep` does, its last chunks being short."""
-    tail = max(0, runs // CHUNK_RUNS - TAIL) * CHUNK_RUNS
-    starts = [*range(0, tail, CHUNK_RUNS), *range(tail, runs, CHUNK_RUNS // PARTS), runs]
-    return [slice(*pair) for pair in pairwise(starts)]
-
-
-def make_chunk(batch: BatchLibrary, request: Request, which: slice) -> None:
-    """Make some of the runs."""
-    batch.simulate(request(1e-6, which, HORIZON))
-
-
-def _two_at_once(batch: BatchLibrary, request: Request, runs: int, rounds: int) -> dict[str, float]:
-    """Return times with one thread, with two, and with two processes that share nothing, s."""
-
-    def with_threads(count: int) -> None:
-        with ThreadPoolExecutor(count) as pool:
-            list(pool.map(lambda which: make_chunk(batch, request, which), chunks(runs)))
-
-    with apart(runs, 2) as halves:
-        calls: dict[str, Callable[[], object]] = {
-            "1": partial(with_threads, 1),
-            "2": partial(with_threads, 2),
-            "apart": halves,
-        }
-        return interleaved(calls, rounds)
