@@ -1,16 +1,18 @@
 """C and header text of the kernels: CasADi prints the bodies, this module the banner and the declarations.
 
-The bodies are CasADi's as they come (its calling convention, its checks for absent arguments). The header
-declares just what is called, without macros or types of CasADi's, so that cffi reads it and a person does
-too.
+The bodies are CasADi's as they come (its calling convention, its checks for absent arguments), but for the
+sampled loop's two, which ``scalar_text`` prints. The header declares just what is called, without macros or
+types of CasADi's, so that cffi reads it and a person does too.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import casadi as ca
 
+from pmjoint_codegen.emit.scalar_text import HEADER as SAMPLED_HEADER
+from pmjoint_codegen.emit.scalar_text import wrapper
 from pmjoint_codegen.manifest import Function
 
 _CONVENTION = """\
@@ -25,14 +27,22 @@ def banner(lines: list[str]) -> str:
     return f"/* {text}\n */\n"
 
 
-def kernels_source(functions: Mapping[str, ca.Function], head: str) -> str:
-    """``kernels.c``: every function, in order."""
+def kernels_source(functions: Mapping[str, ca.Function], sampled: Collection[str], head: str) -> str:
+    """``kernels.c``: every function, in order.
+
+    Args:
+        functions: the kernels, by name.
+        sampled: names of those whose bodies stand in ``sampled.h``; they come last.
+        head: the banner.
+    """
     private_helpers, own_header = {"static_aux": True}, {"with_header": False}
     generator = ca.CodeGenerator("kernels", private_helpers | own_header)
-    for function in functions.values():
-        generator.add(function)
+    for name, function in functions.items():
+        if name not in sampled:
+            generator.add(function)
     body = "\n".join(line.rstrip() for line in str(generator.dump()).splitlines())
-    return f'{head}#include "kernels.h"\n\n{body.strip()}\n'
+    wrappers = "\n\n".join(wrapper(functions[name]) for name in functions if name in sampled)
+    return f'{head}#include "kernels.h"\n#include "{SAMPLED_HEADER}"\n\n{body.strip()}\n\n{wrappers}\n'
 
 
 def kernels_header(functions: tuple[Function, ...], head: str) -> str:

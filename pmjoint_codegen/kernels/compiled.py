@@ -17,6 +17,7 @@ from pmjoint_codegen.kernels.evaluator import Array, Kernel, Kind, as_rows, find
 from pmjoint_codegen.manifest import Manifest
 
 RUNTIME_HEADER: Final = "pmjoint_runtime.h"
+GENERATED: Final = ("kernels.c", "kernels.h", "sampled.h")
 
 
 class BoundFunction(NamedTuple):
@@ -112,7 +113,7 @@ def load(folder: Path, manifest: Manifest, compiler: Compiler, cache: Path) -> C
     """Build the kernels of a model, or reuse the build, and load them.
 
     Args:
-        folder: holds ``kernels.c`` and ``kernels.h``.
+        folder: holds the files of `GENERATED`.
         manifest: the model.
         compiler: to build with.
         cache: folder for builds.
@@ -141,7 +142,7 @@ def _sources(folder: Path) -> dict[str, bytes]:
     """The generated files and the package's own loops."""
     own = sorted((Path(__file__).parent / "c").glob("*.[ch]"))
     try:
-        return {path.name: path.read_bytes() for path in (folder / "kernels.c", folder / "kernels.h", *own)}
+        return {path.name: path.read_bytes() for path in (*(folder / name for name in GENERATED), *own)}
     except OSError as error:
         raise _stale(f"{error.filename} cannot be read", folder) from None
 
