@@ -219,12 +219,6 @@ WHY: Final = (
         " and its code to this processor, with contraction, which ours forgoes for equal bits everywhere",
     ),
     (
-        "one run",
-        "C by hand",
-        "a single run follows the plant to order 16 at 1e-10, searches peaks between samples and calls five"
-        " kernels through pointers to pointers; the batch's loop is as by hand",
-    ),
-    (
         "",
         "one thread",
         "the row of two processes or commands apart, which share nothing, is what the machine gave two at"

@@ -206,6 +206,19 @@ class Manifest:
             name: value for name, value in values.items() if name not in own or value != values[own[name]]
         }
 
+    @property
+    def hold_order(self) -> int:
+        """Highest Taylor coefficient that ``sample`` gives, of the channels x and e."""
+        return self._order("sample")
+
+    @property
+    def plant_order(self) -> int:
+        """Highest Taylor coefficient that ``plant_taylor`` gives, of the same."""
+        return self._order("plant_taylor")
+
+    def _order(self, name: str) -> int:
+        return dict(self.function(name).outputs)["c"] // (self.nx + 1) - 1
+
     def function(self, name: str) -> Function:
         """The kernel of that name.
 

@@ -12,9 +12,9 @@
 #define PMJ_NW 1
 #define PMJ_NP 14
 #define PMJ_NH 16
+#define PMJ_HOLD_ORDER 5
 #define PMJ_NM 8
 #define PMJ_ORDER 12
-#define PMJ_HOLD_ORDER 5
 
 void actuation_lanes(const pmj_lanes *p, pmj_lanes *restrict limits);
 void matrices_lanes(const pmj_lanes *p, pmj_lanes *restrict matrices);

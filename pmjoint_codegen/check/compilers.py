@@ -18,6 +18,7 @@ from pathlib import Path
 from pmjoint_codegen.check import harness
 from pmjoint_codegen.check.result import Difference, GateResult, failed, not_run, passed
 from pmjoint_codegen.check.subject import Subject
+from pmjoint_codegen.kernels.compiled import GENERATED
 
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror")
 CONVENTION = ("arg", "res", "iw", "w", "mem", "i")  # of CasADi: kernels take all but i; its accessors take i
@@ -62,7 +63,7 @@ def run(command: Sequence[str], folder: Path, given: bytes = b"") -> Outcome:
 
 def sources(subject: Subject) -> dict[str, str]:
     """The generated C as it stands."""
-    return {name: (subject.folder / name).read_text(encoding="utf-8") for name in ("kernels.c", "kernels.h")}
+    return {name: (subject.folder / name).read_text(encoding="utf-8") for name in GENERATED}
 
 
 def write(folder: Path, files: Mapping[str, str]) -> None:

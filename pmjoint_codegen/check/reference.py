@@ -13,7 +13,7 @@ import sympy as sp
 from derive import Derivation
 from pmjoint_codegen.check.precise import Number, Numbers, PowerSeries, Series
 from pmjoint_codegen.check.program import Program, compile_program
-from pmjoint_codegen.emit.table import Kernel
+from pmjoint_codegen.emit.table import Kernel, actuator_limits, vocabulary
 
 Array = npt.NDArray[np.float64]
 Rows = list[list[Number]]  # one row a point
@@ -31,6 +31,8 @@ class Reference:
         taylor: number of states whose rates the first results are, for a kernel of Taylor coefficients; else
             0.
         order: highest Taylor coefficient.
+        held: for ``sample``, the reference of the plant's coefficients under the w of output 1; they are
+            output 2, which the program leaves out.
     """
 
     name: str
@@ -39,6 +41,7 @@ class Reference:
     program: Program
     taylor: int = 0
     order: int = 0
+    held: Reference | None = None
 
     def values(self, arguments: Sequence[Array]) -> list[Rows]:
         """Exact results, rounded to 60 digits: one table an output, a row a point."""
@@ -57,7 +60,18 @@ class Reference:
             for symbols, array in zip(self.inputs, point, strict=True)
             for symbol, value in zip(symbols, array, strict=True)
         }
-        return self._series(numbers, exact) if self.taylor else self.program.run(numbers, exact)
+        if self.taylor:
+            return self._series(numbers, exact)
+        results = self.program.run(numbers, exact)
+        return results if self.held is None else self._with_held(self.held, numbers, exact, results)
+
+    def _with_held(
+        self, held: Reference, numbers: Numbers, exact: dict[sp.Symbol, Number], results: list[Number]
+    ) -> list[Number]:
+        """Results with the plant's coefficients in their place."""
+        first, last = len(self.entries[0]), len(self.entries[0]) + len(self.entries[1])
+        w = dict(zip(held.inputs[2], results[first:last], strict=True))
+        return [*results[:last], *held._series(numbers, exact | w), *results[last:]]
 
     def _series(self, numbers: Numbers, exact: dict[sp.Symbol, Number]) -> list[Number]:
         """Taylor coefficients by Picard's iteration: each pass over the right-hand side fixes one more."""
@@ -105,6 +119,33 @@ def taylor_reference(
     channels = (*(symbol.name for symbol in plain.inputs[1]), *(symbol.name for symbol in extra))
     entries = tuple(f"coefficient {k} of {channel}" for k in range(order + 1) for channel in channels)
     return Reference(name, (entries,), plain.inputs, program, len(plain.inputs[1]), order)
+
+
+def sample_reference(derivation: Derivation, update: Kernel, held: Reference) -> Reference:
+    """The reference of ``sample``.
+
+    Args:
+        derivation: the symbolic reference.
+        update: row of the table that gives the controller's next state.
+        held: reference of the plant's coefficients under held w.
+    """
+    words, v = vocabulary(derivation), derivation.signals.v
+    (label, s_next), (h,) = update.outputs[0], [block for block in update.inputs if block[0] == "h"]
+    actuated = {
+        w: sp.Min(sp.Max(offset + slope * v, lower), upper)
+        for w, (offset, slope, lower, upper) in actuator_limits(derivation).items()
+    }
+    inputs = ((derivation.signals.t,), (*words.x, *words.s), tuple(map(sp.sympify, h[1])), words.p)
+    known = [symbol for symbols in inputs for symbol in symbols]
+    # The compensator is driven by what is applied: entry 0 of w is u.
+    program = compile_program([v, *words.w, *s_next], known, derivation.equations, actuated)
+    entries = (
+        (v.name,),
+        tuple(symbol.name for symbol in words.w),
+        *held.entries,
+        _entry_names(label, s_next),
+    )
+    return Reference("sample", entries, inputs, program, order=held.order, held=held)
 
 
 def _entry_names(label: str, entries: tuple[Any, ...]) -> tuple[str, ...]:

@@ -13,12 +13,20 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from derive import parameter_symbol
 from pmjoint_codegen.check.error_bound import LITERAL_ROUNDINGS, walk
 from pmjoint_codegen.check.points import batches, describe_point
 from pmjoint_codegen.check.precise import Numbers
-from pmjoint_codegen.check.reference import Reference, Rows, reference_of, taylor_reference
+from pmjoint_codegen.check.reference import (
+    Reference,
+    Rows,
+    reference_of,
+    sample_reference,
+    taylor_reference,
+)
 from pmjoint_codegen.check.result import Difference, GateResult, failed, not_run, passed
 from pmjoint_codegen.check.subject import Subject
+from pmjoint_codegen.emit.sampling import SAMPLED
 from pmjoint_codegen.kernels.tape import Tape
 from pmjoint_codegen.manifest import Function
 
@@ -100,20 +108,25 @@ def vocabulary_mismatch(subject: Subject) -> str:
         "partial derivatives": (manifest.partials, partials),
         "kernels": (
             tuple(item.name for item in manifest.functions),
-            (*subject.table, "taylor", "plant_taylor"),
+            (*subject.table, "taylor", *SAMPLED),
         ),
     }
     return "; ".join(f"{what}: {a} in model.json, {b} derived" for what, (a, b) in pairs.items() if a != b)
 
 
 def kernel_reference(subject: Subject, function: Function) -> Reference:
-    """The reference of any kernel, the Taylor ones included."""
-    derivation, table, order = subject.derivation, subject.table, subject.manifest.order
+    """The reference of any kernel, those included that are composed from the table's rows."""
+    derivation, table, manifest = subject.derivation, subject.table, subject.manifest
     if function.name == "taylor":
-        return taylor_reference("taylor", derivation, table["closed_loop"], order, (derivation.signals.v,))
+        order, v = manifest.order, derivation.signals.v
+        return taylor_reference("taylor", derivation, table["closed_loop"], order, (v,))
+    if function.name not in SAMPLED:
+        return reference_of(derivation, table[function.name])
+    order = manifest.plant_order if function.name == "plant_taylor" else manifest.hold_order
+    plant = taylor_reference("plant_taylor", derivation, table["plant"], order, (parameter_symbol("e"),))
     if function.name == "plant_taylor":
-        return taylor_reference("plant_taylor", derivation, table["plant"], order, ())
-    return reference_of(derivation, table[function.name])
+        return plant
+    return sample_reference(derivation, table["sampled_update"], plant)
 
 
 def prepare(subject: Subject, function: Function, count: int | None = None) -> Prepared:

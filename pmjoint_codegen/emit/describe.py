@@ -29,7 +29,8 @@ def describe_functions(derivation: Derivation, functions: Mapping[str, ca.Functi
     rows = {kernel.name: kernel for kernel in kernel_table(derivation)}
     described = {
         "taylor": ("(11), (14), (23), (29)", "Taylor coefficients of X and v inside one saturation mode"),
-        "plant_taylor": ("(11)", "Taylor coefficients of the plant for held w"),
+        "plant_taylor": ("(11)", "Taylor coefficients of the plant and of e for held w"),
+        "sample": ("(10), (11), (14), (23), (29)", "one sample: v, w, plant_taylor under w, the next s"),
     }
     return tuple(_function(name, function, rows.get(name), described) for name, function in functions.items())
 

@@ -1,4 +1,4 @@
-"""The table's rows as CasADi functions, and the two Taylor kernels that the integrator uses."""
+"""The table's rows as CasADi functions, and what the loops use beside them, composed from the rows."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import casadi as ca
 import sympy as sp
 
 from derive import Derivation
+from pmjoint_codegen.emit.sampling import sampled_functions
 from pmjoint_codegen.emit.table import Block, Kernel, kernel_table
 from pmjoint_codegen.emit.taylor import taylor_function
 from pmjoint_codegen.emit.translate import Translator
@@ -31,7 +32,12 @@ def build_function(kernel: Kernel, derivation: Derivation) -> ca.Function:
 
 
 def build_functions(derivation: Derivation, order: int) -> dict[str, ca.Function]:
-    """Every kernel by name, in the order of the table, then ``taylor`` and ``plant_taylor``."""
+    """Every kernel by name, in the order of the table, then ``taylor``, ``plant_taylor`` and ``sample``.
+
+    Args:
+        derivation: named equations.
+        order: highest coefficient of ``taylor``.
+    """
     rows = {kernel.name: kernel for kernel in kernel_table(derivation)}
     functions = {name: build_function(kernel, derivation) for name, kernel in rows.items()}
     loop = rows["closed_loop"]
@@ -40,8 +46,7 @@ def build_functions(derivation: Derivation, order: int) -> dict[str, ca.Function
         "closed_loop_v", loop.inputs, (*loop.outputs, v), loop.equation, "rates and v", loop.given
     )
     functions["taylor"] = taylor_function("taylor", build_function(with_v, derivation), order, state="X")
-    functions["plant_taylor"] = taylor_function("plant_taylor", functions["plant"], order, state="x")
-    return functions
+    return functions | sampled_functions(functions)
 
 
 def _dense(entries: list[ca.SX]) -> ca.SX:

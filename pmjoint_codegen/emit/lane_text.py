@@ -1,37 +1,25 @@
-"""C text of functions over lanes, printed from CasADi's own instruction list.
+"""C text of functions over lanes, as straight lines (see ``straight_text``).
 
-A value of the C is a vector that holds one double of each trajectory (``pmj_lanes`` of ``pmjoint_lanes.h``),
-every instruction one named constant, so that the compiler sees straight-line vector arithmetic without calls,
-branches or checks. Two things differ from CasADi's C: the sine and cosine of one argument are computed
-together, and a divisor that occurs more than once is inverted once.
+A value of the C is a vector that holds one double of each trajectory (``pmj_lanes`` of ``pmjoint_lanes.h``).
+Two things differ from CasADi's C: the sine and cosine of one argument are computed together, and a divisor
+that occurs more than once is inverted once.
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import casadi as ca
 
-from pmjoint_codegen.errors import ModelError
-
-MARGIN = 118
-
-
-@dataclass(frozen=True)
-class Instruction:
-    """One operation in static single assignment.
-
-    Attributes:
-        operation: CasADi's number of it.
-        result: name of the constant that it defines, or the place that it writes.
-        operands: names of constants, places that it reads, or literals.
-    """
-
-    operation: int
-    result: str
-    operands: tuple[str, ...]
+from pmjoint_codegen.emit.straight_text import (
+    Dialect,
+    Instruction,
+    arithmetic,
+    definition,
+    signature,
+    statement,
+)
 
 
 def lanes_source(functions: Mapping[str, ca.Function], head: str) -> str:
@@ -55,47 +43,11 @@ def lanes_header(functions: Mapping[str, ca.Function], sizes: Mapping[str, int],
 
 
 def _definition(function: ca.Function) -> str:
-    listing = instructions(function)
-    read = {operand.partition("[")[0] for item in listing for operand in item.operands}
-    unused = [f"(void){name};" for name in function.name_in() if name not in read]
-    body = "\n".join(f"    {line}" for line in [*unused, *_statements(listing)])
-    return f"{_signature(function)}\n{{\n{body}\n}}"
+    return definition(function, _signature(function), _statements)
 
 
 def _signature(function: ca.Function) -> str:
-    inputs = [f"const pmj_lanes *{name}" for name in function.name_in()]
-    outputs = [f"pmj_lanes *restrict {name}" for name in function.name_out()]
-    opening = f"void {function.name()}("
-    lines = [opening]
-    for position, argument in enumerate([*inputs, *outputs]):
-        comma = ", " if position else ""
-        if len(lines[-1]) + len(comma + argument) > MARGIN:
-            lines[-1] += ","
-            lines.append(" " * len(opening) + argument)
-        else:
-            lines[-1] += comma + argument
-    return "\n".join(lines) + ")"
-
-
-def instructions(function: ca.Function) -> list[Instruction]:
-    """A function's instruction list with a name for every value; CasADi's own reuses its registers."""
-    register: dict[int, str] = {}
-    listing: list[Instruction] = []
-    for position in range(function.n_instructions()):
-        operation = function.instruction_id(position)
-        reads, writes = function.instruction_input(position), function.instruction_output(position)
-        if operation == ca.OP_INPUT:
-            register[writes[0]] = f"{function.name_in(reads[0])}[{reads[1]}]"
-        elif operation == ca.OP_CONST:
-            register[writes[0]] = repr(float(function.instruction_constant(position)))
-        elif operation == ca.OP_OUTPUT:
-            place = f"{function.name_out(writes[0])}[{writes[1]}]"
-            listing.append(Instruction(operation, place, (register[reads[0]],)))
-        else:
-            operands = tuple(register[read] for read in reads)
-            register[writes[0]] = f"a{len(listing)}"
-            listing.append(Instruction(operation, register[writes[0]], operands))
-    return listing
+    return signature(function, f"void {function.name()}(", "pmj_lanes")
 
 
 def _statements(listing: Sequence[Instruction]) -> list[str]:
@@ -110,6 +62,7 @@ def _statements(listing: Sequence[Instruction]) -> list[str]:
     }
     divisors = Counter(item.operands[1] for item in listing if item.operation == ca.OP_DIV)
     often = {divisor for divisor, count in divisors.items() if count > 1 and divisor[0].isalpha()}
+    dialect = _dialect()
     lines: list[str] = []
     done: set[str] = set()
     for item in listing:
@@ -124,7 +77,7 @@ def _statements(listing: Sequence[Instruction]) -> list[str]:
         elif divisor in often:
             lines.append(f"const pmj_lanes {item.result} = {item.operands[0]} * {_inverse(divisor)};")
         else:
-            lines.append(_statement(item))
+            lines.append(statement(item, dialect))
     return lines
 
 
@@ -136,33 +89,13 @@ def _inverse(divisor: str) -> str:
     return "inverse_" + divisor.replace("[", "_").replace("]", "")
 
 
-def _statement(item: Instruction) -> str:
-    operands = item.operands
-    if item.operation == ca.OP_OUTPUT:
-        value = operands[0] if operands[0][0].isalpha() else f"pmj_all({operands[0]})"
-        return f"{item.result} = {value};"
-    template = _templates().get(item.operation)
-    if template is None:
-        raise ModelError(
-            f"operation {item.operation} has no form for lanes",
-            where="lanes.c",
-            remedy="use analytic functions",
-        )
-    if item.operation in (ca.OP_CONSTPOW, ca.OP_POW, ca.OP_FMIN, ca.OP_FMAX):
-        operands = tuple(name if name[0].isalpha() else f"pmj_all({name})" for name in operands)
-    return f"const pmj_lanes {item.result} = {template.format(*operands)};"
+def _dialect() -> Dialect:
+    functions = frozenset((ca.OP_CONSTPOW, ca.OP_POW, ca.OP_FMIN, ca.OP_FMAX))
+    return Dialect("pmj_lanes", _templates(), "pmj_all({})", functions, "lanes.c")
 
 
 def _templates() -> Mapping[int, str]:
-    return {
-        ca.OP_ADD: "{0} + {1}",
-        ca.OP_SUB: "{0} - {1}",
-        ca.OP_NEG: "-{0}",
-        ca.OP_TWICE: "{0} + {0}",
-        ca.OP_MUL: "{0} * {1}",
-        ca.OP_SQ: "{0} * {0}",
-        ca.OP_DIV: "{0} / {1}",
-        ca.OP_INV: "1.0 / {0}",
+    return arithmetic() | {
         ca.OP_SIN: "pmj_sin({0})",
         ca.OP_COS: "pmj_cos({0})",
         ca.OP_TAN: "pmj_tan({0})",

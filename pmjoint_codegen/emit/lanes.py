@@ -1,13 +1,9 @@
 """The functions that a sweep evaluates on many trajectories at once, composed from the table's rows.
 
-Continuous: ``taylor_lanes``, coefficients of X, of v and of the tracking error e = y - y_r. Sampled:
-``sample_lanes``, one whole sample (reference, law, actuator, the plant's and the error's coefficients under
-the held w, the controller's next state), and ``plant_lanes``, the coefficients alone, for holds longer than
-one step. The error is a channel of its own, so that what a sweep reports of it follows from its polynomial
-without evaluating the reference again.
-
-Orders are lower than in single runs: a sweep asks for 1e-6 where a single run asks for 1e-10. See
-    docs/sweep.md for the measurement.
+Continuous: ``taylor_lanes``, coefficients of X, of v and of the tracking error e = y - y_r. Its order is
+lower than in single runs: a sweep asks for 1e-6 where a single run asks for 1e-10. See docs/sweep.md for the
+measurement. Sampled: ``sample_lanes``, the kernel of a single run, and ``plant_lanes``, the plant's
+coefficients of the same order alone, for holds longer than one step.
 """
 
 from __future__ import annotations
@@ -17,11 +13,11 @@ from collections.abc import Mapping, Sequence
 
 import casadi as ca
 
+from pmjoint_codegen.emit.sampling import HOLD_ORDER, plant_with_error, sampled_sizes, symbols_of
 from pmjoint_codegen.emit.table import Vocabulary
 from pmjoint_codegen.emit.taylor import taylor_function
 
 LANE_ORDER = 12  # continuous: least time a run from 1e-5 to 1e-8
-HOLD_ORDER = 5  # sampled: one step over a hold of 10 ms at 1e-10
 
 
 def lane_functions(functions: Mapping[str, ca.Function], signals: Sequence[str]) -> dict[str, ca.Function]:
@@ -35,75 +31,35 @@ def lane_functions(functions: Mapping[str, ca.Function], signals: Sequence[str])
         ModelError: for an operation without a Taylor recurrence.
     """
     loop = _loop_with_error(functions, signals)
-    plant = _plant_with_error(functions)
-    held = taylor_function("plant_lanes", plant, HOLD_ORDER, state="x")
     return {
         "actuation_lanes": _renamed("actuation_lanes", functions["actuation"]),
         "matrices_lanes": _matrices(functions),
         "taylor_lanes": taylor_function("taylor_lanes", loop, LANE_ORDER, state="X"),
         "arrive_lanes": _arrive(loop.size1_in("X"), LANE_ORDER),
         "bernstein_lanes": _bernstein(LANE_ORDER),
-        "plant_lanes": held,
-        "sample_lanes": _sample(functions, held),
+        "plant_lanes": taylor_function("plant_lanes", plant_with_error(functions), HOLD_ORDER, state="x"),
+        "sample_lanes": _renamed("sample_lanes", functions["sample"]),
     }
 
 
 def lane_sizes(words: Vocabulary) -> dict[str, int]:
     """The constants of ``lanes.h``: sizes of all vectors, and the two orders."""
-    return {
-        "PMJ_NX": len(words.x),
-        "PMJ_NS": len(words.x) + len(words.s),
-        "PMJ_NW": len(words.w),
-        "PMJ_NP": len(words.p),
-        "PMJ_NH": len(words.h),
-        "PMJ_NM": len(words.h) // 2,
-        "PMJ_ORDER": LANE_ORDER,
-        "PMJ_HOLD_ORDER": HOLD_ORDER,
-    }
+    return sampled_sizes(words) | {"PMJ_NM": len(words.h) // 2, "PMJ_ORDER": LANE_ORDER}
 
 
 def _loop_with_error(functions: Mapping[str, ca.Function], signals: Sequence[str]) -> ca.Function:
     loop = functions["closed_loop"]
-    inputs = _symbols(loop)
+    inputs = symbols_of(loop)
     t, X, _, p = inputs
     reported = functions["signals"](t, X, p)
     entries = [reported[signals.index(name)] for name in ("v", "e")]
     return ca.Function("loop", inputs, ca.cse([loop(*inputs), *entries]), loop.name_in(), ["X_dot", "v", "e"])
 
 
-def _plant_with_error(functions: Mapping[str, ca.Function]) -> ca.Function:
-    plant = functions["plant"]
-    inputs = _symbols(plant)
-    t, x, _, p = inputs
-    e = x[0] - functions["reference"](t, p)[0]
-    return ca.Function("held", inputs, ca.cse([plant(*inputs), e]), plant.name_in(), ["x_dot", "e"])
-
-
 def _matrices(functions: Mapping[str, ca.Function]) -> ca.Function:
     p = ca.SX.sym("p", functions["filter_matrix"].size1_in("p"))
     both = [functions[name](p) for name in ("filter_matrix", "compensator_matrix")]
     return ca.Function("matrices_lanes", [p], [ca.densify(ca.vertcat(*both))], ["p"], ["matrices"])
-
-
-def _sample(functions: Mapping[str, ca.Function], held: ca.Function) -> ca.Function:
-    """One sample: y taken, v of (29), w of (10), the plant under w, the controller's next state."""
-    law, update = functions["law"], functions["sampled_update"]
-    nx, nw = held.size1_in("x"), held.size1_in("w")
-    t, p = ca.SX.sym("t"), ca.SX.sym("p", law.size1_in("p"))
-    X, h = ca.SX.sym("X", nx + law.size1_in("s")), ca.SX.sym("h", update.size1_in("h"))
-    x, s = X[:nx], X[nx:]
-    v = law(x[0], s, functions["reference"](t, p), p)[2]
-    limits = functions["actuation"](p)
-    w = ca.vertcat(
-        *(
-            ca.fmin(ca.fmax(limits[4 * j] + limits[4 * j + 1] * v, limits[4 * j + 2]), limits[4 * j + 3])
-            for j in range(nw)
-        )
-    )
-    results = [v, w, held(t, x, w, p), update(x[0], s, w[0], v, h, p)]
-    return ca.Function(
-        "sample_lanes", [t, X, h, p], ca.cse(results), ["t", "X", "h", "p"], ["v", "w", "c", "s_next"]
-    )
 
 
 def _arrive(states: int, order: int) -> ca.Function:
@@ -163,9 +119,5 @@ def _bernstein(order: int) -> ca.Function:
 
 
 def _renamed(name: str, function: ca.Function) -> ca.Function:
-    inputs = _symbols(function)
+    inputs = symbols_of(function)
     return ca.Function(name, inputs, function.call(inputs), function.name_in(), function.name_out())
-
-
-def _symbols(function: ca.Function) -> list[ca.SX]:
-    return [ca.SX.sym(label, function.size1_in(i)) for i, label in enumerate(function.name_in())]

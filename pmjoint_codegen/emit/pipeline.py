@@ -3,8 +3,9 @@
 Stages, input to output:
 
     derive           derive.Model        -> Derivation (named equations)
-    build_functions  Derivation          -> CasADi functions, one a row of the table, and the two Taylor
-    kernels kernels_source   functions           -> kernels.c
+    build_functions  Derivation          -> CasADi functions, one a row of the table, and the loops' own
+    kernels_source   functions           -> kernels.c
+    sampled_header   functions           -> sampled.h, what the sampled loop takes in
     kernels_header   function records    -> kernels.h
     tapes_of         functions           -> kernels.tape, for the interpreted evaluator
     lane_functions   functions           -> functions over lanes -> lanes.c, lanes.h, for sweeps
@@ -22,8 +23,12 @@ from derive import Derivation, Model, OutsideClassError, derive
 from pmjoint_codegen.emit.c_text import banner, kernels_header, kernels_source
 from pmjoint_codegen.emit.describe import describe, describe_functions, tool_versions
 from pmjoint_codegen.emit.functions import build_functions
-from pmjoint_codegen.emit.lane_text import instructions, lanes_header, lanes_source
+from pmjoint_codegen.emit.lane_text import lanes_header, lanes_source
 from pmjoint_codegen.emit.lanes import lane_functions, lane_sizes
+from pmjoint_codegen.emit.sampling import SAMPLED, sampled_sizes
+from pmjoint_codegen.emit.scalar_text import HEADER as SAMPLED_HEADER
+from pmjoint_codegen.emit.scalar_text import sampled_header
+from pmjoint_codegen.emit.straight_text import instructions
 from pmjoint_codegen.emit.table import vocabulary
 from pmjoint_codegen.emit.tape import tapes_of
 from pmjoint_codegen.errors import ModelError
@@ -105,9 +110,11 @@ def _kernel_files(
 ) -> dict[str, str]:
     head = provenance(document, derivation, records)
     tapes = "\n".join(f"# {line}" for line in head) + "\n\n" + write_tapes(tapes_of(functions.values()))
+    sampled = {name: functions[name] for name in SAMPLED}
     return {
-        "kernels.c": kernels_source(functions, banner(head)),
+        "kernels.c": kernels_source(functions, SAMPLED, banner(head)),
         "kernels.h": kernels_header(records, banner(head)),
+        SAMPLED_HEADER: sampled_header(sampled, sampled_sizes(vocabulary(derivation)), banner(head[:2])),
         TAPE: tapes,
     }
 

@@ -107,6 +107,7 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
     t, p, x, state = ("t", (s.t,)), ("p", words.p), ("x", words.x), ("s", words.s)
     y, y_r, u, v, du = ("y", (s.y,)), ("y_r", s.y_r), ("u", (s.u,)), ("v", (s.v,)), ("du", (s.du,))
     X, w, g, h = ("X", (*words.x, *words.s)), ("w", words.w), ("g", words.g), ("h", words.h)
+    limits = tuple(entry for four in actuator_limits(derivation).values() for entry in four)
     delivered = {own_symbol(symbol): symbol for symbol in words.w}
     own = _own(
         derivation, (*_rate_block("x", words.x)[1], *(item.symbol for item in derivation.model.reported))
@@ -157,7 +158,7 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
         Kernel(
             "actuation",
             (p,),
-            (("limits", _limits(derivation)),),
+            (("limits", limits),),
             "(10)",
             "offset, slope, lower and upper limit of each w",
         ),
@@ -207,13 +208,15 @@ def _faced(derivation: Derivation) -> dict[sp.Symbol, sp.Expr]:
     }
 
 
-def _limits(derivation: Derivation) -> tuple[sp.Expr, ...]:
+def actuator_limits(derivation: Derivation) -> dict[sp.Symbol, tuple[sp.Expr, ...]]:
     """Offset, slope, lower and upper limit of each w: the controller clips u itself, the plant the others."""
     own = dict(derivation.own_parameters)
-    u, *others = (
-        (channel.offset, channel.slope, channel.lower, channel.upper) for channel in derivation.model.actuator
-    )
-    return (*u, *(entry.xreplace(own) for channel in others for entry in channel))
+    limits = {
+        channel.symbol: (channel.offset, channel.slope, channel.lower, channel.upper)
+        for channel in derivation.model.actuator
+    }
+    u, *others = limits
+    return {u: limits[u]} | {w: tuple(entry.xreplace(own) for entry in limits[w]) for w in others}
 
 
 def _rate_block(label: str, states: tuple[sp.Symbol, ...]) -> Block:

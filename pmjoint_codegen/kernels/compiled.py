@@ -33,6 +33,7 @@ from pmjoint_codegen.manifest import Manifest
 # choices are jumps. -Wno-psabi: no vector crosses the border of a file.
 FLAGS: Final = (*BITS, "-fno-math-errno", "-fno-trapping-math", "-Wno-psabi")
 RUNTIME_HEADER: Final = "pmjoint_runtime.h"
+GENERATED: Final = ("kernels.c", "kernels.h", "sampled.h")
 
 
 class BoundFunction(NamedTuple):
@@ -164,7 +165,7 @@ def load(
     """Build the kernels of a model, or reuse the build, and load them.
 
     Args:
-        folder: holds ``kernels.c`` and ``kernels.h``.
+        folder: holds the files of `GENERATED`.
         manifest: the model.
         compiler: to build with.
         cache: folder for builds.
@@ -205,7 +206,7 @@ def _sources(folder: Path) -> dict[str, bytes]:
     """The generated files and the package's own loops."""
     own = sorted((Path(__file__).parent / "c").glob("*.[ch]"))
     try:
-        return {path.name: path.read_bytes() for path in (folder / "kernels.c", folder / "kernels.h", *own)}
+        return {path.name: path.read_bytes() for path in (*(folder / name for name in GENERATED), *own)}
     except OSError as error:
         raise _stale(f"{error.filename} cannot be read", folder) from None
 

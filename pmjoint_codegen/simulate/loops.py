@@ -49,11 +49,9 @@ class CompiledLoop:
                 ("pmj_memory *", memory),
             )
         )
-        names = (
-            ("plant_taylor", "reference", "law", "sampled_update")
-            if problem.sample_time
-            else ("taylor", "reference")
-        )
+        # The sampled loop has its kernels inside.
+        names = () if problem.sample_time else ("taylor", "reference")
+        self._library = lib  # whose code runs: it must stay loaded
         self._bound = [evaluator.function(name) for name in names]  # the structs point into them
         self._functions = [function.struct for function in self._bound]
         self._run = lib.pmj_sampled if problem.sample_time else lib.pmj_continuous

@@ -33,16 +33,18 @@ class Problem:
         limits: shape (nw, 4), offset, slope, lower, upper.
         p: parameters.
         hold: matrices of `sampled_update`; empty for the continuous loop.
-        nodes: quadrature nodes on (0, 1).
+        nodes: quadrature nodes on (0, 1); a hold that is one step has its own three.
         weights: of the nodes; they add up to 1.
         n_nodes: number of them; 0 leaves the integral of e^2 out.
-        n_searched: channels, of X and v, whose largest magnitudes are searched for inside steps too; the
-            others' are those at the ends of steps.
+        n_searched: for the continuous loop, channels, of X and v, whose largest magnitudes are searched for
+            inside steps too; the others' are those at the ends of steps.
         times: output instants, s: the first 0, the last the horizon.
         n_rows: length of `times`.
         sample_time: s; 0 for the continuous loop.
         tolerance: local error, relative to max(1, |value|).
         safety: factor on the step that the last two coefficients allow.
+        hold_reach: part of the radius of convergence up to which a hold is one step of the lower order N of
+            ``sample``: its N-th power is the tolerance.
         divergence: |X_i| above it ends the run.
         max_steps: limit.
         max_switches: limit.
@@ -68,6 +70,7 @@ class Problem:
     sample_time: float
     tolerance: float
     safety: float
+    hold_reach: float
     divergence: float
     max_steps: int
     max_switches: int
@@ -122,18 +125,18 @@ class Memory:
     Attributes:
         coefficients: Taylor coefficients of two steps.
         state: X at t.
-        trial: X and v at the end of a step on trial.
-        slope: rates of X and v at the end of a step.
-        reach: sums of the magnitudes of their terms there.
-        scales: of X and v at the start of a step, for relative errors.
-        reference: y_r and its derivatives.
+        trial: X and v, in the sampled loop x and e, at the end of a step on trial.
+        slope: rates of X and v, in the sampled loop of x and e, at the end of a step.
+        reach: sums of the magnitudes of their terms there, continuous loop.
+        scales: of X and v at the start of a step, for relative errors, continuous loop.
+        reference: y_r and its derivatives, continuous loop.
         w: what the actuator delivers, sampled loop.
         sample: X at the last sample, sampled loop.
         rows: shape (n_rows, nX), X at the output instants; the first row comes filled in.
         held: shape (n_rows, nX), X at the last sample before each output instant, sampled loop.
         held_times: shape (n_rows,), the instants of `held`, s.
-        peaks: shape (nX + 1,), largest |X_i| and |v| so far.
-        peak_times: shape (nX + 1,), their instants, s.
+        peaks: shape (nX + 1,), largest |X_i| and |v| so far; sampled loop: (nX + 2,), that of |e| last.
+        peak_times: of the same shape, their instants, s.
         switch_times: s.
         switch_modes: mode after each switch.
     """
@@ -164,7 +167,7 @@ def make_memory(problem: Problem, x0: Array) -> Memory:
         x0: X(0), shape (nX,).
     """
     n, rows = problem.n_states, problem.n_rows
-    held_rows = rows if problem.sample_time else 0
+    held_rows, peaks = (rows, n + 2) if problem.sample_time else (0, n + 1)
     memory = Memory(
         coefficients=np.zeros(2 * ((problem.order + 1) * (n + 1) + PADDING)),
         state=x0.copy(),
@@ -178,8 +181,8 @@ def make_memory(problem: Problem, x0: Array) -> Memory:
         rows=np.empty((rows, n)),
         held=np.empty((held_rows, n)),
         held_times=np.zeros(held_rows),
-        peaks=np.zeros(n + 1),
-        peak_times=np.zeros(n + 1),
+        peaks=np.zeros(peaks),
+        peak_times=np.zeros(peaks),
         switch_times=np.empty(problem.max_switches),
         switch_modes=np.empty(problem.max_switches, dtype=np.int64),
     )

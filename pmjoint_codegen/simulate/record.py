@@ -30,7 +30,8 @@ class Record:
         switches: (t, mode label) at every saturation switch, s; -1, 0, 1 for u at its lower limit, inside, at
             its upper.
         initial_mode: mode label at t = 0.
-        peaks: name -> (largest magnitude, its instant in s) of every state and of v, on the dense output.
+        peaks: name -> (largest magnitude, its instant in s) of every state and of v, on the dense output; of
+            e, too, where the controller is sampled.
         ise: integral of e^2 over the time reached.
         steps: accepted integration steps.
         wall_s: time that the run took, s.

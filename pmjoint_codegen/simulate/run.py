@@ -98,14 +98,15 @@ def make_problem(evaluator: Evaluator, settings: Settings, actuator: Actuator) -
     """Put together the constants of a run."""
     manifest = evaluator.manifest
     sampled = settings.controller == "sampled"
-    rule = quadrature.short_steps() if sampled else quadrature.long_steps()
+    order = manifest.plant_order if sampled else manifest.order
+    rule = quadrature.long_steps()
     times = settings.times()
     return Problem(
         n_plant=manifest.nx,
         n_states=manifest.nX,
         n_actuated=actuator.channels,
         n_reference=manifest.rho + 1,
-        order=manifest.order,
+        order=order,
         n_thresholds=len(actuator.thresholds),
         thresholds=actuator.thresholds,
         modes=actuator.modes,
@@ -120,11 +121,22 @@ def make_problem(evaluator: Evaluator, settings: Settings, actuator: Actuator) -
         n_rows=len(times),
         sample_time=settings.sample_time if sampled else 0.0,
         tolerance=settings.tolerance,
-        safety=math.exp(-0.7 / (manifest.order - 1)),  # Jorba and Zou (2005)
+        safety=_safety(order),
+        hold_reach=_hold_reach(manifest.hold_order, settings.tolerance) if sampled else 0.0,
         divergence=settings.divergence,
         max_steps=settings.max_steps,
         max_switches=settings.max_switches,
     )
+
+
+def _safety(order: int) -> float:
+    """Factor on a step of Taylor polynomials of an order; Jorba and Zou (2005)."""
+    return math.exp(-0.7 / (order - 1))
+
+
+def _hold_reach(order: int, tolerance: float) -> float:
+    """See `Problem.hold_reach`: terms fall to the tolerance at the last order, what follows lies below it."""
+    return _safety(order) * math.pow(tolerance, 1.0 / order)
 
 
 def _integrate(
@@ -189,7 +201,7 @@ def _switches(actuator: Actuator, memory: Memory, state: Progress) -> tuple[tupl
 
 
 def _peaks(manifest: Manifest, memory: Memory) -> dict[str, tuple[float, float]]:
-    names = [*(item.name for item in manifest.states), "v"]
+    names = [*(item.name for item in manifest.states), "v", "e"][: len(memory.peaks)]
     pairs = zip(memory.peaks.tolist(), memory.peak_times.tolist(), strict=True)
     return dict(zip(names, pairs, strict=True))
 

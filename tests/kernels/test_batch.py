@@ -147,6 +147,26 @@ def test_sampled_runs_agree_with_single_ones(paper: BatchLibrary, sample_time: f
         np.testing.assert_allclose(outcome.final[i], run.states[-1], rtol=bound, atol=bound)
 
 
+@pytest.mark.parametrize("model", ["paper", "third-order"])
+def test_over_short_holds_single_runs_and_batches_differ_by_rounding_alone(
+    root: Path, cache: Path, model: str
+) -> None:
+    """Both follow the polynomials of one kernel; sines and quotients are rounded otherwise."""
+    one = library(root, cache, model, known_levels()[0].name)
+    outcome = one.simulate(sampled(one, make_runs(one, 1, horizon=2.0, tolerance=1e-10), 0.001))
+    run = ClosedLoop.load(model).simulate(
+        horizon=2.0, output_step=2.0, controller="sampled", sample_time=0.001
+    )
+    operations = one.manifest.function("sample").operations
+    size = max(1.0, *(value for value, _ in run.peaks.values()))
+    bound = outcome.metrics[0, Column.STEPS] * operations * np.finfo(float).eps * size
+    np.testing.assert_allclose(outcome.final[0], run.states[-1], rtol=0, atol=bound)
+    assert outcome.metrics[0, Column.MAX_ABS_E] == pytest.approx(run.peaks["e"][0], rel=bound)
+    assert outcome.metrics[0, Column.ISE] == pytest.approx(run.ise, rel=bound)
+    assert outcome.metrics[0, Column.MAX_ABS_V] == pytest.approx(run.peaks["v"][0], rel=bound)
+    assert bound < 1e-6
+
+
 def test_the_error_shrinks_with_the_tolerance(paper: BatchLibrary) -> None:
     runs = make_runs(paper, 16)
     best = paper.simulate(replace(runs, tolerance=1e-12)).final

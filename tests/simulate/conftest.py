@@ -84,6 +84,30 @@ int taylor(const double **arg, double **res, long long int *iw, double *w, int m
 """
 
 
+# What the sampled loop takes in; this model is not sampled.
+SAMPLED_H = """
+#ifndef SAMPLED_H
+#define SAMPLED_H
+#define PMJ_NX 1
+#define PMJ_NS 2
+#define PMJ_NW 1
+#define PMJ_NP 8
+#define PMJ_NH 1
+#define PMJ_HOLD_ORDER 2
+static inline void pmj_plant_taylor(const double *t, const double *x, const double *w, const double *p,
+                                    double *c)
+{
+    c[0] = t[0] + x[0] + w[0] + p[0];
+}
+static inline void pmj_sample(const double *t, const double *X, const double *h, const double *p, double *v,
+                              double *w, double *c, double *s_next)
+{
+    v[0] = w[0] = c[0] = s_next[0] = t[0] + X[0] + h[0] + p[0];
+}
+#endif
+"""
+
+
 class PolynomialEvaluator:
     """The same model in Python, for the twin."""
 
@@ -205,4 +229,5 @@ def polynomial_model(
     folder = tmp_path_factory.mktemp("polynomial")
     (folder / "kernels.h").write_text(KERNELS_H)
     (folder / "kernels.c").write_text(KERNELS_C)
+    (folder / "sampled.h").write_text(SAMPLED_H)
     return compiled.load(folder, manifest, compiler, cache)

@@ -316,7 +316,8 @@ void pmj_begin(const pmj_problem *problem, pmj_progress *progress, pmj_memory *m
             memory->held[i] = memory->state[i];
         }
     }
-    for (long long i = 0; i <= problem->n_states; ++i) {
+    const long long peaks = problem->n_states + (problem->sample_time > 0.0 ? 2 : 1); /* of X and v; sampled: and e */
+    for (long long i = 0; i < peaks; ++i) {
         memory->peaks[i] = 0.0;
         memory->peak_times[i] = 0.0;
     }

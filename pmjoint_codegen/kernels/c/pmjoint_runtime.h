@@ -2,7 +2,8 @@
  *
  * The Python modules polynomial.py, continuous.py and sampled.py do the same arithmetic in the same order; read
  * them first. Nothing here allocates, holds state of its own or knows a model: kernels, sizes, limits and scratch
- * memory all come from the caller. Times are in seconds; states have the units of model.json.
+ * memory all come from the caller; sampled.c alone takes its two kernels and their sizes from the model's sampled.h.
+ * Times are in seconds; states have the units of model.json.
  *
  * Python reads the declarations below as they stand, without preprocessing: keep `#` lines free of declarations.
  */
@@ -54,12 +55,13 @@ typedef struct {
     const double *nodes;      /* [n_nodes] Gauss nodes on (0, 1) for the integral of e^2 */
     const double *weights;    /* [n_nodes] */
     long long n_nodes;
-    long long n_searched;     /* channels whose largest magnitudes are searched for inside steps too */
+    long long n_searched;     /* continuous: channels whose largest magnitudes are searched for inside steps too */
     const double *times;      /* [n_rows] output instants, ascending, the first 0, the last the horizon */
     long long n_rows;
     double sample_time;
     double tolerance;         /* local error, relative to max(1, |value|) */
     double safety;            /* factor on the step that the last two coefficients allow */
+    double hold_reach;        /* sampled: part of the radius of convergence up to which a hold is one step */
     double divergence;        /* |X_i| above it ends the run */
     long long max_steps;
     long long max_switches;
@@ -87,18 +89,18 @@ typedef struct {
 typedef struct {
     double *coefficients;     /* [2 ((N + 1)(nX + 1) + 3)]: this step's and the next's, padded for blocked reading */
     double *state;            /* [nX]: X at t */
-    double *trial;            /* [nX + 1 + 3]: X and v at the end of a step on trial, padded */
-    double *slope;            /* [nX + 1 + 3]: rates of X and v there, padded */
-    double *reach;            /* [nX + 1 + 3]: sums of the magnitudes of their terms there, padded */
-    double *scales;           /* [nX + 1 + 3]: 1/max(1, |X_i|) and of v at its start, to a power of two, padded */
-    double *reference;        /* [rho + 1] */
-    double *w;                /* [nw] */
+    double *trial;            /* [nX + 1 + 3]: X and v, or x and e, at the end of a step on trial, padded */
+    double *slope;            /* [nX + 1 + 3]: rates of X and v, or of x and e, there, padded */
+    double *reach;            /* continuous: [nX + 1 + 3]: sums of the magnitudes of their terms there, padded */
+    double *scales;           /* continuous: [nX + 1 + 3]: 1/max(1, |X_i|) and of v at its start, to a power of two, padded */
+    double *reference;        /* continuous: [rho + 1] */
+    double *w;                /* sampled: [nw] */
     double *sample;           /* sampled: [nX], X at the last sample */
     double *rows;             /* [n_rows][nX]; the first row comes filled in */
     double *held;             /* sampled: [n_rows][nX], X at the last sample */
     double *held_times;       /* sampled: [n_rows] */
-    double *peaks;            /* [nX + 1]: largest |X_i| and |v| so far */
-    double *peak_times;       /* [nX + 1] */
+    double *peaks;            /* [nX + 1], sampled [nX + 2]: largest |X_i|, |v|, and |e| so far */
+    double *peak_times;       /* the same */
     double *switch_times;     /* [max_switches] */
     long long *switch_modes;  /* [max_switches] */
 } pmj_memory;
@@ -129,9 +131,7 @@ void pmj_continuous(const pmj_problem *problem, const pmj_function *taylor, cons
                     pmj_progress *progress, pmj_memory *memory, long long budget);
 
 /* sampled.c */
-void pmj_sampled(const pmj_problem *problem, const pmj_function *plant_taylor, const pmj_function *reference,
-                 const pmj_function *law, const pmj_function *update, pmj_progress *progress, pmj_memory *memory,
-                 long long budget);
+void pmj_sampled(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory, long long budget);
 
 /* map.c */
 int pmj_apply(const pmj_function *kernel);

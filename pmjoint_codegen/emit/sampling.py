@@ -1,0 +1,83 @@
+"""The two functions of the sampled loop, composed from the table's rows; single runs and sweeps share them.
+
+``sample``, one whole sample: the reference, the law, the actuator, Taylor coefficients of the plant and of
+the tracking error under the held w, the controller's next state. ``plant_taylor``, the coefficients alone, up
+to a higher order, for holds that this does not reach. The error e = y - y_r is a channel of its own, so that
+what a run reports of it follows from its polynomial without evaluating the reference again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import casadi as ca
+
+from pmjoint_codegen.emit.table import Vocabulary
+from pmjoint_codegen.emit.taylor import taylor_function
+
+HOLD_ORDER = 5  # of ``sample``: one step over a hold of 1 ms at 1e-10
+PLANT_ORDER = 10  # of ``plant_taylor``: one step over a hold of 10 ms at 1e-10; see docs/design.md
+SAMPLED = ("plant_taylor", "sample")  # names of the two, in the order of ``kernels.c``
+
+
+def sampled_functions(functions: Mapping[str, ca.Function]) -> dict[str, ca.Function]:
+    """The two functions, by name.
+
+    Args:
+        functions: the rows of the table.
+
+    Raises:
+        ModelError: for an operation without a Taylor recurrence.
+    """
+    plant = plant_with_error(functions)
+    return {
+        "plant_taylor": taylor_function("plant_taylor", plant, PLANT_ORDER, state="x"),
+        "sample": _sample(functions, taylor_function("held", plant, HOLD_ORDER, state="x")),
+    }
+
+
+def plant_with_error(functions: Mapping[str, ca.Function]) -> ca.Function:
+    """Rates of the plant for held w, and e = y - y_r."""
+    plant = functions["plant"]
+    inputs = symbols_of(plant)
+    t, x, _, p = inputs
+    e = x[0] - functions["reference"](t, p)[0]
+    return ca.Function("held", inputs, ca.cse([plant(*inputs), e]), plant.name_in(), ["x_dot", "e"])
+
+
+def _sample(functions: Mapping[str, ca.Function], held: ca.Function) -> ca.Function:
+    """One sample: y taken, v of (29), w of (10), the plant under w, the controller's next state."""
+    law, update = functions["law"], functions["sampled_update"]
+    nx, nw = held.size1_in("x"), held.size1_in("w")
+    t, p = ca.SX.sym("t"), ca.SX.sym("p", law.size1_in("p"))
+    X, h = ca.SX.sym("X", nx + law.size1_in("s")), ca.SX.sym("h", update.size1_in("h"))
+    x, s = X[:nx], X[nx:]
+    v = law(x[0], s, functions["reference"](t, p), p)[2]
+    limits = functions["actuation"](p)
+    w = ca.vertcat(
+        *(
+            ca.fmin(ca.fmax(limits[4 * j] + limits[4 * j + 1] * v, limits[4 * j + 2]), limits[4 * j + 3])
+            for j in range(nw)
+        )
+    )
+    results = [v, w, held(t, x, w, p), update(x[0], s, w[0], v, h, p)]
+    return ca.Function(
+        "sample", [t, X, h, p], ca.cse(results), ["t", "X", "h", "p"], ["v", "w", "c", "s_next"]
+    )
+
+
+def sampled_sizes(words: Vocabulary) -> dict[str, int]:
+    """The sizes of the vectors as constants of C, and the order."""
+    return {
+        "PMJ_NX": len(words.x),
+        "PMJ_NS": len(words.x) + len(words.s),
+        "PMJ_NW": len(words.w),
+        "PMJ_NP": len(words.p),
+        "PMJ_NH": len(words.h),
+        "PMJ_HOLD_ORDER": HOLD_ORDER,
+    }
+
+
+def symbols_of(function: ca.Function) -> list[ca.SX]:
+    """Fresh symbols for a function's inputs."""
+    return [ca.SX.sym(label, function.size1_in(i)) for i, label in enumerate(function.name_in())]

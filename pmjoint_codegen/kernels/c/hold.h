@@ -1,0 +1,103 @@
+/* A hold that is one step: what the sampled loop asks of the polynomials that come with a sample, written so that the
+ * compiler can unroll it and keep it in registers.
+ */
+#ifndef PMJOINT_HOLD_H
+#define PMJOINT_HOLD_H
+
+#include "pmjoint_runtime.h"
+#include "sampled.h"
+
+#include <math.h>
+
+/* Channels of the coefficients: x, then e = y - y_r. */
+#define ORDER PMJ_HOLD_ORDER
+#define CHANNELS (PMJ_NX + 1)
+#define E PMJ_NX
+
+/* Left alone, compilers roll short loops up. */
+#if defined(__GNUC__)
+#define UNROLLED _Pragma("GCC unroll 16")
+#else
+#define UNROLLED
+#endif
+
+/* The largest |c_(N-1)| and |c_N|, relative to max(1, |c_0|), at which a hold of this length is one step: a series of
+ * which the N-th term is the tolerance, and the one before in proportion, neglects less. */
+typedef struct {
+    double before;
+    double last;
+} bounds;
+
+static inline bounds bounds_of(const pmj_problem *problem, double length)
+{
+    const double ratio = length / problem->hold_reach;
+    double power = ratio;
+    for (int k = 2; k < ORDER; ++k) {
+        power = power * ratio;
+    }
+    const bounds found = {1.0 / power, 1.0 / (power * ratio)};
+    return found;
+}
+
+static inline int within(const double *c, bounds bound)
+{
+    int all = 1;
+    UNROLLED
+    for (int i = 0; i < CHANNELS; ++i) {
+        const double size = fabs(c[i]);
+        const double scale = size > 1.0 ? size : 1.0;
+        all = all && fabs(c[(ORDER - 1) * CHANNELS + i]) <= bound.before * scale
+              && fabs(c[ORDER * CHANNELS + i]) <= bound.last * scale;
+    }
+    return all;
+}
+
+/* One channel's polynomial, by Horner. */
+static inline double value(const double *c, int channel, double tau)
+{
+    double sum = c[ORDER * CHANNELS + channel];
+    UNROLLED
+    for (int k = ORDER - 1; k >= 0; --k) {
+        sum = sum * tau + c[k * CHANNELS + channel];
+    }
+    return sum;
+}
+
+/* What its magnitude cannot exceed on [0, tau]: rounding is monotonous, so `value` does not exceed it either. */
+static inline double reach(const double *c, int channel, double tau)
+{
+    double sum = fabs(c[ORDER * CHANNELS + channel]);
+    UNROLLED
+    for (int k = ORDER - 1; k >= 0; --k) {
+        sum = sum * tau + fabs(c[k * CHANNELS + channel]);
+    }
+    return sum;
+}
+
+/* Integral of e^2 over a hold that is one step, by three Gauss nodes. */
+static inline double integral(const double *c, double size)
+{
+    const double nodes[3] = {0.11270166537925831, 0.5, 0.8872983346207417};
+    const double weights[3] = {0.2777777777777778, 0.4444444444444444, 0.2777777777777778};
+    double a[ORDER + 1];
+    double power = size;
+    double sum = 0.0;
+    a[0] = c[E];
+    UNROLLED
+    for (int k = 1; k <= ORDER; ++k) {
+        a[k] = c[k * CHANNELS + E] * power;
+        power = power * size;
+    }
+    UNROLLED
+    for (int i = 0; i < 3; ++i) {
+        double e = a[ORDER];
+        UNROLLED
+        for (int k = ORDER - 1; k >= 0; --k) {
+            e = e * nodes[i] + a[k];
+        }
+        sum = sum + e * e * weights[i];
+    }
+    return size * sum;
+}
+
+#endif
