@@ -2428,6 +2428,7 @@ CASADI_SYMBOL_EXPORT int sampled_update_work_bytes(casadi_int *sz_arg, casadi_in
   return 0;
 }
 
+/* taylor:(t[1],X[10],g[6],p[34])->(c[187]) */
 int taylor(const double **arg, double **res, long long int *iw, double *w, int mem)
 {
     (void)iw;

@@ -2128,6 +2128,7 @@ CASADI_SYMBOL_EXPORT int sampled_update_work_bytes(casadi_int *sz_arg, casadi_in
   return 0;
 }
 
+/* taylor:(t[1],X[11],g[2],p[21])->(c[204]) */
 int taylor(const double **arg, double **res, long long int *iw, double *w, int mem)
 {
     (void)iw;

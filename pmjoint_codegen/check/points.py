@@ -53,12 +53,14 @@ def batches(evaluator: Evaluator, function: Function, count: int, seed: int, *, 
         arguments = _arguments(evaluator, function, draws["random"], count, random)
         placed = _place(evaluator, function, arguments, level, random)
         found += [Batch(kind, placed)] if placed is not None else []
-    slow = _arguments(evaluator, function, draws["slow"], count, random)
-    return [*found, Batch("slow and unforced", _unforced(function, slow))]
+    for kind, draw in (("slow", "slow"), ("at rest", "all zero")):
+        arguments = _arguments(evaluator, function, draws[draw], count, random)
+        found.append(Batch(f"{kind} and unforced", _unforced(function, arguments)))
+    return found
 
 
 def _unforced(function: Function, arguments: tuple[Array, ...]) -> tuple[Array, ...]:
-    """Without input: what drives fast motion would hide, in Taylor coefficients, what moves slowly."""
+    """Without input: in Taylor coefficients, fast motion hides slow motion, and motion what time drives."""
     return tuple(
         np.zeros_like(array) if label in ("g", "w") else array
         for (label, _), array in zip(function.inputs, arguments, strict=True)

@@ -62,7 +62,7 @@ def sampled_header(functions: Mapping[str, ca.Function], sizes: Mapping[str, int
 def wrapper(function: ca.Function) -> str:
     """A function of ``sampled.h`` in CasADi's calling convention, for ``kernels.c``."""
     places = [*(f"arg[{i}]" for i in range(function.n_in())), *(f"res[{i}]" for i in range(function.n_out()))]
-    return _kernel(function, [f"pmj_{function.name()}({', '.join(places)});"], unused=("iw", "w", "mem"))
+    return _kernel(function, [f"pmj_{function.name()}({', '.join(places)});"])
 
 
 def straight_kernel(function: ca.Function) -> str:
@@ -82,13 +82,21 @@ def straight_kernel(function: ca.Function) -> str:
                 lines.append(f"const double {known[operand]} = {places[label]}{bracket}{entry}];")
         operands = tuple(known.get(operand, operand) for operand in item.operands)
         lines.append(statement(replace(item, operands=operands), _dialect()))
-    return _kernel(function, [*results, *lines], unused=("iw", "w", "mem"))
+    inputs, outputs = (
+        ",".join(f"{label}[{size(i)}]" for i, label in enumerate(labels))
+        for labels, size in (
+            (function.name_in(), function.size1_in),
+            (function.name_out(), function.size1_out),
+        )
+    )
+    comment = f"/* {function.name()}:({inputs})->({outputs}) */\n"
+    return comment + _kernel(function, [*results, *lines])
 
 
-def _kernel(function: ca.Function, body: Sequence[str], unused: Sequence[str]) -> str:
+def _kernel(function: ca.Function, body: Sequence[str]) -> str:
     """A function of CasADi's convention around a body, and its ``_work``."""
     name = function.name()
-    lines = "\n".join(f"    {line}" for line in [*(f"(void){word};" for word in unused), *body])
+    lines = "\n".join(f"    {line}" for line in ["(void)iw;", "(void)w;", "(void)mem;", *body])
     return f"""\
 int {name}(const double **arg, double **res, long long int *iw, double *w, int mem)
 {{

@@ -197,12 +197,12 @@ def test_every_literal_cut_to_12_digits_is_outside_the_error_bound(
 ) -> None:
     function = paper.manifest.function("taylor")
     body = "\n".join(body_of(source(paper), "taylor"))
-    literals = sorted(set(re.findall(r"\d\.\d{16}e-\d\d", body)))
+    literals = sorted(set(re.findall(r"\d\.\d{13,}(?:e-\d+)?", body)))
     cut = [(f"taylor: {text} cut to 12 digits", text, f"{float(text):.11e}") for text in literals]
     mutants = [(what, body.replace(text, short)) for what, text, short in cut if float(short) != float(text)]
-    library = compiled(tmp_path, mutants[::4])  # each is a whole Taylor kernel: every fourth, to save time
+    library = compiled(tmp_path, mutants)
     prepared = symbolic.prepare(paper, function)
-    for i, (what, _) in enumerate(mutants[::4]):
+    for i, (what, _) in enumerate(mutants):
         results = evaluate(function, library[f"mutant_{i}"], prepared.arguments)
         tally("symbolic", what, symbolic.conclude([symbolic.judge(prepared, results)]))
 
