@@ -200,7 +200,8 @@ WHY: Final = (
         "",
         "SciPy LSODA (odeint)",
         "odeint's loop is compiled Fortran and numba compiles its right-hand side, which leaves nothing"
-        " interpreted; the row with `solve_ivp` and rates in Python, as written first, keeps the promise",
+        " interpreted; the rows with `solve_ivp`, SciPy's present interface to the same solver, keep the"
+        " promise",
     ),
     (
         "",
@@ -211,12 +212,6 @@ WHY: Final = (
         "2001",
         "",
         "values of the polynomials at 2001 instants are most of our time, and little of a slow solver's",
-    ),
-    (
-        "no output",
-        "heyoka",
-        "our kernels go to order 16, which suits 1e-10 and tighter; heyoka fits its order to the tolerance,"
-        " and its code to this processor, with contraction, which ours forgoes for equal bits everywhere",
     ),
     (
         "",
