@@ -25,7 +25,7 @@ GRID: Final[Array] = np.arange(2001, dtype=np.float64) * 0.01  # s, the default 
 ENDS: Final[Array] = np.array([0.0, HORIZON])
 PATIENCE_S: Final = 1.0  # a setting that takes longer is a solver's last
 FLOOR: Final = 1e-12  # the reference's own accuracy: points below it tell nothing
-COLOURS: Final = ("black", *(f"C{i}" for i in range(10)), "0.5")
+COLOURS: Final = ("black", "C0", "C1", "C2", "C3", "C4", "C5", "C6", "C7", "C8", "C9", "navy")
 BOUNDS: Final = {"heyoka": 1.0, "CasADi CVODES": 1 / 40, "SciPy LSODA": 1 / 200}
 
 

@@ -61,10 +61,11 @@ def solvers() -> list[Solver]:
         return make
 
     with_ = f"right-hand side {compiled_by}"
+    python = Solver("SciPy LSODA (solve_ivp), right-hand side Python", SETTINGS, ivp("LSODA", plain))
     return [
         Solver(f"SciPy LSODA (odeint), {with_}", SETTINGS, lsoda),
         Solver(f"SciPy LSODA (solve_ivp), {with_}", SETTINGS, ivp("LSODA")),
-        Solver("SciPy LSODA (solve_ivp), right-hand side Python", SETTINGS, ivp("LSODA", plain)),
+        *([python] if right is not plain else []),
         Solver(f"SciPy DOP853, {with_}", SETTINGS, ivp("DOP853")),
     ]
 
