@@ -9,8 +9,9 @@ import sympy as sp
 
 from derive.equation import Equation
 from derive.model import Model, Parameter
+from derive.true_plant import SECTION as TRUE_PLANT
 from pmjoint_codegen.report.notation import escape, latex_expression, latex_name, latex_prose, scaled_sum
-from pmjoint_codegen.report.sections import by_section
+from pmjoint_codegen.report.sections import by_section, own_parameters
 
 _WIDTH = 62  # printed characters of a line of mathematics, about what 16 cm hold
 
@@ -42,6 +43,10 @@ def latex_report(model: Model, equations: Iterable[Equation]) -> str:
     lines += [r"\begin{document}", r"\maketitle", _scope(model), "", *_parameters(model.parameters)]
     for section, members in by_section(equations):
         lines += ["", rf"\section*{{{escape(section)}}}"]
+        if section == TRUE_PLANT:
+            pairs = own_parameters(model, members).items()
+            same = ", ".join(f"${latex_name(own)} = {latex_name(name)}$" for own, name in pairs)
+            lines.append(f"Where no other value is set, the plant has what the controller believes: {same}.")
         for equation in members:
             lines += ["", *_display(equation)]
     return "\n".join([*lines, "", r"\end{document}"])

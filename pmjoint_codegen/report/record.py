@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from derive.equation import Equation
 from derive.model import Model
 from pmjoint_codegen.report.notation import latex_expression, latex_name, text_expression
+from pmjoint_codegen.report.sections import own_parameters
 
 
 def derivation_record(model: Model, equations: Iterable[Equation]) -> dict[str, object]:
@@ -16,7 +17,7 @@ def derivation_record(model: Model, equations: Iterable[Equation]) -> dict[str, 
         model: what was derived from.
         equations: the derivation, in its order.
     """
-    plant, gains = model.plant, model.gains
+    plant, gains, known = model.plant, model.gains, tuple(equations)
     return {
         "model": model.name,
         "title": model.title,
@@ -36,7 +37,8 @@ def derivation_record(model: Model, equations: Iterable[Equation]) -> dict[str, 
         ],
         "gains": {"c": list(gains.c), "e": list(gains.e), "ck": list(gains.ck), "k": list(gains.k)},
         "compensator": gains.compensator,
-        "equations": [equation_record(equation) for equation in equations],
+        "true_plant": own_parameters(model, known),
+        "equations": [equation_record(equation) for equation in known],
     }
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from derive.equation import Equation
+from derive.model import Model
+from derive.true_plant import own_symbol
 
 ORDER = (
     "Plant",
@@ -16,6 +18,13 @@ ORDER = (
     "Certificate",
     "Closed loop",
 )
+
+
+def own_parameters(model: Model, equations: Iterable[Equation]) -> dict[str, str]:
+    """Values of the true plant's own -> the controller's, which they equal where nobody sets others."""
+    used = {symbol.name for equation in equations for symbol in equation.expression.free_symbols}
+    names = {own_symbol(item.symbol).name: item.name for item in model.parameters}
+    return {own: name for own, name in names.items() if own in used}
 
 
 def by_section(equations: Iterable[Equation]) -> list[tuple[str, list[Equation]]]:

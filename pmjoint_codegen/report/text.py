@@ -8,8 +8,9 @@ import sympy as sp
 
 from derive.equation import Equation
 from derive.model import Model
+from derive.true_plant import SECTION as TRUE_PLANT
 from pmjoint_codegen.report.notation import scaled_sum, text_expression
-from pmjoint_codegen.report.sections import by_section
+from pmjoint_codegen.report.sections import by_section, own_parameters
 
 _WIDTH = 96  # characters of an assignment before it is broken at its terms
 _COLUMN = 44  # where the comment behind a short assignment begins
@@ -28,6 +29,11 @@ def text_report(model: Model, equations: Iterable[Equation]) -> str:
     lines = [*_heading(model), *_parameters(model)]
     for section, members in by_section(equations):
         lines += ["", f"# {section}", "# " + "-" * len(section), ""]
+        if section == TRUE_PLANT:
+            lines += [
+                _commented(f"{own} = {name}", "the plant's own, unless another value is set")
+                for own, name in own_parameters(model, members).items()
+            ]
         for equation in members:
             lines += equation_lines(equation)
     return "\n".join(lines)

@@ -74,6 +74,23 @@ def test_every_line_of_the_text_runs_as_code_and_gives_the_law(derivation: Deriv
     assert sp.expand(names["v"] - expanded.xreplace(point)) == 0  # exact: rational numbers, and sin of them
 
 
+def test_the_true_plants_own_values_are_defined_before_they_are_used(derivation: Derivation) -> None:
+    """In every form: as the controller's, which they equal where nobody sets others."""
+    own = {twin.name: name.name for name, twin in derivation.own_parameters.items()}
+    assert own
+    equations = tuple(derivation.equations.values())
+    section = text_report(derivation.model, equations).partition("# True plant\n")[2]
+    names = [line.partition(" = ")[0] for line in section.splitlines()]
+    for twin, name in own.items():
+        assert f"\n{twin} = {name} " in section
+        first = next(
+            k for k, line in enumerate(section.splitlines()) if f"{twin}*" in line or f"*{twin}" in line
+        )
+        assert names.index(twin) < first
+    assert latex_report(derivation.model, equations).count("the plant has what the controller believes") == 1
+    assert derivation_record(derivation.model, equations)["true_plant"] == own
+
+
 def test_the_whole_text_is_python(derivation: Derivation) -> None:
     compile(text_report(derivation.model, derivation.equations.values()), "derivation", "exec")
 
