@@ -75,8 +75,7 @@ def true_plant(
     changed = _depending([*physics, *known], own)
     disturbances = disturbance_symbols(plant)
     differing = [i for i, item in enumerate(known) if item.symbol in changed]
-    changed |= {disturbances[i] for i in differing}  # seen or not, D_i keeps its own name
-    changed |= _depending(physics, changed)
+    changed |= {disturbances[i] for i in differing}  # D_i keeps its name; x_i' has changed with known_i
     twins = own | {symbol: own_symbol(symbol) for symbol in changed}
     return TruePlant(
         own,
