@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from pmjoint_codegen import __version__
 from pmjoint_codegen.errors import MissingToolError, StaleError, UsageError
 from pmjoint_codegen.identity import canonical_hash, model_hash
 from pmjoint_codegen.manifest import Manifest
@@ -144,5 +145,5 @@ def _toolchain_key() -> str:
     package = Path(__file__).resolve().parent
     folders = (package.parent / "derive", package / "spec", package / "emit", package / "report")
     sources = [path for folder in folders for path in sorted(folder.glob("*.py"))]
-    versions = [metadata.version(name) for name in ("pmjoint-codegen", "sympy", "casadi")]
+    versions = [__version__, metadata.version("sympy"), metadata.version("casadi")]
     return canonical_hash([versions, [sha256_file(path) for path in sources]])

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from importlib import metadata
 
 import casadi as ca
 import sympy as sp
 
 from derive import Derivation, Equation
+from pmjoint_codegen import __version__
 from pmjoint_codegen.emit.table import Kernel, kernel_table, vocabulary
 from pmjoint_codegen.identity import Document, model_hash, structure_hash
 from pmjoint_codegen.manifest import EquationText, Function, Manifest, Parameter, Simulation, Variable
@@ -18,7 +18,7 @@ from pmjoint_codegen.report.notation import latex_expression
 def tool_versions() -> dict[str, str]:
     """Versions of everything that shapes generated text."""
     return {
-        "pmjoint_codegen": metadata.version("pmjoint-codegen"),
+        "pmjoint_codegen": __version__,
         "sympy": sp.__version__,
         "casadi": ca.CasadiMeta.version(),
     }
