@@ -88,15 +88,16 @@ static int finite_rows(const pmj_lanes *c, int w)
     return 1;
 }
 
-/* Where the step on trial fits: the slope at its end against the right-hand side there. */
+/* Where the step on trial fits: the slope at its end against the right-hand side there. NaN fits nowhere. */
 static pmj_mask fits(const pmj_sweep *sweep, const pmj_group *all, const pmj_lanes *next)
 {
-    pmj_lanes worst = pmj_all(0.0);
+    const double allowed = DEFECT * sweep->tolerance;
+    pmj_mask good = all->on_trial;
     for (int i = 0; i <= V; ++i) {
         const pmj_lanes miss = pmj_abs(all->slope[i] - next[CHANNELS + i]) * all->scales[i];
-        worst = pmj_select(miss <= worst, worst, miss); /* keeps NaN */
+        good = good & (miss * all->h <= allowed);
     }
-    return worst * all->h <= DEFECT * sweep->tolerance;
+    return good;
 }
 
 /* Lane w goes back to where its step began and tries half of it; the status, where that is too small. */
@@ -141,7 +142,7 @@ static int settle(const pmj_sweep *sweep, pmj_group *all, int w)
 static pmj_mask judge(const pmj_sweep *sweep, const pmj_results *results, pmj_group *all, const pmj_lanes *c,
                       const pmj_lanes *next)
 {
-    const pmj_mask accepted = fits(sweep, all, next) & all->on_trial;
+    const pmj_mask accepted = fits(sweep, all, next);
     const pmj_mask rejected = all->on_trial & ~accepted;
     pmj_lanes largest = pmj_abs(all->X[0]);
     for (int i = 1; i < PMJ_NS; ++i) {
