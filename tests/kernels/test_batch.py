@@ -250,6 +250,22 @@ def test_a_diverging_run_ends_and_leaves_its_neighbours_alone(paper: BatchLibrar
     assert outcome.metrics[~lost].tobytes() == calm.metrics[~lost].tobytes()
 
 
+def test_a_run_that_overflows_ends_before_it_does_and_leaves_its_neighbours_alone(
+    paper: BatchLibrary,
+) -> None:
+    """A step whose end is not a number fits nowhere."""
+    runs = make_runs(paper, 12, divergence=np.inf)
+    calm = paper.simulate(runs)
+    wild = replace(runs, x0=runs.x0.copy())
+    wild.x0[3, 0] = 1e302
+    outcome = paper.simulate(wild)
+    assert outcome.metrics[3, Column.STATUS] == Status.NON_FINITE
+    assert outcome.metrics[3, Column.T_END] < runs.horizon
+    assert np.all(np.isfinite(outcome.final[3]))
+    others = np.arange(12) != 3
+    assert outcome.metrics[others].tobytes() == calm.metrics[others].tobytes()
+
+
 def test_steps_run_out(paper: BatchLibrary) -> None:
     outcome = paper.simulate(make_runs(paper, 3, max_steps=10))
     assert outcome.metrics[:, Column.STATUS].tolist() == [float(Status.TOO_MANY_STEPS)] * 3
