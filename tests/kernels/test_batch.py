@@ -178,9 +178,9 @@ def test_continuous_runs_agree_with_single_ones(root: Path, cache: Path, model: 
             assert -1e-6 <= metrics[Column.SETTLING_S] - summary["settling_s"] <= summary["output_step"]
 
 
-@pytest.mark.parametrize("sample_time", [0.001, 0.03])
+@pytest.mark.parametrize("sample_time", [0.001, 0.03, 1.0])  # the last: some forty steps a hold
 def test_sampled_runs_agree_with_single_ones(paper: BatchLibrary, sample_time: float) -> None:
-    runs = make_runs(paper, 4, horizon=3.0)
+    runs = make_runs(paper, 4, horizon=3.0, divergence=1e9)
     outcome = paper.simulate(sampled(paper, runs, sample_time))
     loop = ClosedLoop.load("paper")
     for i in range(len(runs.p)):
@@ -196,9 +196,11 @@ def test_sampled_runs_agree_with_single_ones(paper: BatchLibrary, sample_time: f
         metrics, summary = outcome.metrics[i], run.summary
         bound = DEFECT * runs.tolerance * metrics[Column.STEPS]
         assert metrics[Column.STATUS] == Status.DONE
-        assert metrics[Column.SWITCHES] == len(run.switches)
+        assert metrics[Column.SWITCHES] == sum(t < runs.horizon for t, _ in run.switches)
         assert metrics[Column.SATURATED_S] == pytest.approx(summary["saturated_s"], abs=1e-9)
         assert metrics[Column.ISE] == pytest.approx(summary["ise"], rel=bound)
+        assert metrics[Column.MAX_ABS_E] == pytest.approx(run.peaks["e"][0], rel=bound)
+        assert -1e-6 <= metrics[Column.SETTLING_S] - summary["settling_s"] <= summary["output_step"]
         assert metrics[Column.FINAL_E] == pytest.approx(summary["final_e"], abs=bound)
         np.testing.assert_allclose(outcome.final[i], run.states[-1], rtol=bound, atol=bound)
 
