@@ -21,14 +21,15 @@ COMPILER = find_compiler(os.environ)
 pytestmark = pytest.mark.skipif(COMPILER is None, reason="the batch loops are compiled")
 
 EXTREMUM, NOISE = 1e-10, 1e-12  # of metrics.c: relative error of an extremum; rounding relative to sum |a_k|
-START, SIZE = 3.0, 0.5  # of the steps, s
+START, SIZE, SQUARE = 3.0, 0.5, 2.0  # of the steps: s, s, mean of e^2
 DECLARED = """
-void note_error(long long n, int degree, const double *a, double *most, const double *band, double *settling);
+void note_error(long long n, int degree, const double *a, double *most, const double *band, double *settling,
+                double *ise);
 void note_control(long long n, int degree, const double *a, double *most);
 void may_leave(long long n, int degree, const double *a, const double *low, const double *high, double *may);
 void mean_square(long long n, int degree, const double *a, double *square);
 """
-# A row of arrays is a polynomial; every call takes PMJ_WIDTH of them. Lanes that are not taken must stay.
+# A row of arrays is a polynomial.
 SOURCE = """
 #include "metrics.h"
 #include <string.h>
@@ -37,9 +38,25 @@ SOURCE = """
         for (int w = 0; w < PMJ_WIDTH; ++w) (to)[k][w] = (from)[(i + w) * (n) + k];
 #define STORE(to, from) for (int w = 0; w < PMJ_WIDTH; ++w) (to)[i + w] = (from)[w];
 
-void note_error(long long n, int degree, const double *a, double *most, const double *band, double *settling)
+static pmj_mask only(int w)
 {
-    pmj_lanes lanes[PMJ_ORDER + 1];
+    pmj_mask taken = {0};
+    taken[w] = -1;
+    return taken;
+}
+
+/* Lane w as it is, the others so that they would show in results that they must not touch. */
+static void others_larger(const pmj_lanes *lanes, int degree, int w, pmj_lanes *a)
+{
+    for (int k = 0; k <= degree; ++k) {
+        a[k] = pmj_select(only(w), lanes[k], 10.0 * lanes[k] + 1.0);
+    }
+}
+
+void note_error(long long n, int degree, const double *a, double *most, const double *band, double *settling,
+                double *ise)
+{
+    pmj_lanes lanes[PMJ_ORDER + 1], now[PMJ_ORDER + 1];
     for (long long i = 0; i < n; i += PMJ_WIDTH) {
         pmj_metrics metrics;
         memset(&metrics, 0, sizeof metrics);
@@ -47,25 +64,28 @@ void note_error(long long n, int degree, const double *a, double *most, const do
         LOAD(&metrics.max_e, most, 1)
         LOAD(&metrics.band, band, 1)
         LOAD(&metrics.settling, settling, 1)
-        for (int w = 0; w < PMJ_WIDTH; ++w) { /* one by one, so that others are there and not taken */
-            pmj_mask taken = {0};
-            taken[w] = -1;
-            pmj_note_error(&metrics, lanes, degree, pmj_all(0.0), pmj_all(START), pmj_all(SIZE), taken);
+        for (int w = 0; w < PMJ_WIDTH; ++w) {
+            others_larger(lanes, degree, w, now);
+            pmj_note_error(&metrics, now, degree, pmj_all(SQUARE), pmj_all(START), pmj_all(SIZE), only(w));
         }
         STORE(most, metrics.max_e)
         STORE(settling, metrics.settling)
+        STORE(ise, metrics.ise)
     }
 }
 
 void note_control(long long n, int degree, const double *a, double *most)
 {
-    pmj_lanes lanes[PMJ_ORDER + 1];
+    pmj_lanes lanes[PMJ_ORDER + 1], now[PMJ_ORDER + 1];
     for (long long i = 0; i < n; i += PMJ_WIDTH) {
         pmj_metrics metrics;
         memset(&metrics, 0, sizeof metrics);
         LOAD(lanes, a, degree + 1)
         LOAD(&metrics.max_v, most, 1)
-        pmj_note_control(&metrics, lanes, degree, pmj_all(0.0) == pmj_all(0.0));
+        for (int w = 0; w < PMJ_WIDTH; ++w) {
+            others_larger(lanes, degree, w, now);
+            pmj_note_control(&metrics, now, degree, only(w));
+        }
         STORE(most, metrics.max_v)
     }
 }
@@ -116,7 +136,7 @@ def metrics(root: Path, cache: Path) -> Metrics:
     assert COMPILER is not None
     sources = batch.batch_sources(root / "generated" / "paper")
     wanted = ("metrics.c", "metrics.h", "lanes.c", "lanes.h", "pmjoint_lanes.h")
-    source = f"#define START {START}\n#define SIZE {SIZE}\n{SOURCE}"
+    source = f"#define START {START}\n#define SIZE {SIZE}\n#define SQUARE {SQUARE}\n{SOURCE}"
     files = {name: sources[name] for name in wanted} | {"each.c": source.encode()}
     folder = build(files, COMPILER, cache, None, batch.FLAGS)
     ffi = load_module(to_module(DECLARED))
@@ -155,11 +175,12 @@ def last_outside(a: Array, band: float) -> float:
     borders = [inside(Polynomial(a) - band), inside(Polynomial(a) + band)]
     ends = np.array([0.0, *np.sort(np.concatenate(borders)), 1.0])
     out = np.abs(Polynomial(a)(0.5 * (ends[:-1] + ends[1:]))) > band
-    return float(ends[1:][out][-1]) if np.any(out) else -1.0
+    return float(ends[1:][out].max(initial=-1.0))
 
 
 def bounds(polynomials: Array) -> Array:
-    return NOISE * np.sum(np.abs(polynomials), axis=1)
+    bound: Array = NOISE * np.sum(np.abs(polynomials), axis=1)
+    return bound
 
 
 def test_the_largest_error_and_control_are_found_inside_the_step(
@@ -167,7 +188,10 @@ def test_the_largest_error_and_control_are_found_inside_the_step(
 ) -> None:
     wanted = np.array([largest(a) for a in polynomials])
     before = np.random.default_rng(0).uniform(0, 1.5, len(wanted)) * wanted
-    for name, more in (("note_error", [np.full(len(wanted), np.inf), before * 0]), ("note_control", [])):
+    for name, more in (
+        ("note_error", [np.full(len(wanted), np.inf), before * 0, before * 0]),
+        ("note_control", []),
+    ):
         found = before.copy()
         metrics(name, polynomials, found, *more)
         error = np.abs(found - np.maximum(before, wanted))
@@ -178,8 +202,9 @@ def test_the_last_instant_outside_the_band_is_found(metrics: Metrics, polynomial
     band = np.random.default_rng(1).uniform(0, 1.1, len(polynomials)) * np.array(
         [largest(a) for a in polynomials]
     )
-    settling = np.full(len(band), -7.0)
-    metrics("note_error", polynomials, np.full(len(band), np.inf), band, settling)
+    settling, ise = np.full(len(band), -7.0), np.empty(len(band))
+    metrics("note_error", polynomials, np.full(len(band), np.inf), band, settling, ise)
+    assert np.all(ise == SIZE * SQUARE)
     seen = set()
     for a, limit, found, bound in zip(polynomials, band, settling, bounds(polynomials), strict=True):
         s = last_outside(a, limit)
