@@ -227,8 +227,8 @@ def excursions(polynomials: Array) -> Iterator[tuple[float, float]]:
 def test_no_excursion_is_missed_and_few_are_imagined(metrics: Metrics, polynomials: Array) -> None:
     least, most = np.array(list(excursions(polynomials))).T
     generator, size = np.random.default_rng(2), most - least
-    low = least + size * generator.uniform(-0.5, 0.2, len(size))
-    high = most - size * generator.uniform(-0.5, 0.2, len(size))
+    low = least + size * generator.uniform(-2.0, 0.2, len(size))
+    high = most - size * generator.uniform(-2.0, 0.2, len(size))
     leaves = np.empty(len(size))
     metrics("may_leave", polynomials, low, high, leaves)
     bound = bounds(polynomials)
