@@ -109,6 +109,7 @@ typedef struct {
 void pmj_evaluate(const double *c, long long width, long long order, double tau, double *out, long long n);
 void pmj_differentiate(const double *c, long long width, long long order, double tau, double *out, long long n);
 double pmj_step_size(const double *c, long long width, long long order, double tolerance, double safety);
+long long pmj_leading_zeros(const double *q, long long degree, double h);
 int pmj_first_crossing(const double *q, long long degree, double h, double *root);
 void pmj_note_value(double value, double t, double *peak, double *peak_time);
 void pmj_note_extremum(const double *c, long long width, long long order, double t, double tau, double *peak,
