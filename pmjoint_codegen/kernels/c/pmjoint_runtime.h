@@ -49,7 +49,6 @@ typedef struct {
     long long n_thresholds;   /* values of v at which a channel of w enters or leaves a limit */
     const double *thresholds; /* [n_thresholds] ascending */
     const double *modes;      /* [(n_thresholds + 1)][2 nw]: offset and slope of each channel of w inside a mode */
-    const double *limits;     /* [nw][4]: offset, slope, lower, upper */
     const double *p;          /* parameters */
     const double *hold;       /* sampled: zero-order-hold matrices of `sampled_update` */
     const double *nodes;      /* [n_nodes] Gauss nodes on (0, 1) for the integral of e^2 */
