@@ -8,6 +8,7 @@ disturbance on the command line, is derived anew; ``generated/`` is never writte
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -82,13 +83,18 @@ def _committed(path: Path, document: Mapping[str, Any], notify: Notify) -> Provi
         )
         return None
     for file, recorded in manifest.files.items():
-        if not (folder / file).is_file() or sha256_file(folder / file) != recorded:
+        if _altered(folder / file, recorded):
             raise StaleError(
                 "was edited by hand or is missing",
                 where=str(folder / file),
                 remedy=f"run pmjoint regenerate {name}",
             )
     return Provided(manifest, folder, committed=True)
+
+
+def _altered(file: Path, recorded: str) -> bool:
+    """Whether a generated file is gone, or not what was written."""
+    return not file.is_file() or sha256_file(file) != recorded
 
 
 def _changed(
@@ -120,10 +126,10 @@ def _derived(
 ) -> Provided:
     key = canonical_hash([model_hash(document), _toolchain_key()])
     folder = cache_dir(environment, notify) / "models" / key[:32]
-    try:
-        return Provided(Manifest.read(folder), folder, committed=False)
-    except StaleError:
-        pass
+    with suppress(StaleError):  # not there yet
+        manifest = Manifest.read(folder)
+        if not any(_altered(folder / file, recorded) for file, recorded in manifest.files.items()):
+            return Provided(manifest, folder, committed=False)
     try:
         from pmjoint_codegen.emit.pipeline import generate
         from pmjoint_codegen.spec import model_of

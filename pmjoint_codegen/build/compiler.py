@@ -17,7 +17,8 @@ class Compiler:
     """A C compiler that exists on this machine.
 
     Attributes:
-        command: program and the flags that came with it in ``CC``.
+        command: absolute path of the program, for it runs in another folder, and the flags that came with it
+            in ``CC``.
         identity: the program's resolved path, size and modification time: changes when the compiler does, and
             is read without starting it.
     """
@@ -63,4 +64,4 @@ def _compiler(command: tuple[str, ...], env: Mapping[str, str]) -> Compiler | No
     resolved = os.path.realpath(program)
     found = os.stat(resolved)
     identity = f"{resolved} {found.st_size} {found.st_mtime_ns}"
-    return Compiler(command=(program, *command[1:]), identity=identity)
+    return Compiler(command=(os.path.abspath(program), *command[1:]), identity=identity)

@@ -8,15 +8,20 @@ import re
 import shutil
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from importlib import metadata
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from pmjoint_codegen import __version__
 from pmjoint_codegen.cli.terminal import document, message, result, table
+
+if TYPE_CHECKING:
+    from pmjoint_codegen.build.compiler import Compiler
 
 _PROGRAM_PATIENCE_S = 10.0
 
@@ -116,9 +121,30 @@ def _compiler(environment: Mapping[str, str]) -> Finding:
         return Finding("C compiler", "machine", "absent", "", meaning)
     found = _first_line([*compiler.command, "--version"]) or "of unknown version"
     command_line = " ".join(compiler.command)
+    if fault := _compiler_fault(compiler):
+        meaning = (
+            f"{command_line} compiles nothing ({fault}); choose another with CC=..., or: {INSTALL} libc6-dev"
+        )
+        return Finding("C compiler", "machine", "differs", found, meaning)
     return Finding(
         "C compiler", "machine", "ok", found, f"{command_line}: compiles each model's kernels on first use"
     )
+
+
+def _compiler_fault(compiler: Compiler) -> str:
+    """What keeps a compiler from making a library, in one line: wrong flags, no headers; or nothing."""
+    from pmjoint_codegen.build.library import build
+    from pmjoint_codegen.errors import BuildError
+    from pmjoint_codegen.kernels.compiled import FLAGS
+
+    source = b"#include <math.h>\ndouble root(double a);\ndouble root(double a) { return sqrt(a); }\n"
+    with tempfile.TemporaryDirectory(prefix="pmjoint-") as folder:
+        try:
+            build({"root.c": source}, compiler, Path(folder), flags=FLAGS)
+        except BuildError as error:
+            lines = error.output.strip().splitlines()
+            return next((line for line in lines if "error" in line), [*lines, error.what][0]).strip()
+    return ""
 
 
 def _cache(environment: Mapping[str, str]) -> Finding:

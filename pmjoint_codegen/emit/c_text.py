@@ -24,7 +24,8 @@ _CONVENTION = """\
 
 def banner(lines: list[str]) -> str:
     """What stands at the head of a generated file, as a C comment."""
-    text = "\n * ".join(line.replace("*/", "* /") for line in lines)  # a title may hold what ends a comment
+    # A title may hold what ends a comment, or what begins one, of which compilers warn.
+    text = "\n * ".join(line.replace("*/", "* /").replace("/*", "/ *") for line in lines)
     return f"/* {text}\n */\n"
 
 

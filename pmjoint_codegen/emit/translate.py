@@ -73,9 +73,7 @@ class Translator:
         if value.is_Symbol:
             return self(self._definition(value))
         if value.is_Rational:
-            return ca.SX(
-                value.p / value.q
-            )  # the nearest double: Python divides integers with correct rounding
+            return ca.SX(self._nearest(value))
         if value.is_number and (value.is_Float or value.is_NumberSymbol):
             return ca.SX(float(value))
         if value.is_Add:
@@ -92,6 +90,17 @@ class Translator:
                 remedy="use + - * / **, sin, cos, tan, exp, log, sqrt, tanh",
             )
         return function(*(self(argument) for argument in value.args))
+
+    def _nearest(self, value: sp.Rational) -> float:
+        """The nearest double: Python divides integers with correct rounding."""
+        try:
+            return float(value.p / value.q)
+        except OverflowError:
+            raise ModelError(
+                what="a number, or its inverse, is beyond floating point",
+                where=f"kernel {self._kernel}",
+                remedy="allowed: magnitudes from 1e-300 to 1e300",
+            ) from None
 
     def _definition(self, symbol: sp.Symbol) -> sp.Expr:
         if symbol in self._given:

@@ -10,9 +10,9 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from pmjoint_codegen.build.compiler import Compiler
-from pmjoint_codegen.build.library import LIBRARY, build
+from pmjoint_codegen.build.library import build
 from pmjoint_codegen.errors import BuildError, StaleError
-from pmjoint_codegen.kernels.declarations import MODULE, declarations, load_module, to_module
+from pmjoint_codegen.kernels.declarations import MODULE, declarations, load_library, to_module
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.kernels.processor import Level
 from pmjoint_codegen.manifest import Manifest
@@ -173,7 +173,7 @@ def load(
         cache: folder for builds.
 
     Raises:
-        BuildError: the compiler failed at the last level.
+        BuildError: the compiler failed at the last level, or made what cannot be loaded here.
         UsageError: the cache cannot be written.
     """
 
@@ -188,6 +188,5 @@ def load(
             if level is levels[-1]:
                 raise
             continue
-        ffi = load_module((built / MODULE).read_text(encoding="utf-8"))
-        return BatchLibrary(manifest, level, ffi, ffi.dlopen(str(built / LIBRARY)))
+        return BatchLibrary(manifest, level, *load_library(built))
     raise AssertionError("levels end with one that runs everywhere")

@@ -13,9 +13,9 @@ import numpy.typing as npt
 
 from pmjoint_codegen.build.compiler import Compiler
 from pmjoint_codegen.build.library import FLAGS as BITS
-from pmjoint_codegen.build.library import LIBRARY, build
+from pmjoint_codegen.build.library import build
 from pmjoint_codegen.errors import BuildError, SimulationError, StaleError
-from pmjoint_codegen.kernels.declarations import MODULE, declarations, load_module, to_module
+from pmjoint_codegen.kernels.declarations import MODULE, declarations, load_library, to_module
 from pmjoint_codegen.kernels.evaluator import (
     Array,
     Kernel,
@@ -173,7 +173,7 @@ def load(
             that does not know one is asked for the next.
 
     Raises:
-        BuildError: the compiler failed.
+        BuildError: the compiler failed, or made what cannot be loaded here.
         StaleError: a generated file is missing or declares too little.
         UsageError: the cache cannot be written.
     """
@@ -190,8 +190,7 @@ def load(
     built = build_for(
         levels or known_levels()[-1:], lambda flags: build(sources, compiler, cache, extras, flags)
     )
-    ffi = load_module((built / MODULE).read_text(encoding="utf-8"))
-    return CompiledEvaluator(manifest, ffi, ffi.dlopen(str(built / LIBRARY)))
+    return CompiledEvaluator(manifest, *load_library(built))
 
 
 def build_for(levels: Sequence[Level], build_with: Callable[[Sequence[str]], Path]) -> Path:

@@ -1,4 +1,4 @@
-"""cffi's declarations, from the headers as they stand.
+"""cffi's declarations, from the headers as they stand, and the libraries loaded with them.
 
 cffi parses C only to learn what may be called. That takes longer than a whole run, so it is done when a
 library is built; what it yields is kept as Python text beside the library, and loading needs no parser.
@@ -13,6 +13,9 @@ from contextlib import redirect_stdout
 from io import StringIO
 from pathlib import Path
 from typing import Any
+
+from pmjoint_codegen.build.library import LIBRARY
+from pmjoint_codegen.errors import BuildError
 
 MODULE = "declarations.py"
 _COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
@@ -55,6 +58,26 @@ def load_module(text: str) -> Any:
     scope: dict[str, Any] = {}
     exec(compile(text, MODULE, "exec"), scope)
     return scope["ffi"]
+
+
+def load_library(built: Path) -> tuple[Any, Any]:
+    """The ``ffi`` object and the library of a build that holds a `MODULE`.
+
+    Raises:
+        BuildError: the system does not load it: it is for another machine, or lies where nothing may run.
+    """
+    ffi = load_module((built / MODULE).read_text(encoding="utf-8"))
+    library = str(built / LIBRARY)
+    try:
+        return ffi, ffi.dlopen(library)
+    except OSError as error:
+        raise BuildError(
+            "what the C compiler made cannot be loaded here",
+            where=library,
+            remedy="choose another compiler with CC=..., another folder with PMJOINT_CACHE=..., or use "
+            "--evaluator interpreted",
+            output=str(error),
+        ) from error
 
 
 def _lines(header: str) -> list[str]:

@@ -8,9 +8,9 @@ polynomial.
 
 Three rules keep it honest. The rates are continuous across a switch, since w is continuous in v, so the
 polynomial must agree at its end with the kernels evaluated there; if not, the step is halved. A step
-that starts on a threshold goes to the side that the first non-zero derivative of v points to. And where
-rounding alone would decide between two modes, so that time stands still, one short step leaves the thresholds
-alone.
+that starts on a threshold, to rounding, goes to the side that the first non-zero derivative of v points to.
+And where rounding alone would decide between two modes, so that time stands still, one short step leaves the
+thresholds alone.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from typing import Final
 import numpy as np
 
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator, Kernel
-from pmjoint_codegen.simulate.polynomial import first_crossing, note_extremum, note_value
+from pmjoint_codegen.simulate.polynomial import first_crossing, leading_zeros, note_extremum, note_value
 from pmjoint_codegen.simulate.problem import Memory, Problem, Progress
 from pmjoint_codegen.simulate.status import Status
 from pmjoint_codegen.simulate.steps import allowed_step, arrive, bounds, scales
@@ -163,12 +163,12 @@ class _Loop:
     def passes(self, index: int, outward: int, h: float) -> float | None:
         """When v passes a threshold outwards (+1 above the mode, -1 below), from 0 to before h, or None.
 
-        On the threshold, the first derivative of v that does not vanish decides, and the zero at the start is
-        divided out before the search.
+        On the threshold, to rounding, the first derivative of v that does not vanish decides, and the zero at
+        the start is divided out before the search.
         """
         q = self.c[:, -1].tolist()
         q[0] = 0.0 if self.progress.touching == index else q[0] - float(self.problem.thresholds[index])
-        zeros = next((k for k, value in enumerate(q) if value != 0.0), len(q) - 1)
+        zeros = leading_zeros(q, h)
         if q[zeros] * outward > 0.0:
             return 0.0
         return first_crossing(q[zeros:], h)

@@ -66,6 +66,29 @@ def step_size(c: Array, tolerance: float, safety: float) -> float:
     return size * safety
 
 
+def leading_zeros(q: Sequence[float], h: float) -> int:
+    """How many of the lowest coefficients are zero, or rounding, against the terms at h.
+
+    Args:
+        q: coefficients; the highest counts as none.
+        h: length of the step, s.
+    """
+    degree = len(q) - 1
+    for zeros in range(degree):
+        power, size = 1.0, 0.0
+        for coefficient in q[zeros:]:
+            size += abs(coefficient) * power
+            power *= h
+        if not (abs(q[zeros]) <= _noise(degree - zeros, size) and size <= sys.float_info.max):
+            return zeros
+    return degree
+
+
+def _noise(degree: int, size: float) -> float:
+    """What rounding may leave of a zero of a polynomial whose terms add up to `size`."""
+    return 4.0 * (degree + 1) * EPSILON * size
+
+
 def first_crossing(q: Sequence[float], h: float) -> float | None:
     """The first tau in (0, h) at which ``sum q[k] tau^k`` changes its sign, or None.
 
@@ -142,7 +165,7 @@ def note_extremum(c: list[float], t: float, tau: float, i: int, peaks: Array, pe
 def _isolate(a: list[float], size: float) -> float | None:
     """Descartes' rule on [0, 1], halving where it leaves a doubt, from left to right."""
     degree = len(a) - 1
-    noise = 4.0 * (degree + 1) * EPSILON * size
+    noise = _noise(degree, size)
     before = 0
     stack = [(_to_bernstein(a), 0.0, 1.0)]
     while stack:

@@ -30,7 +30,6 @@ class Problem:
         n_thresholds: length of `thresholds`.
         thresholds: values of v at which a channel of w enters or leaves a limit, ascending.
         modes: shape (n_thresholds + 1, 2 nw), offset and slope of every channel of w inside a mode.
-        limits: shape (nw, 4), offset, slope, lower, upper.
         p: parameters.
         hold: matrices of `sampled_update`; empty for the continuous loop.
         nodes: quadrature nodes on (0, 1); a hold that is one step has its own three.
@@ -58,7 +57,6 @@ class Problem:
     n_thresholds: int
     thresholds: Array
     modes: Array
-    limits: Array
     p: Array
     hold: Array
     nodes: Array

@@ -110,7 +110,6 @@ def make_problem(evaluator: Evaluator, settings: Settings, actuator: Actuator) -
         n_thresholds=len(actuator.thresholds),
         thresholds=actuator.thresholds,
         modes=actuator.modes,
-        limits=actuator.limits,
         p=settings.p,
         hold=hold_matrices(evaluator, settings.p, settings.sample_time) if sampled else np.empty(0),
         nodes=np.array(rule.nodes),

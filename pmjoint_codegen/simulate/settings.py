@@ -119,9 +119,10 @@ def make_settings(
         ),
         tolerance=_tolerance(tolerance),
     )
-    if settings.rows > MAX_ROWS:
+    wanted = length / step + 1  # infinite where the quotient is beyond floating point
+    if wanted > MAX_ROWS + 1 or settings.rows > MAX_ROWS:
         raise UsageError(
-            f"asks for {settings.rows} rows",
+            f"asks for {wanted:.9g} rows",
             where="output step",
             remedy=f"at most {MAX_ROWS}: a longer step or a shorter horizon",
         )

@@ -24,6 +24,17 @@ def test_cc_comes_first_and_keeps_its_flags(tmp_path: Path) -> None:
     assert found.command == (str(mine), "-m64", "-DX=a b")
 
 
+def test_a_relative_path_in_cc_still_leads_there_from_the_folder_of_a_build(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mine = program(tmp_path / "bin", "cc")
+    monkeypatch.chdir(tmp_path)
+    for env in ({"PATH": "", "CC": "bin/cc"}, {"PATH": "bin", "CC": "cc"}, {"PATH": "bin"}):
+        found = find_compiler(env)
+        assert found is not None
+        assert found.command == (str(mine),)
+
+
 @pytest.mark.parametrize("present", [("cc", "gcc", "clang"), ("gcc", "clang"), ("clang",)])
 def test_without_cc_the_first_known_program_on_the_path_is_taken(
     tmp_path: Path, present: tuple[str, ...]

@@ -52,6 +52,17 @@ def test_a_compiler_is_shown_with_its_version(tmp_path: Path) -> None:
     assert any(character.isdigit() for character in finding.found)
 
 
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+def test_a_compiler_that_compiles_nothing_is_not_well(tmp_path: Path) -> None:
+    environment = {"PATH": os.environ["PATH"], "PMJOINT_CACHE": str(tmp_path)}
+    for cc, fault in (("cc -no-such-option", "-no-such-option"), ("false", "exit code 1")):
+        finding = found({**environment, "CC": cc})["C compiler"]
+        assert finding.state == "differs"
+        assert finding.found
+        for part in (fault, "CC=", "libc6-dev"):
+            assert part in finding.meaning
+
+
 def test_another_version_than_the_pinned_one_is_noticed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -55,8 +55,10 @@ def test_neither_clock_nor_path(artifacts: Artifacts, root: Path) -> None:
         assert not re.search(r"\b20\d\d-\d\d-\d\d\b|\d\d:\d\d:\d\d", text)
 
 
-def test_a_title_cannot_end_the_comment_that_it_stands_in() -> None:
-    assert banner(["a */ int x; /*"]).count("*/") == 1
+def test_a_title_cannot_end_the_comment_that_it_stands_in_or_begin_another() -> None:
+    for title in ("a */ int x; /*", "/*/", "*/*"):
+        text = banner([title])
+        assert (text.count("/*"), text.count("*/")) == (1, 1)
 
 
 def test_manifest_survives_its_file(artifacts: Artifacts) -> None:

@@ -93,3 +93,9 @@ def test_a_missing_symbol_is_named_with_its_kernel() -> None:
 def test_an_unknown_function_is_refused() -> None:
     with pytest.raises(ModelError, match="no kernel can evaluate gamma"):
         evaluate(sp.gamma(A))
+
+
+@pytest.mark.parametrize("number", [sp.Integer(10) ** 5000, sp.Rational(1, 10**320)])
+def test_a_number_beyond_floating_point_is_refused(number: sp.Rational) -> None:
+    with pytest.raises(ModelError, match="kernel k: a number, or its inverse, is beyond"):
+        evaluate(number * A)

@@ -314,6 +314,23 @@ FUNCTIONS = {
 }
 
 
+def test_limits_of_two_channels_a_rounding_apart_are_passed_together(root: Path, cache: Path) -> None:
+    one = library(root, cache, "joint-damped", known_levels()[0].name)
+    runs = make_runs(one, 3, horizon=0.3)
+    limit = one.manifest.parameter_names.index("u_max")
+    runs.p[:] = runs.p[0]
+    runs.p[:, limit] = np.nextafter(2.8942391573287445, [0.0, 3.0, 2.8942391573287445])
+    runs.x0[:] = 0.0
+    runs.x0[:, 0] = 0.3
+    outcome = one.simulate(runs)
+    loop = ClosedLoop.load("joint-damped")
+    for i in range(len(runs.p)):
+        u_max = runs.p[i, limit]
+        run = loop.simulate(parameters={"u_max": u_max}, x0=[0.3, 0.0], horizon=0.3, tolerance=1e-12)
+        assert outcome.metrics[i, Column.SWITCHES] == len(run.switches)
+        np.testing.assert_allclose(outcome.final[i], run.states[-1], rtol=1e-6, atol=1e-6)
+
+
 def test_elementary_functions_are_right_to_units_in_the_last_place(root: Path, cache: Path) -> None:
     assert COMPILER is not None
     lines = [

@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 
 from pmjoint_codegen.build.compiler import find_compiler
-from pmjoint_codegen.errors import SimulationError, StaleError, UsageError
-from pmjoint_codegen.kernels import compiled, interpreted
+from pmjoint_codegen.errors import BuildError, SimulationError, StaleError, UsageError
+from pmjoint_codegen.kernels import batch, compiled, interpreted
 from pmjoint_codegen.kernels.declarations import declarations, load_module, to_module
 from pmjoint_codegen.kernels.evaluator import Evaluator, PreparingEvaluator
+from pmjoint_codegen.kernels.processor import known_levels
 from pmjoint_codegen.manifest import Manifest
 
 C_SOURCES = Path(compiled.__file__).parent / "c"
@@ -172,6 +173,24 @@ def test_a_missing_or_incomplete_generated_file_is_stale(
             (tmp_path / "kernels.tape").write_text(text)
         with pytest.raises(StaleError):
             interpreted.load(tmp_path, manifest)
+
+
+def test_what_cannot_be_loaded_here_is_refused_with_the_loaders_words(
+    folder: Path, manifest: Manifest, root: Path, tmp_path: Path
+) -> None:
+    script = tmp_path / "cross-compiler"
+    script.write_text('#!/bin/sh\nwhile [ "$1" != -o ]; do shift; done\necho for another machine > "$2"\n')
+    script.chmod(0o755)
+    compiler = find_compiler({"CC": str(script), "PATH": os.environ["PATH"]})
+    assert compiler is not None
+    sources = batch.batch_sources(root / "generated" / "paper")
+    for load in (
+        lambda: compiled.load(folder, manifest, compiler, tmp_path),
+        lambda: batch.load(sources, manifest, known_levels()[-1:], compiler, tmp_path),
+    ):
+        with pytest.raises(BuildError, match=r"kernels\.so: .* cannot be loaded here; .*CC=") as caught:
+            load()
+        assert "kernels.so" in caught.value.output
 
 
 def test_declarations_survive_as_python_text() -> None:

@@ -130,6 +130,20 @@ def test_a_corrupted_cached_library_is_never_loaded(root: Path, project: Path, t
         assert library.read_bytes() != damage
 
 
+def test_a_damaged_model_in_the_cache_is_derived_again(root: Path, project: Path, tmp_path: Path) -> None:
+    cache = tmp_path / "cache"
+    command = [*SHORT, "--reference", "sin(2*t)"]
+    assert pmjoint(root, project, cache, command).returncode == 0
+    (folder,) = (cache / "models").iterdir()
+    whole = {path.name: path.read_bytes() for path in folder.iterdir()}
+    (folder / "sampled.h").unlink()
+    assert pmjoint(root, project, cache, command).returncode == 0
+    (folder / "kernels.c").write_bytes(whole["kernels.c"][:-9])
+    done = pmjoint(root, project, cache, command)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == whole
+
+
 def test_eight_first_runs_at_once_share_one_build(root: Path, project: Path, tmp_path: Path) -> None:
     cache = tmp_path / "cache"
     command = [sys.executable, "-m", "pmjoint_codegen", *SHORT]

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
 
+from pmjoint_codegen import ClosedLoop
+from pmjoint_codegen.build.compiler import find_compiler
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator, Kernel
 from pmjoint_codegen.simulate import run as run_module
+from pmjoint_codegen.simulate.modes import make_actuator
 from pmjoint_codegen.simulate.run import Run, run
 from pmjoint_codegen.simulate.settings import Settings
 from pmjoint_codegen.simulate.status import Status
@@ -18,6 +23,7 @@ from pmjoint_codegen.simulate.status import Status
 from .conftest import PolynomialEvaluator, polynomial_manifest
 
 LIMIT = 2.0
+ULP = float(np.spacing(LIMIT))
 
 
 def simulate(model: Evaluator, v: Sequence[float], horizon: float = 1.0, **changes: float) -> Run:
@@ -78,6 +84,10 @@ def exact(v: Sequence[float], until: float, switches: Sequence[float]) -> float:
         (shape(LIMIT, 0.0, 0.0, 0.0, scale=-1.0), [], [0]),
         (shape(-LIMIT, 0.0, scale=-1.0), [], [-1]),
         (shape(-LIMIT, 0.0, scale=1.0), [], [0]),
+        ([LIMIT - ULP, 4.0], [], [1]),  # a rounding before the threshold, and leaves outwards
+        ([LIMIT + ULP, -3.0], [], [0]),  # a rounding behind it, and comes back
+        ([-LIMIT + ULP, -4.0], [], [-1]),
+        ([LIMIT, ULP, -1.0], [], [0]),  # leaves it by a rounding and comes back
         ([LIMIT], [], None),  # stays on the threshold: either mode is right
         (shape(LIMIT, 1.0), [], [0]),  # reaches it at the horizon
     ],
@@ -93,6 +103,25 @@ def test_every_switch_is_found_where_it_is(
     times = [t for t, _ in found.switches]
     np.testing.assert_allclose(times, switches, rtol=0, atol=1e-4 if triple else 1e-13)
     np.testing.assert_allclose(found["x1"][-1], exact(v, 1.0, switches), rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("kind", ["compiled", "interpreted"])
+def test_limits_of_two_channels_a_rounding_apart_are_passed_together(root: Path, kind: str) -> None:
+    if kind == "compiled" and find_compiler(os.environ) is None:
+        pytest.skip("no C compiler")
+    loop = ClosedLoop.load(root / "models" / "joint-damped.toml", kind)
+    coarse, fine = (
+        loop.simulate(
+            x0=[0.3, 0.0], horizon=0.3, parameters={"u_max": 2.8942391573287445}, tolerance=tolerance
+        )
+        for tolerance in (1e-10, 1e-12)
+    )
+    thresholds = make_actuator(loop.evaluator.call("actuation", fine.settings.p)[0]).thresholds
+    gaps = np.diff(thresholds)[::2]  # u's limit and that of the pressures which follow u
+    assert len(thresholds) == 4
+    assert np.all(gaps <= 4 * np.spacing(thresholds[-1]))
+    assert [mode for _, mode in coarse.switches] == [mode for _, mode in fine.switches]
+    np.testing.assert_allclose(coarse["x1"], fine["x1"], rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize(

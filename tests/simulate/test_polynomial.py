@@ -200,3 +200,24 @@ def test_quadrature_rules_are_gauss_legendre(rule: quadrature.Rule) -> None:
 def test_a_wrong_rule_is_refused() -> None:
     with pytest.raises(ValueError, match="integrates"):
         quadrature.Rule((0.3, 0.7), (0.5, 0.5))
+
+
+@pytest.mark.parametrize(
+    ("q", "zeros"),
+    [
+        ([1.0, 1.0], 0),
+        ([EPSILON, 1.0], 1),
+        ([1e-12, 1.0], 0),
+        ([0.0, EPSILON, -1.0], 2),
+        ([EPSILON, 1e-6, 1.0], 1),
+        ([0.0, 0.0], 1),  # the highest counts as none
+        ([1.0, math.inf], 0),
+        ([math.nan, 1.0], 0),
+    ],
+)
+def test_leading_zeros_are_those_to_rounding(
+    compiled_paper: CompiledEvaluator, q: list[float], zeros: int
+) -> None:
+    given = compiled_paper.ffi.new("double[]", q)
+    assert compiled_paper.lib.pmj_leading_zeros(given, len(q) - 1, 1.0) == zeros
+    assert polynomial.leading_zeros(q, 1.0) == zeros

@@ -88,6 +88,7 @@ def test_the_plant_is_as_believed_unless_it_is_set(
         ({"output_step": 0.0}, ("output step", "greater than 0")),
         ({"output_step": 21.0}, ("output step", "at most 20 s")),
         ({"output_step": 1e-6}, ("output step", "20000001 rows", "10000000")),
+        ({"horizon": 1e308, "output_step": 1e-10}, ("output step", "inf rows", "10000000")),
         ({"sample_time": 0.0}, ("sample time", "greater than 0")),
         ({"controller": "analog"}, ("controller", "continuous, sampled")),
         ({"tolerance": 1e-15}, ("tolerance", "1e-14", "0.001")),

@@ -93,21 +93,18 @@ static int stays(const pmj_problem *problem, const pmj_progress *progress, const
 }
 
 /* When v passes threshold `index` outwards (`outward` is +1 above the mode, -1 below), from 0 to before h.
- * 1 and the time after the step's start; 0 if it does not. On the threshold, the first derivative of v that does
- * not vanish decides, and the zero at the start is divided out before the search. */
+ * 1 and the time after the step's start; 0 if it does not. On the threshold, to rounding, the first derivative of v
+ * that does not vanish decides, and the zero at the start is divided out before the search. */
 static int passes(const pmj_problem *problem, const pmj_progress *progress, const double *c, long long index,
                   int outward, double h, double *tau)
 {
     double q[PMJ_MAX_ORDER + 1];
     const long long width = problem->n_states + 1;
-    long long zeros = 0;
     for (long long k = 0; k <= problem->order; ++k) {
         q[k] = c[k * width + problem->n_states];
     }
     q[0] = progress->touching == index ? 0.0 : q[0] - problem->thresholds[index];
-    while (zeros < problem->order && q[zeros] == 0.0) {
-        ++zeros;
-    }
+    const long long zeros = pmj_leading_zeros(q, problem->order, h);
     if (q[zeros] * outward > 0.0) {
         *tau = 0.0;
         return 1;

@@ -49,7 +49,6 @@ typedef struct {
     long long n_thresholds;   /* values of v at which a channel of w enters or leaves a limit */
     const double *thresholds; /* [n_thresholds] ascending */
     const double *modes;      /* [(n_thresholds + 1)][2 nw]: offset and slope of each channel of w inside a mode */
-    const double *limits;     /* [nw][4]: offset, slope, lower, upper */
     const double *p;          /* parameters */
     const double *hold;       /* sampled: zero-order-hold matrices of `sampled_update` */
     const double *nodes;      /* [n_nodes] Gauss nodes on (0, 1) for the integral of e^2 */
@@ -109,6 +108,7 @@ typedef struct {
 void pmj_evaluate(const double *c, long long width, long long order, double tau, double *out, long long n);
 void pmj_differentiate(const double *c, long long width, long long order, double tau, double *out, long long n);
 double pmj_step_size(const double *c, long long width, long long order, double tolerance, double safety);
+long long pmj_leading_zeros(const double *q, long long degree, double h);
 int pmj_first_crossing(const double *q, long long degree, double h, double *root);
 void pmj_note_value(double value, double t, double *peak, double *peak_time);
 void pmj_note_extremum(const double *c, long long width, long long order, double t, double tau, double *peak,

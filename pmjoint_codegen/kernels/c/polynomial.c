@@ -163,13 +163,19 @@ static double refine(const double *a, long long degree, double start, double low
     return s;
 }
 
+/* What rounding may leave of a zero of a polynomial whose terms add up to `size`. */
+static double noise_of(long long degree, double size)
+{
+    return 4.0 * (double)(degree + 1) * DBL_EPSILON * size;
+}
+
 /* Descartes' rule on [0, 1], halving where it leaves a doubt, from left to right; 1 and the root, or 0. */
 static int isolate(const double *a, long long degree, double size, double *root)
 {
     double stack[MAX_DEPTH + 2][PMJ_MAX_ORDER + 1];
     double low[MAX_DEPTH + 2];
     double width[MAX_DEPTH + 2];
-    const double noise = 4.0 * (double)(degree + 1) * DBL_EPSILON * size;
+    const double noise = noise_of(degree, size);
     int top = 0;
     int before = 0;
     to_bernstein(a, degree, stack[0]);
@@ -209,6 +215,25 @@ static int isolate(const double *a, long long degree, double size, double *root)
         ++top;
     }
     return 0;
+}
+
+/* How many of the lowest coefficients are zero, or rounding, against the terms at h; the highest counts as none. */
+long long pmj_leading_zeros(const double *q, long long degree, double h)
+{
+    long long zeros = 0;
+    while (zeros < degree) {
+        double power = 1.0;
+        double size = 0.0;
+        for (long long k = zeros; k <= degree; ++k) {
+            size += fabs(q[k]) * power;
+            power *= h;
+        }
+        if (!(fabs(q[zeros]) <= noise_of(degree - zeros, size) && size <= DBL_MAX)) {
+            break;
+        }
+        ++zeros;
+    }
+    return zeros;
 }
 
 /* The first tau in (0, h) at which sum_k q_k tau^k changes its sign: 1 and the root, or 0.

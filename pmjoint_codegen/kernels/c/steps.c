@@ -201,7 +201,7 @@ static double rough_exp2(double a)
     const double n = a + ROUNDER;
     const double f = a - (n - ROUNDER);
     const double m = ((f * 0.0558 + 0.2402) * f + 0.6931) * f + 1.0;
-    long long bits;
+    unsigned long long bits; /* the exponent of ROUNDER is shifted out */
     double power;
     memcpy(&bits, &n, sizeof bits);
     bits = (bits + 1023) << 52;

@@ -14,14 +14,11 @@
 static int passes(const pmj_lane *one, const pmj_lanes *c, int w, int index, int outward, double h, double *tau)
 {
     double q[PMJ_ORDER + 1];
-    int zeros = 0;
     for (int k = 0; k <= PMJ_ORDER; ++k) {
         q[k] = c[k * CHANNELS + V][w];
     }
     q[0] = one->touching == index ? 0.0 : q[0] - one->actuator.at[index];
-    while (zeros < PMJ_ORDER && q[zeros] == 0.0) {
-        ++zeros;
-    }
+    const long long zeros = pmj_leading_zeros(q, PMJ_ORDER, h);
     if (q[zeros] * outward > 0.0) {
         *tau = 0.0;
         return 1;
