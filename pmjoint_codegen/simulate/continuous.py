@@ -46,6 +46,15 @@ def continuous_loop(
     return _Loop(evaluator, problem, progress, memory).advance
 
 
+def _may_exceed(start: float, rise: float, reach: float, peak: float) -> bool:
+    """Whether a channel may exceed its peak inside a step.
+
+    The larger end of its straight line, and what its higher terms, bounded by `reach`, can add.
+    """
+    beside = reach * ROUNDED_UP - abs(start) - abs(rise)
+    return max(abs(start), abs(start + rise)) + beside > peak
+
+
 class _Loop:
     """One run; its methods have the names of the C functions."""
 
@@ -117,7 +126,7 @@ class _Loop:
             trial = values[:-1]
             following = self.expand(end, trial, mode)
             if self.agrees(values, slopes, following, tau):
-                self.accept(trial, slopes, following, tau, end)
+                self.accept(trial, following, tau, end)
                 progress.touching = -1
                 if index >= 0:
                     self.cross(index, end)
@@ -184,12 +193,12 @@ class _Loop:
         v = abs(float(values[-1]) - float(following[0, -1]))
         return bool(np.all(missed <= allowed)) and v <= allowed * max(float(self.memory.peaks[-1]), 1.0)
 
-    def accept(self, trial: Array, slopes: Array, following: Array, tau: float, end: float) -> None:
+    def accept(self, trial: Array, following: Array, tau: float, end: float) -> None:
         """Take a step: output rows, integral of e^2, state."""
         progress, problem = self.progress, self.problem
         self.write_rows(end)
         self.integrate_error(tau)
-        self.note_peaks(slopes, following, tau)
+        self.note_peaks(following, tau)
         self.X, self.c = trial, following
         if np.any(np.abs(trial) > problem.divergence):
             progress.status = Status.DIVERGED
@@ -197,13 +206,13 @@ class _Loop:
         progress.t = end
         progress.steps += 1
 
-    def note_peaks(self, slopes: Array, following: Array, tau: float) -> None:
-        """Peaks of X and v over a step: at its end, and inside where a slope changes its sign."""
+    def note_peaks(self, following: Array, tau: float) -> None:
+        """Peaks of X and v over a step: at its end, and inside."""
         c, t, peaks, times = self.c, self.progress.t, self.memory.peaks, self.memory.peak_times
         for i in range(c.shape[1]):
             note_value(float(following[0, i]), t + tau, i, peaks, times)
-            turns = i < self.problem.n_searched and c[1, i] * slopes[i] < 0.0
-            if turns and self.reach[i] * ROUNDED_UP > peaks[i]:
+            line = float(c[0, i]), float(c[1, i]) * tau
+            if i < self.problem.n_searched and _may_exceed(*line, float(self.reach[i]), float(peaks[i])):
                 note_extremum(c[:, i].tolist(), t, tau, i, peaks, times)
 
     def write_rows(self, until: float) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import Final
 
@@ -37,15 +37,6 @@ def evaluate(c: Array, tau: float | Array) -> Array:
     value: Array = c[-1] + np.zeros_like(tau)
     for row in c[-2::-1]:
         value = value * tau + row
-    return value
-
-
-def differentiate(c: Array, tau: float) -> Array:
-    """Derivative of `evaluate` by tau, shape (channels,)."""
-    order = len(c) - 1
-    value: Array = order * c[order]
-    for k in range(order - 1, 0, -1):
-        value = value * tau + k * c[k]
     return value
 
 
@@ -90,7 +81,12 @@ def _noise(degree: int, size: float) -> float:
 
 
 def first_crossing(q: Sequence[float], h: float) -> float | None:
-    """The first tau in (0, h) at which ``sum q[k] tau^k`` changes its sign, or None.
+    """The first tau in (0, h) at which ``sum q[k] tau^k`` changes its sign, or None; see `crossings`."""
+    return next(crossings(q, h), None)
+
+
+def crossings(q: Sequence[float], h: float) -> Iterator[float]:
+    """Every tau in (0, h) at which ``sum q[k] tau^k`` changes its sign, ascending.
 
     A zero at h itself is left to the next step; a zero without change of sign is none. What differs from zero
     by no more than rounding counts as zero.
@@ -108,37 +104,25 @@ def first_crossing(q: Sequence[float], h: float) -> float | None:
         rest += abs(a[k]) if k > 0 else 0.0
     size = rest + abs(a[0])
     if len(a) < 2 or abs(a[0]) > rest or not size <= sys.float_info.max:
-        return None
-    root = _isolate(a, size)
-    return None if root is None else root * h
+        return
+    for root in _isolate(a, size):
+        yield root * h
 
 
-def note_peaks(
-    c: Array,
-    searched: int,
-    t: float,
-    tau: float,
-    end: Array,
-    end_slope: Array,
-    peaks: Array,
-    peak_times: Array,
-) -> None:
-    """Keep the largest magnitudes over a step: at its end, and where a slope changes its sign.
+def note_peaks(c: Array, t: float, tau: float, end: Array, peaks: Array, peak_times: Array) -> None:
+    """Keep the largest magnitudes over a step: at its end, and inside.
 
     Args:
         c: shape (N + 1, channels).
-        searched: of how many channels the inside of the step is looked at.
         t: the step's start, s.
         tau: its length, s.
         end: values at its end, shape (channels,).
-        end_slope: slopes there, shape (channels,).
         peaks: changed in place, shape (channels or more,).
         peak_times: changed in place, s.
     """
     for i in range(c.shape[1]):
         note_value(float(end[i]), t + tau, i, peaks, peak_times)
-        if i < searched and c[1, i] * end_slope[i] < 0.0:
-            note_extremum(c[:, i].tolist(), t, tau, i, peaks, peak_times)
+        note_extremum(c[:, i].tolist(), t, tau, i, peaks, peak_times)
 
 
 def note_value(value: float, t: float, i: int, peaks: Array, peak_times: Array) -> None:
@@ -149,21 +133,22 @@ def note_value(value: float, t: float, i: int, peaks: Array, peak_times: Array) 
 
 
 def note_extremum(c: list[float], t: float, tau: float, i: int, peaks: Array, peak_times: Array) -> None:
-    """The largest magnitude of one channel inside a step at whose ends its slope has opposite signs."""
+    """The largest magnitude of one channel inside a step: it stands where the slope changes its sign."""
     power, bound = 1.0, 0.0
     for coefficient in c:
         bound += abs(coefficient) * power
         power *= tau
-    when = first_crossing([k * c[k] for k in range(1, len(c))], tau) if bound > peaks[i] else None
-    if when is not None:
+    if not bound > peaks[i]:
+        return
+    for when in crossings([k * c[k] for k in range(1, len(c))], tau):
         value = c[-1]
         for coefficient in c[-2::-1]:
             value = value * when + coefficient
         note_value(value, t + when, i, peaks, peak_times)
 
 
-def _isolate(a: list[float], size: float) -> float | None:
-    """Descartes' rule on [0, 1], halving where it leaves a doubt, from left to right."""
+def _isolate(a: list[float], size: float) -> Iterator[float]:
+    """Descartes' rule on [0, 1], halving where it leaves a doubt, from left to right: the roots in order."""
     degree = len(a) - 1
     noise = _noise(degree, size)
     before = 0
@@ -172,19 +157,19 @@ def _isolate(a: list[float], size: float) -> float | None:
         b, low, width = stack.pop()
         changes, first, last = _variations(b, noise)
         if before != 0 and first != 0 and first != before:
-            return low  # the sign changed at the border, to rounding
-        if changes == 1:
-            start = _guess(b, low, width, first, noise)
-            return _refine(a, start, low, low + width, first, 0.25 * EPSILON * size)
-        if changes == 0 or width <= math.ldexp(1.0, -MAX_DEPTH):
-            if changes > 0 and first != last:
-                return low + 0.5 * width
+            yield low  # the sign changed at the border, to rounding
+            before = first
+        if changes <= 1 or width <= math.ldexp(1.0, -MAX_DEPTH):
+            if changes == 1:
+                start = _guess(b, low, width, first, noise)
+                yield _refine(a, start, low, low + width, first, 0.25 * EPSILON * size)
+            elif first != last:
+                yield low + 0.5 * width
             before = last if last != 0 else before
             continue
         left, right = _halve(b)
         width *= 0.5
         stack += [(right, low + width, width), (left, low, width)]
-    return None
 
 
 def _to_bernstein(a: list[float]) -> list[float]:

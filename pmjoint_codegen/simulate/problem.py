@@ -124,7 +124,7 @@ class Memory:
         coefficients: Taylor coefficients of two steps.
         state: X at t.
         trial: X and v, in the sampled loop x and e, at the end of a step on trial.
-        slope: rates of X and v, in the sampled loop of x and e, at the end of a step.
+        slope: of the continuous loop: rates of X and v at the end of a step.
         reach: sums of the magnitudes of their terms there, continuous loop.
         scales: of X and v at the start of a step, for relative errors, continuous loop.
         reference: y_r and its derivatives, continuous loop.

@@ -17,7 +17,7 @@ import numpy as np
 
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator
 from pmjoint_codegen.simulate.continuous import SMALLEST_STEP
-from pmjoint_codegen.simulate.polynomial import differentiate, evaluate, note_peaks, note_value, step_size
+from pmjoint_codegen.simulate.polynomial import evaluate, note_peaks, note_value, step_size
 from pmjoint_codegen.simulate.problem import Memory, Problem, Progress
 from pmjoint_codegen.simulate.quadrature import short_steps
 from pmjoint_codegen.simulate.status import Status
@@ -201,15 +201,12 @@ class _Loop:
             if not (time <= until and time < rows_until):
                 break
             self.next_row(t_sample)[: self.problem.n_plant] = evaluate(c[:, :-1], time - progress.t)
-        slopes = differentiate(c, tau)
         for channels in (slice(0, -1), slice(-1, None)):  # x in the first entries of the peaks, e in the last
             note_peaks(
                 c[:, channels],
-                c.shape[1],
                 progress.t,
                 tau,
                 trial[channels],
-                slopes[channels],
                 self.memory.peaks[channels],
                 self.memory.peak_times[channels],
             )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import re
 from dataclasses import replace
 from typing import cast
 
@@ -102,3 +103,26 @@ def test_runs_do_not_depend_on_the_instructions_that_the_processor_has() -> None
     for other in found[1:]:
         for mine, theirs in zip(found[0], other, strict=True):
             np.testing.assert_array_equal(mine, theirs)
+
+
+@pytest.mark.parametrize("controller", ["continuous", "sampled"])
+@pytest.mark.parametrize("model", ["joint-damped", "joint-exact", "third-order"])
+def test_no_output_row_exceeds_the_peaks_however_long_the_steps(model: str, controller: str) -> None:
+    """Slow gains and a loose tolerance: an output swings there and back within a step."""
+    loop = ClosedLoop.load(model)
+    slow = {
+        item.name: 0.2 * item.value for item in loop.manifest.parameters if re.fullmatch(r"c\d", item.name)
+    }
+    for parameters in ({}, slow):
+        run = loop.simulate(
+            tolerance=1e-3,
+            output_step=0.002,
+            horizon=5.0,
+            parameters=parameters,
+            controller=controller,
+            sample_time=0.004,
+        )
+        assert set(run.peaks) > {"x1", "xi1", "lambda1", "r1"}
+        for name, (peak, _) in run.peaks.items():
+            if name != "v":  # rows of v are the law's, its peaks the polynomials'
+                assert np.max(np.abs(run[name])) <= peak * (1.0 + 1e-12)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from numpy.polynomial import Chebyshev, Polynomial
 
 from pmjoint_codegen.kernels.compiled import CompiledEvaluator
 from pmjoint_codegen.simulate import polynomial, quadrature
@@ -133,21 +134,54 @@ def test_agrees_with_the_eigenvalues_of_the_companion_matrix(
     roots=st.lists(st.floats(0.02, 0.98), min_size=1, max_size=5),
     outside=st.lists(st.floats(1.2, 5.0), max_size=4),
 )
-def test_finds_the_first_of_well_separated_roots(
+def test_finds_all_of_well_separated_roots_in_order(
     compiled_paper: CompiledEvaluator, roots: list[float], outside: list[float]
 ) -> None:
     roots.sort()
     assume(all(b - a > 0.02 for a, b in pairwise(roots)))
     q = with_roots(*roots, *outside)
-    found = polynomial.first_crossing(q, 1.0)
-    assert c_first_crossing(compiled_paper)(q, 1.0) == found
-    assert found is not None
-    slope = abs(math.prod(roots[0] - other for other in [*roots[1:], *outside]))
+    found = list(polynomial.crossings(q, 1.0))
+    ffi, room = compiled_paper.ffi, np.full(len(q), np.nan)
+    given, taken = ffi.new("double[]", q), ffi.from_buffer("double[]", room)
+    assert compiled_paper.lib.pmj_crossings(given, len(q) - 1, 1.0, taken, len(q)) == len(roots)
+    assert room[: len(roots)].tolist() == found
+    assert c_first_crossing(compiled_paper)(q, 1.0) == polynomial.first_crossing(q, 1.0) == found[0]
     noise = 8 * len(q) * EPSILON * sum(abs(c) for c in q)
-    assert abs(found - roots[0]) <= 2 * noise / slope + 4 * EPSILON
+    for root, place in zip(roots, found, strict=True):
+        slope = abs(math.prod(root - other for other in [*roots, *outside] if other != root))
+        assert abs(place - root) <= 2 * noise / slope + 4 * EPSILON
 
 
-def test_evaluation_and_derivative_follow_numpy(compiled_paper: CompiledEvaluator) -> None:
+@pytest.mark.parametrize("turns", range(1, 7))
+def test_the_largest_magnitude_inside_a_step_is_found(compiled_paper: CompiledEvaluator, turns: int) -> None:
+    """Whatever the slopes at the ends: one that turns twice has the same sign at both."""
+    ffi, draw, tau = compiled_paper.ffi, np.random.default_rng(turns), 0.5
+    for _ in range(200):
+        p = Chebyshev(draw.normal(size=turns + 2), [0.0, tau]).convert(kind=Polynomial)
+        ends = np.abs(p(np.array([0.0, tau])))
+        roots = p.deriv().roots()
+        inside = np.real(
+            roots[(np.abs(np.imag(roots)) < 1e-9) & (np.real(roots) > 0) & (np.real(roots) < tau)]
+        )
+        wanted = max(*ends, *np.abs(p(inside)))
+        peaks, times = np.array([[max(ends)] * 2, [0.0] * 2])
+        polynomial.note_extremum(p.coef.tolist(), 3.0, tau, 0, peaks, times)
+        compiled_paper.lib.pmj_note_extremum(
+            ffi.new("double[]", p.coef.tolist()),
+            1,
+            turns + 1,
+            3.0,
+            tau,
+            ffi.from_buffer("double[]", peaks[1:]),
+            ffi.from_buffer("double[]", times[1:]),
+        )
+        assert (peaks[0], times[0]) == (peaks[1], times[1])
+        assert peaks[0] == pytest.approx(wanted, rel=1e-12)
+        if wanted > max(ends):
+            assert abs(p(times[0] - 3.0)) == pytest.approx(wanted, rel=1e-12)
+
+
+def test_evaluation_follows_numpy(compiled_paper: CompiledEvaluator) -> None:
     draw = np.random.default_rng(7)
     ffi, lib = compiled_paper.ffi, compiled_paper.lib
     for channels in range(1, 10):
@@ -155,23 +189,11 @@ def test_evaluation_and_derivative_follow_numpy(compiled_paper: CompiledEvaluato
         padded = np.append(c.ravel(), [np.nan] * 3)
         for tau in (0.0, 0.3, -1.2):
             expected = np.polynomial.polynomial.polyval(tau, c)
-            slope = np.polynomial.polynomial.polyval(tau, np.polynomial.polynomial.polyder(c))
             np.testing.assert_allclose(polynomial.evaluate(c, tau), expected, rtol=1e-12, atol=1e-12)
-            np.testing.assert_allclose(polynomial.differentiate(c, tau), slope, rtol=1e-12, atol=1e-12)
-            for routine, twin in (
-                ("evaluate", polynomial.evaluate),
-                ("differentiate", polynomial.differentiate),
-            ):
-                out = np.empty(channels)
-                arguments = (
-                    ffi.from_buffer("double[]", padded),
-                    channels,
-                    11,
-                    tau,
-                    ffi.from_buffer("double[]", out),
-                )
-                getattr(lib, f"pmj_{routine}")(*arguments, channels)
-                np.testing.assert_array_equal(out, twin(c, tau))
+            out = np.empty(channels)
+            given, taken = ffi.from_buffer("double[]", padded), ffi.from_buffer("double[]", out)
+            lib.pmj_evaluate(given, channels, 11, tau, taken, channels)
+            np.testing.assert_array_equal(out, polynomial.evaluate(c, tau))
     rows = polynomial.evaluate(c, np.array([[0.1], [0.2]]))
     np.testing.assert_array_equal(rows[1], polynomial.evaluate(c, 0.2))
 

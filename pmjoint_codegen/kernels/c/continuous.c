@@ -208,7 +208,16 @@ static void cross(const pmj_problem *problem, pmj_progress *progress, const pmj_
     note_switch(problem, progress, memory, t, progress->mode);
 }
 
-/* Peaks of X and v over a step of size tau: at its end, and inside where a slope changes its sign. */
+/* Whether a channel may exceed its peak inside a step: the larger end of its straight line, and what its higher
+ * terms, bounded by `reach`, can add. */
+static int may_exceed(double start, double rise, double reach, double peak)
+{
+    const double end = fabs(start + rise);
+    const double beside = reach * ROUNDED_UP - fabs(start) - fabs(rise);
+    return (fabs(start) > end ? fabs(start) : end) + beside > peak;
+}
+
+/* Peaks of X and v over a step of size tau: at its end, and inside. */
 static void note_peaks(const pmj_problem *problem, const pmj_progress *progress, const pmj_memory *memory,
                        const double *c, const double *next, double tau)
 {
@@ -219,8 +228,7 @@ static void note_peaks(const pmj_problem *problem, const pmj_progress *progress,
             memory->peaks[i] = fabs(next[i]);
             memory->peak_times[i] = t + tau;
         }
-        if (i < problem->n_searched && c[width + i] * memory->slope[i] < 0.0
-            && memory->reach[i] * ROUNDED_UP > memory->peaks[i]) {
+        if (i < problem->n_searched && may_exceed(c[i], c[width + i] * tau, memory->reach[i], memory->peaks[i])) {
             pmj_note_extremum(c + i, width, problem->order, t, tau, memory->peaks + i, memory->peak_times + i);
         }
     }

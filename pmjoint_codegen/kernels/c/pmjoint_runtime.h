@@ -89,7 +89,7 @@ typedef struct {
     double *coefficients;     /* [2 ((N + 1)(nX + 1) + 3)]: this step's and the next's, padded for blocked reading */
     double *state;            /* [nX]: X at t */
     double *trial;            /* [nX + 1 + 3]: X and v, or x and e, at the end of a step on trial, padded */
-    double *slope;            /* [nX + 1 + 3]: rates of X and v, or of x and e, there, padded */
+    double *slope;            /* [nX + 1 + 3]: continuous: rates of X and v there, padded */
     double *reach;            /* continuous: [nX + 1 + 3]: sums of the magnitudes of their terms there, padded */
     double *scales;           /* continuous: [nX + 1 + 3]: 1/max(1, |X_i|) and of v at its start, to a power of two, padded */
     double *reference;        /* continuous: [rho + 1] */
@@ -106,15 +106,15 @@ typedef struct {
 
 /* polynomial.c */
 void pmj_evaluate(const double *c, long long width, long long order, double tau, double *out, long long n);
-void pmj_differentiate(const double *c, long long width, long long order, double tau, double *out, long long n);
 double pmj_step_size(const double *c, long long width, long long order, double tolerance, double safety);
 long long pmj_leading_zeros(const double *q, long long degree, double h);
+long long pmj_crossings(const double *q, long long degree, double h, double *roots, long long most);
 int pmj_first_crossing(const double *q, long long degree, double h, double *root);
 void pmj_note_value(double value, double t, double *peak, double *peak_time);
 void pmj_note_extremum(const double *c, long long width, long long order, double t, double tau, double *peak,
                        double *peak_time);
-void pmj_note_peaks(const double *c, long long width, long long order, long long n, long long searched, double t,
-                    double tau, const double *end, const double *end_slope, double *peaks, double *peak_times);
+void pmj_note_peaks(const double *c, long long width, long long order, long long n, double t, double tau,
+                    const double *end, double *peaks, double *peak_times);
 
 /* steps.c: results have room for whole blocks of four channels, but `out`, which takes n */
 void pmj_arrive(const double *c, long long width, long long order, double tau, double *values, double *slopes);

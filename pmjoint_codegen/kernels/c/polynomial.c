@@ -31,27 +31,6 @@ void pmj_evaluate(const double *c, long long width, long long order, double tau,
     }
 }
 
-/* out[i] = sum_k k c[k*width + i] tau^(k-1), by Horner, for i < n. */
-void pmj_differentiate(const double *c, long long width, long long order, double tau, double *out, long long n)
-{
-    for (long long first = 0; first < n; first += BLOCK) {
-        const double *row = c + order * width + first;
-        double sum[BLOCK];
-        for (int i = 0; i < BLOCK; ++i) {
-            sum[i] = (double)order * row[i];
-        }
-        for (long long k = order - 1; k >= 1; --k) {
-            row -= width;
-            for (int i = 0; i < BLOCK; ++i) {
-                sum[i] = sum[i] * tau + (double)k * row[i];
-            }
-        }
-        for (int i = 0; i < BLOCK && first + i < n; ++i) {
-            out[first + i] = sum[i];
-        }
-    }
-}
-
 /* The step that keeps the last two terms below the tolerance (Jorba and Zou 2005); HUGE_VAL if both vanish. */
 double pmj_step_size(const double *c, long long width, long long order, double tolerance, double safety)
 {
@@ -169,35 +148,34 @@ static double noise_of(long long degree, double size)
     return 4.0 * (double)(degree + 1) * DBL_EPSILON * size;
 }
 
-/* Descartes' rule on [0, 1], halving where it leaves a doubt, from left to right; 1 and the root, or 0. */
-static int isolate(const double *a, long long degree, double size, double *root)
+/* Descartes' rule on [0, 1], halving where it leaves a doubt, from left to right: the first roots, at most `most`. */
+static long long isolate(const double *a, long long degree, double size, double *roots, long long most)
 {
     double stack[MAX_DEPTH + 2][PMJ_MAX_ORDER + 1];
     double low[MAX_DEPTH + 2];
     double width[MAX_DEPTH + 2];
     const double noise = noise_of(degree, size);
+    long long found = 0;
     int top = 0;
     int before = 0;
     to_bernstein(a, degree, stack[0]);
     low[0] = 0.0;
     width[0] = 1.0;
-    while (top >= 0) {
+    while (top >= 0 && found < most) {
         int first = 0;
         int last = 0;
         const int changes = variations(stack[top], degree, noise, &first, &last);
         if (before != 0 && first != 0 && first != before) {
-            *root = low[top]; /* the sign changed at the border, to rounding */
-            return 1;
+            roots[found++] = low[top]; /* the sign changed at the border, to rounding */
+            before = first;
+            continue;
         }
-        if (changes == 1) {
-            *root = refine(a, degree, guess(stack[top], degree, low[top], width[top], first, noise), low[top],
-                           low[top] + width[top], first, 0.25 * DBL_EPSILON * size);
-            return 1;
-        }
-        if (changes == 0 || width[top] <= ldexp(1.0, -MAX_DEPTH)) {
-            if (changes > 0 && first != last) {
-                *root = low[top] + 0.5 * width[top];
-                return 1;
+        if (changes <= 1 || width[top] <= ldexp(1.0, -MAX_DEPTH)) {
+            if (changes == 1) {
+                roots[found++] = refine(a, degree, guess(stack[top], degree, low[top], width[top], first, noise),
+                                        low[top], low[top] + width[top], first, 0.25 * DBL_EPSILON * size);
+            } else if (first != last) {
+                roots[found++] = low[top] + 0.5 * width[top];
             }
             before = last != 0 ? last : before;
             --top;
@@ -214,7 +192,7 @@ static int isolate(const double *a, long long degree, double size, double *root)
         low[top] += width[top];
         ++top;
     }
-    return 0;
+    return found;
 }
 
 /* How many of the lowest coefficients are zero, or rounding, against the terms at h; the highest counts as none. */
@@ -236,9 +214,9 @@ long long pmj_leading_zeros(const double *q, long long degree, double h)
     return zeros;
 }
 
-/* The first tau in (0, h) at which sum_k q_k tau^k changes its sign: 1 and the root, or 0.
+/* Where in (0, h) sum_k q_k tau^k changes its sign, ascending: the first `most` of them; returns how many.
  * A zero at h itself is left to the next step; a zero without change of sign is none. */
-int pmj_first_crossing(const double *q, long long degree, double h, double *root)
+long long pmj_crossings(const double *q, long long degree, double h, double *roots, long long most)
 {
     double a[PMJ_MAX_ORDER + 1];
     double power = 1.0;
@@ -252,12 +230,17 @@ int pmj_first_crossing(const double *q, long long degree, double h, double *root
     if (degree < 1 || fabs(a[0]) > rest || !(size <= DBL_MAX)) {
         return 0;
     }
-    double s = 0.0;
-    if (!isolate(a, degree, size, &s)) {
-        return 0;
+    const long long found = isolate(a, degree, size, roots, most);
+    for (long long i = 0; i < found; ++i) {
+        roots[i] *= h;
     }
-    *root = s * h;
-    return 1;
+    return found;
+}
+
+/* The first of them: 1 and the root, or 0. */
+int pmj_first_crossing(const double *q, long long degree, double h, double *root)
+{
+    return pmj_crossings(q, degree, h, root, 1) > 0;
 }
 
 /* Keep the largest magnitude and its time; NaN counts as larger than anything. */
@@ -269,14 +252,14 @@ void pmj_note_value(double value, double t, double *peak, double *peak_time)
     }
 }
 
-/* The largest magnitude of one channel inside a step at whose ends its slope has opposite signs. */
+/* The largest magnitude of one channel inside a step: it stands where the slope changes its sign. */
 void pmj_note_extremum(const double *c, long long width, long long order, double t, double tau, double *peak,
                        double *peak_time)
 {
     double slope[PMJ_MAX_ORDER];
+    double when[PMJ_MAX_ORDER];
     double power = 1.0;
     double bound = 0.0;
-    double when = 0.0;
     for (long long k = 0; k <= order; ++k) {
         bound += fabs(c[k * width]) * power;
         power *= tau;
@@ -284,24 +267,22 @@ void pmj_note_extremum(const double *c, long long width, long long order, double
             slope[k - 1] = (double)k * c[k * width];
         }
     }
-    if (bound > *peak && pmj_first_crossing(slope, order - 1, tau, &when)) {
+    const long long turns = bound > *peak ? pmj_crossings(slope, order - 1, tau, when, PMJ_MAX_ORDER) : 0;
+    for (long long i = 0; i < turns; ++i) {
         double value = c[order * width];
         for (long long k = order - 1; k >= 0; --k) {
-            value = value * when + c[k * width];
+            value = value * when[i] + c[k * width];
         }
-        pmj_note_value(value, t + when, peak, peak_time);
+        pmj_note_value(value, t + when[i], peak, peak_time);
     }
 }
 
-/* Peaks of the first n channels over a step that starts at t: at its end, and for the first `searched` of them where a
- * slope changes its sign. */
-void pmj_note_peaks(const double *c, long long width, long long order, long long n, long long searched, double t,
-                    double tau, const double *end, const double *end_slope, double *peaks, double *peak_times)
+/* Peaks of the first n channels over a step that starts at t: at its end, and inside. */
+void pmj_note_peaks(const double *c, long long width, long long order, long long n, double t, double tau,
+                    const double *end, double *peaks, double *peak_times)
 {
     for (long long i = 0; i < n; ++i) {
         pmj_note_value(end[i], t + tau, peaks + i, peak_times + i);
-        if (i < searched && c[width + i] * end_slope[i] < 0.0) {
-            pmj_note_extremum(c + i, width, order, t, tau, peaks + i, peak_times + i);
-        }
+        pmj_note_extremum(c + i, width, order, t, tau, peaks + i, peak_times + i);
     }
 }

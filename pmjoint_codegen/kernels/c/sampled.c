@@ -86,11 +86,9 @@ static void accept(const pmj_problem *problem, pmj_progress *progress, const pmj
         const double at = problem->times[progress->row] - progress->t;
         pmj_evaluate(c, CHANNELS, order, at, next_row(progress, memory, t_sample), PMJ_NX);
     }
-    pmj_differentiate(c, CHANNELS, order, tau, memory->slope, CHANNELS);
-    pmj_note_peaks(c, CHANNELS, order, PMJ_NX, PMJ_NX, progress->t, tau, memory->trial, memory->slope, memory->peaks,
-                   memory->peak_times);
-    pmj_note_peaks(c + E, CHANNELS, order, 1, 1, progress->t, tau, memory->trial + E, memory->slope + E,
-                   memory->peaks + PEAK_E, memory->peak_times + PEAK_E);
+    pmj_note_peaks(c, CHANNELS, order, PMJ_NX, progress->t, tau, memory->trial, memory->peaks, memory->peak_times);
+    pmj_note_peaks(c + E, CHANNELS, order, 1, progress->t, tau, memory->trial + E, memory->peaks + PEAK_E,
+                   memory->peak_times + PEAK_E);
     memcpy(memory->state, memory->trial, PMJ_NX * sizeof(double));
     progress->t = until;
     progress->steps += 1;
@@ -271,9 +269,7 @@ static RARE int note_sample(const pmj_problem *problem, const pmj_memory *memory
         const int place = i == E ? PEAK_E : i;
         if (!(reach(c, i, size) <= memory->peaks[place])) {
             const double last = value(c, i, size);
-            double slope = 0.0;
-            pmj_differentiate(c + i, CHANNELS, ORDER, size, &slope, 1);
-            pmj_note_peaks(c + i, CHANNELS, ORDER, 1, 1, t, size, &last, &slope, memory->peaks + place,
+            pmj_note_peaks(c + i, CHANNELS, ORDER, 1, t, size, &last, memory->peaks + place,
                            memory->peak_times + place);
         }
     }
