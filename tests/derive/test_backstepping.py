@@ -66,6 +66,7 @@ def true_rates(derivation: Derivation) -> dict[sp.Symbol, sp.Expr]:
     """Rates of y, filters, compensator and reference with the true y', u arbitrary and du = u - v."""
     s, plant = derivation.signals, derivation.plant
     y_dot = plant.phi[0] + sum(a * b for a, b in zip(plant.Phi[0], plant.theta, strict=True))
+    y_dot += derivation.expanded("D1")
     if plant.order > 1:
         y_dot += derivation.expanded("x_hat2") + s.epsilon[1]
     if plant.rho == 1:
@@ -101,13 +102,13 @@ def test_errors_obey_the_wanted_dynamics_whatever_u_is(derivation: Derivation, s
 
 
 def test_lyapunov_rate_is_minus_squares(derivation: Derivation) -> None:
-    """Of half the sum of squares: the couplings cancel, -sum (c + e s^2) z^2 - sum s z eps_2 remains."""
+    """Of half the sum of squares: couplings cancel, -sum (c + e s^2) z^2 - sum s z (eps_2 + D_1) remains."""
     s, plant = derivation.signals, derivation.plant
-    eps2 = s.epsilon[1] if plant.order > 1 else sp.Integer(0)
+    eta = S("D1") + (s.epsilon[1] if plant.order > 1 else sp.Integer(0))
     rate = sum(z * derivation.equations[f"{z.name}_dot"].expression for z in s.z)
     sensitivity = [sp.Integer(-1), *(S(f"d{alpha.name}_dy") for alpha in s.alpha)]
     wanted = -sum(
-        c * z**2 + e * s_i**2 * z**2 + s_i * z * eps2
+        c * z**2 + e * s_i**2 * z**2 + s_i * z * eta
         for c, e, z, s_i in zip(s.c, s.e, s.z, sensitivity, strict=True)
     )
     assert sp.expand(rate - wanted) == 0
