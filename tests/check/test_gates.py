@@ -150,6 +150,14 @@ def test_every_gate_passes_on_the_papers_model_or_says_which_tool_is_missing(pap
         assert result.seconds < 30
 
 
+def test_every_shipped_model_has_its_golden_trajectory_and_no_other_lies_there() -> None:
+    """A missing one is `not run`, which is no failure: a user's model has none."""
+    root = Path(__file__).resolve().parents[2]
+    models = sorted(file.stem for file in (root / "models").glob("*.toml"))
+    wanted = sorted(name for model in models for name in (f"{model}.csv", f"{model}.switches.csv"))
+    assert sorted(file.name for file in (root / "golden").iterdir()) == wanted
+
+
 def test_the_papers_constants(paper: Subject) -> None:
     found = certificate.certify(paper.derivation, proof.design_values(paper.derivation), 0.1)
     assert np.array_equal(found.P, [[1.5, -1.0], [-1.0, 0.9375]])
