@@ -119,6 +119,7 @@ def test_a_changed_model_is_stale_until_it_is_regenerated(workshop: Path) -> Non
     model = workshop / "models" / "paper.toml"
     model.write_text(model.read_text().replace('"0.1*sin(x2)*cos(t)"', '"0.2*sin(x2)*cos(t)"'))
     code, out = ask("models/paper.toml", "--gate", "current")
+    assert ", bound \n" not in out, "a difference without a figure shows none"
     assert code == 1 and "model changed" in out and "D2: " in out and "pmjoint regenerate paper" in out
     regenerate(["models/paper.toml"])
     assert ask("models/paper.toml", "--gate", "current")[0] == 0
