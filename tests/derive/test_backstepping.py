@@ -112,3 +112,14 @@ def test_lyapunov_rate_is_minus_squares(derivation: Derivation) -> None:
         for c, e, z, s_i in zip(s.c, s.e, s.z, sensitivity, strict=True)
     )
     assert sp.expand(rate - wanted) == 0
+
+
+def test_every_step_bears_the_papers_number(paper: Derivation) -> None:
+    """A reader goes from a line to the page by it."""
+    numbers = {
+        "y": "(7)", "x1_dot": "(11)", "x2_dot": "(11)", "D2": "(37)", "u": "(10)",
+        "xi1_dot": "(14)", "Xi21_dot": "(14)", "lambda2_dot": "(14)", "x_hat2": "(15)", "epsilon2": "(17)",
+        "Omega": "(21)", "du": "(23)", "r1_dot": "(23)", "r2_dot": "(23)", "z1": "(24)", "z2": "(24)",
+        "alpha1": "(25)", "dalpha1_dy": "(29)", "v": "(29)", "z1_dot": "(27)", "z2_dot": "(28)",
+    }  # fmt: skip
+    assert {name: paper.equations[name].number for name in numbers} == numbers
