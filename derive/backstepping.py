@@ -4,12 +4,12 @@ Only three things are stated here: the errors z_i (24), the error dynamics that 
 output's rate as the filters know it (21). Every virtual control alpha_i, every partial derivative and the law
 v follow by solving
 
-    z_i' = -(c_i + e_i s_i^2) z_i - s_i epsilon_2 - g_i + (coupling to z_{i+1}),      s_1 = -1,  s_i = d
-    alpha_{i-1} / dy,
+    z_i' = -(c_i + e_i s_i^2) z_i - s_i eta - g_i + (coupling to z_{i+1}),      s_1 = -1,  s_i = d alpha_{i-1}
+    / dy,
 
 for the one unknown in it. With ``g_2 = b_m z_1`` and ``g_i = z_{i-1}`` the couplings cancel in the sum of
-squares, which is what the certificate (19)-(35) rests on. The unknown error epsilon_2 and the input u drop
-out of the solutions; both are checked.
+squares, which is what the certificate (19)-(35) rests on. ``eta = epsilon_2 + D_1`` is what nobody knows of
+y'; the paper's D_1 is 0. It and the input u drop out of the solutions; both are checked.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from dataclasses import dataclass
 
 import sympy as sp
 
+from derive.closed_loop import disturbance_symbols, output_disturbance
 from derive.compensator import compensator_rates
 from derive.equation import Equation
 from derive.filters import estimate, filter_rates, input_filter_rates, input_filters
@@ -38,7 +39,7 @@ class Step:
         signals: symbols of the design.
         v_m: symbols of v_{m,1} ... v_{m,n}, the filtered input that each step uses as its virtual control.
         omega: symbol of what (21) knows of y' besides ``b_m v_{m,2}``.
-        rates: time derivatives of y, the controller's state and the reference, with epsilon = 0.
+        rates: time derivatives of y, the controller's state and the reference, with eta = 0.
         v_m_rates: time derivatives of ``v_m``; u occurs in entry rho and beyond.
     """
 
@@ -55,9 +56,15 @@ class Step:
         return self.plant.b[0]
 
     @property
-    def epsilon_2(self) -> sp.Expr:
-        """The estimation error that enters y' (21); a plant of order one has none."""
-        return self.signals.epsilon[1] if self.plant.order > 1 else sp.Integer(0)
+    def eta(self) -> sp.Expr:
+        """What is not known of y' (21)."""
+        return unknown_output_rate(self.plant, self.signals)
+
+
+def unknown_output_rate(plant: Plant, signals: Signals) -> sp.Expr:
+    """``eta``: the estimation error epsilon_2 (a plant of order one has none) and a disturbance of y'."""
+    error = signals.epsilon[1] if plant.order > 1 else sp.Integer(0)
+    return error + output_disturbance(plant)
 
 
 def omega_expression(plant: Plant, signals: Signals) -> sp.Expr:
@@ -94,7 +101,7 @@ def error_definition(step: Step, i: int) -> sp.Expr:
 
 
 def sensitivity(step: Step, i: int) -> sp.Expr:
-    """``s_i``: how the estimation error epsilon_2 enters z_i', with its sign turned."""
+    """``s_i``: how eta, which is not known of y', enters z_i', with its sign turned."""
     return (
         sp.Integer(-1)
         if i == 1
@@ -103,9 +110,9 @@ def sensitivity(step: Step, i: int) -> sp.Expr:
 
 
 def wanted_rate(step: Step, i: int) -> sp.Expr:
-    """The error dynamics that step i asks for: damping, epsilon_2, and couplings that cancel in the sum."""
+    """The error dynamics that step i asks for: damping, eta, and couplings that cancel in the sum."""
     s, s_i = step.signals, sensitivity(step, i)
-    rate = -(s.c[i - 1] + s.e[i - 1] * s_i**2) * s.z[i - 1] - s_i * step.epsilon_2
+    rate = -(s.c[i - 1] + s.e[i - 1] * s_i**2) * s.z[i - 1] - s_i * step.eta
     if i < step.plant.rho:
         rate += step.b_m * s.z[1] if i == 1 else s.z[i]
     if i == 2:
@@ -121,13 +128,13 @@ def actual_rate(step: Step, i: int, alpha_rate: sp.Expr) -> sp.Expr:
     Args:
         step: rates of the design.
         i: step number, 1..rho.
-        alpha_rate: ``alpha_{i-1}'`` for epsilon = 0.
+        alpha_rate: ``alpha_{i-1}'`` for eta = 0.
     """
     s, rho = step.signals, step.plant.rho
     if i == 1:
-        rate = step.rates[s.y] + step.epsilon_2 - s.y_r[1] - step.rates[s.r[0]]
+        rate = step.rates[s.y] + step.eta - s.y_r[1] - step.rates[s.r[0]]
     else:
-        rate = step.v_m_rates[i - 1] - alpha_rate - sensitivity(step, i) * step.epsilon_2
+        rate = step.v_m_rates[i - 1] - alpha_rate - sensitivity(step, i) * step.eta
         rate -= (s.y_r[i] + step.rates[s.r[i - 1]]) / step.b_m
     if i == rho:
         return rate.xreplace({s.du: s.u - s.v})
@@ -141,22 +148,22 @@ def solve_step(step: Step, i: int, alpha_rate: sp.Expr, partials: list[sp.Symbol
     """The virtual control alpha_i (25), or v (29) at the last step.
 
     Raises:
-        ArithmeticError: when the solution would need u or an estimation error, that is, when the derivation
-            is wrong.
+        ArithmeticError: when the solution would need u, an estimation error or a disturbance, that is, when
+            the derivation is wrong.
     """
     s = step.signals
     unknown = s.v if i == step.plant.rho else s.alpha[i - 1]
     residual = sp.expand(actual_rate(step, i, alpha_rate) - wanted_rate(step, i))
     slope = sp.factor(residual.coeff(unknown))
     rest = sp.expand(residual - residual.coeff(unknown) * unknown)
-    hidden = rest.free_symbols & {unknown, s.u, s.du, *s.epsilon}
+    hidden = rest.free_symbols & {unknown, s.u, s.du, *s.epsilon, *disturbance_symbols(step.plant)}
     if hidden:
         raise ArithmeticError(f"step {i}: {unknown} would depend on {free(hidden)}")
     return sp.collect(-rest, partials) / slope
 
 
 def total_rate(step: Step, partials: dict[sp.Symbol, sp.Symbol]) -> sp.Expr:
-    """``alpha'`` for epsilon = 0: the sum of partial derivatives times rates in (29), by name."""
+    """``alpha'`` for eta = 0: the sum of partial derivatives times rates in (29), by name."""
     return sum((name * step.rates[by] for by, name in partials.items()), sp.Integer(0))
 
 

@@ -16,6 +16,11 @@ def disturbance_symbols(plant: Plant) -> tuple[sp.Symbol, ...]:
     return tuple(parameter_symbol(f"D{i}") for i in range(1, plant.order + 1))
 
 
+def output_disturbance(plant: Plant) -> sp.Expr:
+    """``D1`` where the model disturbs y' itself, else 0; every equation of the paper has ``D1 = 0`` (13)."""
+    return sp.Integer(0) if plant.disturbance[0] == 0 else disturbance_symbols(plant)[0]
+
+
 def plant_rates(plant: Plant, signals: Signals) -> dict[sp.Symbol, sp.Expr]:
     """Right-hand sides of ``x' = A x + phi + Phi theta + b sigma u + D`` (11), (12), keyed by state."""
     n, p = plant.order, plant.p

@@ -2,16 +2,20 @@
 
 Nothing here asks how the law was found. The errors z_i are taken as expressions of what the controller
 measures, differentiated along the *true* dynamics (y' of the plant (11), filters (14), compensator (23), any
-input u), and held against what (27), (28) claim. With ``s_1 = -1`` and ``s_i = d alpha_{i-1} / dy``:
+input u), and held against what (27), (28) claim. With ``s_1 = -1`` and ``s_i = d alpha_{i-1} / dy``, and with
+``eta = epsilon_2 + D_1`` for what the controller does not know of y':
 
-    z_i'  =  -(c_i + e_i s_i^2) z_i - s_i epsilon_2 + couplings that cancel in the sum              (27), (28)
-    d/dt sum z_i^2/2  =  -sum c_i z_i^2 - sum e_i s_i^2 z_i^2 - (sum s_i z_i) epsilon_2             (31)
+    z_i'  =  -(c_i + e_i s_i^2) z_i - s_i eta + couplings that cancel in the sum                    (27), (28)
+    d/dt sum z_i^2/2  =  -sum c_i z_i^2 - sum e_i s_i^2 z_i^2 - (sum s_i z_i) eta                   (31)
     V'  =  -sum c_i z_i^2 - sum |epsilon|^2/(4 e_i) + sum |P D|^2/(2 e_i) - {squares},              (32)
     V   =  sum z_i^2/2 + sum epsilon' P epsilon/(2 e_i),      P A0 + A0' P = -2 I                   (19), (30)
 
-The braces hold ``sum e_i (s_i z_i + epsilon_2/(2 e_i))^2 + sum |epsilon - P D|^2/(2 e_i) + sum_i sum_{j != 2}
+The braces hold ``sum e_i (s_i z_i + eta/(2 e_i))^2 + sum |epsilon - P D|^2/(2 e_i) + sum_i sum_{j != 2}
 epsilon_j^2/(4 e_i)``: squares only, so (32) is an inequality for every model whose identities hold. They hold
 for any saturation, with the compensator (23) at work.
+
+That is for the paper's ``D_1 = 0`` (13). A model that disturbs y' itself has ``sum (2 |P D|^2 + D_1^2)/(2
+e_i)`` in place of ``sum |P D|^2/(2 e_i)``, and other squares (`squares`).
 """
 
 from __future__ import annotations
@@ -21,7 +25,8 @@ from dataclasses import dataclass
 
 import sympy as sp
 
-from derive.closed_loop import disturbance_symbols
+from derive.backstepping import unknown_output_rate
+from derive.closed_loop import disturbance_symbols, output_disturbance
 from derive.derivation import Derivation
 from derive.filters import filter_matrix, shift_matrix
 from derive.model import parameter_symbol
@@ -125,21 +130,23 @@ def _partial(derivation: Derivation, alpha: sp.Symbol, by: sp.Symbol) -> sp.Expr
     return parameter_symbol(name) if name in derivation.equations else sp.Integer(0)
 
 
-def estimation_error(signals: Signals) -> sp.Expr:
-    """``epsilon_2``, the estimation error that enters y'; a plant of order one has none."""
-    return signals.epsilon[1] if len(signals.epsilon) > 1 else sp.Integer(0)
+def unknown_rate(derivation: Derivation) -> sp.Expr:
+    """``eta = epsilon_2 + D_1``: what the controller does not know of y'."""
+    return unknown_output_rate(derivation.plant, derivation.signals)
 
 
 def true_rates(derivation: Derivation) -> dict[sp.Symbol, sp.Expr]:
     """Rates of all that a virtual control may depend on, along the plant (11) with any u and ``du = u - v``.
 
     The plant is restated from its class; filters and compensator are the derivation's own equations, which
-    the kernels are made from. The unmeasured x_2 is written as its estimate and epsilon_2.
+    the kernels are made from. The unmeasured x_2 is written as its estimate and epsilon_2; a disturbance of
+    y' stays a symbol.
     """
     s, plant = derivation.signals, derivation.plant
     y_dot = plant.phi[0] + sum((a * b for a, b in zip(plant.Phi[0], plant.theta, strict=True)), sp.Integer(0))
     if plant.order > 1:
-        y_dot += unfold(derivation, "x_hat2") + estimation_error(s)
+        y_dot += unfold(derivation, "x_hat2")
+    y_dot += unknown_rate(derivation)
     if plant.rho == 1:
         y_dot += plant.b[0] * plant.sigma * s.u
     rates = {s.y: y_dot}
@@ -179,7 +186,8 @@ def claimed_rates(derivation: Derivation, s_: tuple[sp.Expr, ...]) -> tuple[sp.E
     s, b_m, rho = derivation.signals, derivation.plant.b[0], derivation.plant.rho
     rates = []
     for i in range(1, rho + 1):
-        rate = -(s.c[i - 1] + s.e[i - 1] * s_[i - 1] ** 2) * s.z[i - 1] - s_[i - 1] * estimation_error(s)
+        rate = -(s.c[i - 1] + s.e[i - 1] * s_[i - 1] ** 2) * s.z[i - 1]
+        rate -= s_[i - 1] * unknown_rate(derivation)
         if i < rho:
             rate += (b_m if i == 1 else 1) * s.z[i]
         if i > 1:
@@ -255,25 +263,30 @@ def energy_identity(derivation: Derivation) -> Identity:
     )
     claim = sum(
         (
-            -(c + e * s_i**2) * z**2 - s_i * z * estimation_error(s)
+            -(c + e * s_i**2) * z**2 - s_i * z * unknown_rate(derivation)
             for c, e, z, s_i in zip(s.c, s.e, s.z, s_, strict=True)
         ),
         sp.Integer(0),
     )
     return Identity(
-        "energy", "d/dt sum z^2/2 = -sum c z^2 - sum e s^2 z^2 - (sum s z) epsilon_2", sp.expand(rate - claim)
+        "energy", "d/dt sum z^2/2 = -sum c z^2 - sum e s^2 z^2 - (sum s z) eta", sp.expand(rate - claim)
     )
 
 
 def squares(derivation: Derivation, P: sp.ImmutableMatrix, s_: tuple[sp.Expr, ...]) -> tuple[sp.Expr, ...]:
-    """What the certificate gives away: terms that are squares with positive factors, the braces of (32)."""
-    s = derivation.signals
-    epsilon_2, D = estimation_error(s), sp.Matrix(disturbance_symbols(derivation.plant))
-    gap = sp.Matrix(s.epsilon) - P * D
-    young = (e * (s_i * z + epsilon_2 / (2 * e)) ** 2 for e, s_i, z in zip(s.e, s_, s.z, strict=True))
-    inputs = (entry**2 / (2 * e) for e in s.e for entry in gap)
-    others = (entry**2 / (4 * e) for e in s.e for entry in s.epsilon if entry != epsilon_2)
-    return (*young, *inputs, *others)
+    """What the certificate gives away: terms that are squares with positive factors, the braces of (32).
+
+    With a disturbance of y', Young's inequality takes ``eta^2 <= 2 epsilon_2^2 + 2 D_1^2``, and what it gives
+    away, ``(epsilon_2 - D_1)^2``, is one of the squares.
+    """
+    s, eta, D_1 = derivation.signals, unknown_rate(derivation), output_disturbance(derivation.plant)
+    PD = P * sp.Matrix(disturbance_symbols(derivation.plant))
+    weight, share = (1, sp.Rational(1, 2)) if D_1 == 0 else (2, sp.Rational(1, 4))
+    young = [e * (s_i * z + eta / (2 * e)) ** 2 for e, s_i, z in zip(s.e, s_, s.z, strict=True)]
+    inputs = [share * entry**2 / e for e in s.e for entry in sp.Matrix(s.epsilon) - weight * PD]
+    others = [weight * x**2 / (4 * e) for e in s.e for i, x in enumerate(s.epsilon, start=1) if i != 2]
+    apart = [] if D_1 == 0 else [(eta - 2 * D_1) ** 2 / (4 * e) for e in s.e]
+    return (*young, *inputs, *others, *apart)
 
 
 def certificate_identity(derivation: Derivation) -> Identity:
@@ -287,11 +300,12 @@ def certificate_identity(derivation: Derivation) -> Identity:
     V_dot = sum((z * rate for z, rate in zip(s.z, claimed_rates(derivation, s_), strict=True)), sp.Integer(0))
     V_dot += weight * (2 * epsilon.T * P * epsilon_dot)[0]
     claim = -sum((c * z**2 for c, z in zip(s.c, s.z, strict=True)), sp.Integer(0))
-    claim += weight * (-epsilon.dot(epsilon) / 2 + (P * D).dot(P * D)) - sum(
-        squares(derivation, P, s_), sp.Integer(0)
-    )
+    D_1 = output_disturbance(derivation.plant)
+    residual = (P * D).dot(P * D) if D_1 == 0 else 2 * (P * D).dot(P * D) + D_1**2
+    claim += weight * (-epsilon.dot(epsilon) / 2 + residual) - sum(squares(derivation, P, s_), sp.Integer(0))
     left = weight * (epsilon.T * lyapunov_residual(P, s) * epsilon)[0]
-    statement = "V' = -sum c z^2 - sum |epsilon|^2/(4e) + sum |P D|^2/(2e) - squares"
+    constant = "|P D|^2" if D_1 == 0 else "(2 |P D|^2 + D_1^2)"
+    statement = f"V' = -sum c z^2 - sum |epsilon|^2/(4e) + sum {constant}/(2e) - squares"
     return Identity("certificate", statement, sp.expand(V_dot - claim - left))
 
 

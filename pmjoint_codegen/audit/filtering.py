@@ -101,7 +101,7 @@ def error_function_rate(ground: Ground) -> Finding:
     return Case(
         ground,
         "(20)",
-        calm="follows; the inequality is Young's, with a square left over",
+        calm="follows: P^T A_0 has the quadratic form of A_0^T P, which is meant; the inequality is Young's",
         proofs={(0, 3): square},
     ).judged(
         Evidence("what the inequality gives away", square),

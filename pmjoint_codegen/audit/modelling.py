@@ -155,7 +155,7 @@ def constants(ground: Ground) -> Finding:
         ground,
         "(8)",
         calm="the coefficients that (1)-(4) give at theta = 0",
-        corrected="d_1 is right; b_0 has a factor k_0 too many and is constant only at theta = 0",
+        corrected="d_1 is right; b_0 has a factor k_0 too many, and is the input gain at theta = 0 only",
         setting=joint(ground, meaning),
         remedy=Remedy((_ONE_FACTOR,)),
         derived=tuple(f"{symbol} = {text_expression(sp.factor(entry))}" for symbol, entry in meaning.items()),

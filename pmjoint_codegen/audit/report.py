@@ -150,8 +150,8 @@ def _section(item: Finding) -> Iterator[str]:
 
 def _sentence(text: str) -> str:
     """A summary as a sentence; a symbol at its beginning stays as it is."""
-    word = text.split()[0]
-    return _prose(text[:1].upper() + text[1:] if word.isalpha() and len(word) > 1 else text)
+    word = text.split()[0].rstrip(",;:")
+    return _prose(text[:1].upper() + text[1:] if word.isalpha() and (len(word) > 1 or word == "a") else text)
 
 
 def _formulas(lines: Sequence[str]) -> list[str]:

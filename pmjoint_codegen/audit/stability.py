@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -79,6 +79,17 @@ def lyapunov_function(ground: Ground) -> Finding:
     ).judged()
 
 
+def _printed_law(ground: Ground) -> Setting:
+    """Evaluate with (29) as it is printed in place of v, its undefined v_0,3 included: (31) takes it so."""
+
+    def setting(definitions: Sequence[str]) -> Evaluate:
+        evaluate = design(ground)(definitions)
+        law = {ground.signals.v: evaluate(chain(ground.paper["(29)"].lines[0])[0][1])}
+        return lambda text: evaluate(text).xreplace(law)
+
+    return setting
+
+
 def function_rate(ground: Ground) -> Finding:
     """(31)."""
     slack = " + ".join((*_SLACKS, _YOUNG[0]))
@@ -87,7 +98,7 @@ def function_rate(ground: Ground) -> Finding:
         "(31)",
         calm="follows",
         corrected="the result is right, exactly; the first sign is an inequality, as in (27), and v_0,3 = 0",
-        setting=design(ground, law=True),
+        setting=_printed_law(ground),
         proofs={(0, 0): slack},
         remedy=Remedy((("dot(V_2) =", "dot(V_2) <="),), ("v_0_3 = 0",)),
     ).judged(Evidence("what the first relation gives away", slack))

@@ -11,6 +11,7 @@ import numpy.typing as npt
 import sympy as sp
 
 from derive import Derivation
+from derive.closed_loop import output_disturbance
 from derive.filters import filter_matrix
 from derive.lyapunov import lyapunov_matrix
 
@@ -27,11 +28,12 @@ class Certificate:
         f_minus: smallest of c_i and 1/(4 e_i).
         f_plus: largest of 1/2 and lambda_max(P)/(2 e_i).
         f: their quotient; V falls like exp(-f t) at least, 1/s.
-        Y: sum of |P|^2 D_max^2 / (2 e_i); None without a bound of the disturbance.
+        Y: sum of |P|^2 D_max^2 / (2 e_i), or of (2 |P|^2 + 1) D_max^2 / (2 e_i) for a model that disturbs y'
+            itself; None without a bound of the disturbance.
         z_bound: ultimate bound sqrt(2 Y / f) of |z|, and so of |z_1|.
-        z_sharp: ultimate bound of |z| by way of epsilon_2 alone, which the disturbance reaches through exp(A0
-            t).
-        z1_sharp: ultimate bound of |z_1| from ``z_1' = -(c_1 + e_1) z_1 + b_m z_2 + epsilon_2``.
+        eta: what is not known of y', by name: epsilon_2, D_1 or their sum.
+        z_sharp: ultimate bound of |z| by way of eta alone; D reaches epsilon_2 through exp(A0 t).
+        z1_sharp: ultimate bound of |z_1| from ``z_1' = -(c_1 + e_1) z_1 + b_m z_2 + eta``.
     """
 
     P: Array
@@ -41,6 +43,7 @@ class Certificate:
     f: float
     Y: float | None
     z_bound: float | None
+    eta: str
     z_sharp: float | None
     z1_sharp: float | None
 
@@ -56,7 +59,7 @@ class Certificate:
         return (
             *lines,
             f"Y = {self.Y:.4g}; ultimately |z|, |z1| <= sqrt(2Y/f) = {self.z_bound:.3g}",
-            f"sharper, through epsilon_2 alone: |z| <= {self.z_sharp:.3g}, |z1| <= {self.z1_sharp:.3g}",
+            f"sharper, through {self.eta} alone: |z| <= {self.z_sharp:.3g}, |z1| <= {self.z1_sharp:.3g}",
         )
 
     def _poles(self) -> list[complex | float]:
@@ -78,15 +81,18 @@ def certify(derivation: Derivation, values: Mapping[str, float], bound: float | 
     f_minus = min(*c, *(1 / (4 * gain) for gain in e))
     f_plus = max(0.5, *(largest / (2 * gain) for gain in e))
     f, poles = f_minus / f_plus, np.linalg.eigvals(A0 + 0j)
+    disturbed = output_disturbance(derivation.plant) != 0
+    name = " + ".join(["epsilon_2"] * (len(A0) > 1) + ["D_1"] * disturbed) or "nothing"
     if bound is None:
-        return Certificate(P, poles, f_minus, f_plus, f, None, None, None, None)
-    Y = sum(largest**2 * bound**2 / (2 * gain) for gain in e)
-    epsilon_2 = _reach(A0) * bound
-    z = epsilon_2 * float(np.sqrt(sum(1 / (4 * gain) for gain in e) / min(c)))
+        return Certificate(P, poles, f_minus, f_plus, f, None, None, name, None, None)
+    factor = 2 * largest**2 + 1 if disturbed else largest**2
+    Y = sum(factor * bound**2 / (2 * gain) for gain in e)
+    eta = (_reach(A0) + disturbed) * bound
+    z = eta * float(np.sqrt(sum(1 / (4 * gain) for gain in e) / min(c)))
     b_m = abs(float(numeric(sp.Matrix([[derivation.equations.expand(derivation.plant.b[0])]]), values)[0, 0]))
     drive = b_m * z if derivation.plant.rho > 1 else 0.0
-    z1 = min(z, (drive + epsilon_2) / (c[0] + e[0]))
-    return Certificate(P, poles, f_minus, f_plus, f, Y, float(np.sqrt(2 * Y / f)), z, z1)
+    z1 = min(z, (drive + eta) / (c[0] + e[0]))
+    return Certificate(P, poles, f_minus, f_plus, f, Y, float(np.sqrt(2 * Y / f)), name, z, z1)
 
 
 def numeric(matrix: sp.MatrixBase, values: Mapping[str, float]) -> Array:

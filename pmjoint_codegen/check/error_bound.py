@@ -10,7 +10,8 @@ to what its operands' errors become:
     exp        c^ (exp(e_a) - 1) + ULP                   log     -log(1 - e_a/|a^|) + ULP
     tan        e_a / (|cos a^| (|cos a^| - e_a)) + ULP   min, max  max(e_a, e_b)
 
-Inputs are exact. A literal of the code is a rounded exact number, unless it is a whole number. ULP is the
+Inputs are exact. A literal of the code is a rounded exact number, unless it is a whole number that every
+double near it could have been (up to 2^53; beyond, rounded ones are whole too). ULP is the
 accuracy that the C library documents for the function. The bound is computed in double precision itself; all
 its terms are positive, so its own roundings are covered by one small factor an operation. See Higham,
 Accuracy and Stability of Numerical Algorithms (2002), 3.3.
@@ -104,7 +105,8 @@ def _operate(rule: Rule, operands: list[Bounded]) -> Bounded:
 
 
 def _literal(value: float, points: int, roundings: int) -> Bounded:
-    error = 0.0 if float(value).is_integer() else roundings * ROUNDOFF * abs(value) * INFLATION
+    exact = float(value).is_integer() and abs(value) <= 2.0**53  # beyond, a rounded number is whole as well
+    error = 0.0 if exact else roundings * ROUNDOFF * abs(value) * INFLATION
     return Bounded(np.full(points, float(value)), np.full(points, error))
 
 

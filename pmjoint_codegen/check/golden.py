@@ -109,13 +109,15 @@ def write(subject: Subject) -> tuple[Path, Path]:
 
 def check(subject: Subject) -> GateResult:
     """Run the model as its file says and compare with the golden trajectory."""
+    remedy = f"pmjoint check {subject.model.name} --update-golden writes it"
+    missing = [path for path in paths(subject) if not path.exists()]
+    if len(missing) == 2:  # nobody has reviewed a run of this model
+        return not_run(NAME, f"no {missing[0]}; {remedy}")
+    if missing:
+        return failed(NAME, f"{missing[0]} is gone, though its companion is there; {remedy}")
     try:
         golden = read(*paths(subject))
-    except OSError:
-        return not_run(
-            NAME, f"no {paths(subject)[0]}; pmjoint check {subject.model.name} --update-golden writes it"
-        )
-    except ValueError as error:
+    except (OSError, ValueError) as error:
         return failed(NAME, f"{paths(subject)[0]} is damaged: {error}")
     done = default_run(subject.compiled or subject.interpreted)
     if done.status != Status.DONE:
@@ -174,7 +176,7 @@ def _difference(
     return Difference(
         "run",
         expected.names[column],
-        f"t={expected.t[row]!r} s",
+        f"t={float(expected.t[row])!r} s",
         repr(a),
         repr(b),
         f"{error[row, column]:.3g}",

@@ -169,7 +169,7 @@ def decrease(run: Run, certificate: Certificate) -> GateResult:
     detail = f"largest V / what (35) allows, row to row; V goes from {V[0]:.4g} to {V[-1]:.3g}"
     if ratio[row] <= 1:
         return passed(CERTIFICATE, detail, float(ratio[row]), 1)
-    point, values = f"t={run.t[row + 1]!r} s", (repr(float(allowed[row])), repr(float(V[row + 1])))
+    point, values = f"t={float(run.t[row + 1])!r} s", (repr(float(allowed[row])), repr(float(V[row + 1])))
     return failed(CERTIFICATE, detail, float(ratio[row]), 1, Difference("run", "V", point, *values, "", ""))
 
 

@@ -53,7 +53,7 @@ class Numbers:
         """A named function."""
         if function in ("Min", "Max"):
             return min(arguments) if function == "Min" else max(arguments)
-        return getattr(self.context, {"log": "ln"}.get(function, function))(*arguments)
+        return getattr(self.context, {"log": "ln", "Abs": "fabs"}.get(function, function))(*arguments)
 
 
 class PowerSeries:
@@ -100,8 +100,14 @@ class PowerSeries:
         return self._compose(coefficients, a)
 
     def apply(self, function: str, *arguments: Series) -> Series:
-        """A named function: its Taylor expansion about the leading coefficient."""
+        """A named function: its Taylor expansion about the leading coefficient.
+
+        On a kink, where there is none, ``abs`` is flat, as in the kernels.
+        """
         (a,) = arguments
+        if function in ("Abs", "sign"):
+            slope = self.numbers.apply("sign", a[0])
+            return [slope] if function == "sign" else [abs(a[0]), *(slope * entry for entry in a[1:])]
         if function in ("tan", "tanh"):
             above, below = ("sin", "cos") if function == "tan" else ("sinh", "cosh")
             return self.multiply(self.apply(above, a), self.power(self.apply(below, a), sp.Integer(-1)))

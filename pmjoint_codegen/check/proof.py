@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from derive import Derivation
+from derive.closed_loop import output_disturbance
 from derive.consistency import consistency_identities
 from derive.filters import filter_matrix
 from derive.lyapunov import Identity, prove
@@ -77,12 +78,17 @@ def unfit_gains(derivation: Derivation, values: Mapping[str, float]) -> list[str
 def remainder_text(derivation: Derivation) -> str:
     """What V' gives away, as the sum of squares that it is."""
     n, rho = derivation.plant.order, derivation.plant.rho
+    disturbed = output_disturbance(derivation.plant) != 0
     s_ = ["-1", *(f"dalpha{i - 1}_dy" for i in range(2, rho + 1))]
-    e2 = " + epsilon2/(2 e{i})" if n > 1 else ""
-    young = [f"e{i} ({s_[i - 1]} z{i}{e2.format(i=i)})^2" for i in range(1, rho + 1)]
-    inputs = [f"|epsilon - P D|^2/(2 e{i})" for i in range(1, rho + 1)]
-    others = [f"epsilon{j}^2/(4 e{i})" for i in range(1, rho + 1) for j in range(1, n + 1) if j != 2]
-    return f"squares given away: {' + '.join([*young, *inputs, *others])}"
+    steps, eta = range(1, rho + 1), ["epsilon2"] * (n > 1) + ["D1"] * disturbed
+    unknown = f"({' + '.join(eta)})" if len(eta) > 1 else "".join(eta)
+    young = [f"e{i} ({s_[i - 1]} z{i}{f' + {unknown}/(2 e{i})' if eta else ''})^2" for i in steps]
+    inputs = [f"|epsilon - {'2 P D|^2/(4' if disturbed else 'P D|^2/(2'} e{i})" for i in steps]
+    others = [
+        f"epsilon{j}^2/({2 if disturbed else 4} e{i})" for i in steps for j in range(1, n + 1) if j != 2
+    ]
+    apart = [f"{'(epsilon2 - D1)' if n > 1 else 'D1'}^2/(4 e{i})" for i in steps if disturbed]
+    return f"squares given away: {' + '.join([*young, *inputs, *others, *apart])}"
 
 
 def _difference(identity: Identity) -> Difference:

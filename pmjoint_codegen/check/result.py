@@ -43,7 +43,7 @@ class Difference:
             "point": self.point,
             "expected": self.expected,
             "found": self.found,
-            "error": f"{self.error}, bound {self.bound}",
+            "error": f"{self.error}, bound {self.bound}" if self.error or self.bound else "",
         }
         return "\n".join(f"{label:9s} {value}" for label, value in rows.items() if value)
 

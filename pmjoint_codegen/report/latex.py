@@ -9,6 +9,7 @@ import sympy as sp
 
 from derive.equation import Equation
 from derive.model import Model, Parameter
+from derive.sampling import SECTION as SAMPLED
 from derive.true_plant import SECTION as TRUE_PLANT
 from pmjoint_codegen.report.notation import escape, latex_expression, latex_name, latex_prose, scaled_sum
 from pmjoint_codegen.report.sections import by_section, own_parameters
@@ -18,10 +19,16 @@ _WIDTH = 62  # printed characters of a line of mathematics, about what 16 cm hol
 _PREAMBLE = r"""\documentclass[11pt,a4paper]{article}
 \usepackage[utf8]{inputenc}
 \usepackage{amsmath}
-\usepackage[margin=25mm]{geometry}
+\usepackage[margin=22mm]{geometry}
 \setlength{\parindent}{0pt}
 \allowdisplaybreaks
 """
+
+_HELD = (
+    r"With the sample time $T$ and $A_r$ for the matrix of (23): $F_0 = e^{A_0 T}$, "
+    r"$G_0 = \int_0^T e^{A_0 \tau}\,d\tau$, $\mathrm{Fr} = e^{A_r T}$, "
+    r"$\mathrm{Gr} = \int_0^T e^{A_r \tau}\,d\tau$."
+)
 
 
 def latex_report(model: Model, equations: Iterable[Equation]) -> str:
@@ -38,15 +45,18 @@ def latex_report(model: Model, equations: Iterable[Equation]) -> str:
         _PREAMBLE,
         rf"\title{{{escape(model.title)}}}",
         r"\date{}",
-        rf"\author{{{escape(model.source)}}}",
+        rf"\author{{\parbox{{0.9\linewidth}}{{\centering {escape(model.source)}}}}}",
     ]
     lines += [r"\begin{document}", r"\maketitle", _scope(model), "", *_parameters(model.parameters)]
+    lines += ["", r"\medskip", _gains(model)]
     for section, members in by_section(equations):
         lines += ["", rf"\section*{{{escape(section)}}}"]
         if section == TRUE_PLANT:
             pairs = own_parameters(model, members).items()
             same = ", ".join(f"${latex_name(own)} = {latex_name(name)}$" for own, name in pairs)
             lines.append(f"Where no other value is set, the plant has what the controller believes: {same}.")
+        if section == SAMPLED:
+            lines.append(_HELD)
         for equation in members:
             lines += ["", *_display(equation)]
     return "\n".join([*lines, "", r"\end{document}"])
@@ -62,11 +72,18 @@ def _scope(model: Model) -> str:
 
 def _parameters(parameters: tuple[Parameter, ...]) -> Iterator[str]:
     yield r"\section*{Parameters}"
-    yield r"\begin{tabular}{@{}llll@{}}"
+    yield r"\begin{tabular}{@{}lllp{0.6\linewidth}@{}}"
     for item in parameters:
         unit = "" if item.unit in ("", "1") else latex_unit(item.unit)
         yield rf"${latex_name(item.name)}$ & ${item.value:g}$ & {unit} & {latex_prose(item.about)} \\"
     yield r"\end{tabular}"
+
+
+def _gains(model: Model) -> str:
+    rows = {"c": model.gains.c, "e": model.gains.e, "c_k": model.gains.ck, "k": model.gains.k}
+    lists = ", ".join(f"${stem} = ({', '.join(f'{x:g}' for x in row)})$" for stem, row in rows.items())
+    switch = f"${latex_name('compensator')} = {int(model.gains.compensator)}$"
+    return f"Gains: {lists}. The switch {switch} is 1 where the compensator (23) works and 0 where $r = 0$."
 
 
 def _display(equation: Equation) -> Iterator[str]:
@@ -86,7 +103,7 @@ def _broken(left: str, expression: sp.Expr) -> list[str]:
     """Give the equation on one line, or broken between terms where the line would be too long."""
     whole = latex_expression(expression)
     factor, terms = scaled_sum(expression)
-    lines = list(_filled(terms))
+    lines = list(_filled(_signed(terms)))
     if len(lines) == 1 or _length(whole) <= _WIDTH:
         return [f"{left} = {whole}"]
     if factor != 1:
@@ -96,28 +113,50 @@ def _broken(left: str, expression: sp.Expr) -> list[str]:
     return [r"\begin{aligned}", " \\\\\n".join(body), r"\end{aligned}"]
 
 
-def _filled(terms: list[sp.Expr]) -> Iterator[str]:
-    """Fill lines with the terms of a sum, each with its sign."""
+def _signed(terms: list[sp.Expr]) -> Iterator[str]:
+    """Give the terms of a sum, each but the first with its sign; a term that no line holds, in pieces."""
+    for i, term in enumerate(terms):
+        for piece in _pieces(term):
+            yield piece if i == 0 or piece[0] in "-+" else f"+ {piece}"
+
+
+def _pieces(term: sp.Expr) -> list[str]:
+    """Give a product whole or, where it is too long for a line, as a factor and the terms of its sum."""
+    whole = latex_expression(term)
+    factor, terms = scaled_sum(term)
+    if _length(whole) <= _WIDTH or factor == 1 or len(terms) < 2:
+        return [whole]
+    inner = list(_signed(terms))
+    return [
+        rf"{latex_expression(factor)} \Bigl( {inner[0]}",
+        *(text if text[0] in "-+" else f"+ {text}" for text in inner[1:-1]),
+        rf"{inner[-1]} \Bigr)",
+    ]
+
+
+def _filled(terms: Iterable[str]) -> Iterator[str]:
+    """Fill lines with terms."""
     line = ""
-    for term in terms:
-        text = latex_expression(term)
-        signed = text if text.startswith("-") else f"+ {text}"
-        if line and _length(line) + _length(signed) > _WIDTH:
+    for text in terms:
+        if line and _length(line) + _length(text) > _WIDTH:
             yield line
-            line = signed
+            line = text
         else:
-            line = f"{line} {signed}" if line else text
+            line = f"{line} {text}" if line else text
     yield line
 
 
 def _length(latex: str) -> int:
-    """Estimate how many characters a line of LaTeX prints: a fraction is as wide as its wider half."""
+    """Estimate how many characters a line of LaTeX prints.
+
+    A fraction is as wide as its wider half; what stands beside a sign between terms is as wide as another.
+    """
     symbols = re.sub(r"[_^]\{([^{}]*)\}", r"\1", latex.replace(r"\left", "").replace(r"\right", ""))
     symbols = re.sub(r"\\(?!frac)[A-Za-z]+(?:\{(\w)\})?", "x", symbols)
     fraction = re.compile(r"\\frac\{([^{}]*)\}\{([^{}]*)\}")
     while fraction.search(symbols):
         symbols = fraction.sub(lambda halves: max(halves.groups(), key=len), symbols)
-    return len(re.sub(r"[{}_^\s\\]", "", symbols))
+    return len(re.sub(r"[{}_^\s\\]", "", symbols)) + len(re.findall(r" [-+] ", symbols))
 
 
 def latex_unit(unit: str) -> str:

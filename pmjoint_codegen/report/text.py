@@ -8,12 +8,18 @@ import sympy as sp
 
 from derive.equation import Equation
 from derive.model import Model
+from derive.sampling import SECTION as SAMPLED
 from derive.true_plant import SECTION as TRUE_PLANT
 from pmjoint_codegen.report.notation import scaled_sum, text_expression
 from pmjoint_codegen.report.sections import by_section, own_parameters
 
 _WIDTH = 96  # characters of an assignment before it is broken at its terms
 _COLUMN = 44  # where the comment behind a short assignment begins
+
+_HELD = (
+    "# F0_ij, G0_ij: entries of expm(A0 T) and of the integral of expm(A0 tau) over the sample time T;",
+    "# Fr_ij, Gr_ij: the same for the matrix of (23)",
+)
 
 
 def text_report(model: Model, equations: Iterable[Equation]) -> str:
@@ -34,6 +40,8 @@ def text_report(model: Model, equations: Iterable[Equation]) -> str:
                 _commented(f"{own} = {name}", "the plant's own, unless another value is set")
                 for own, name in own_parameters(model, members).items()
             ]
+        if section == SAMPLED:
+            lines += _HELD
         for equation in members:
             lines += equation_lines(equation)
     return "\n".join(lines)

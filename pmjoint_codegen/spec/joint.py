@@ -12,8 +12,8 @@ from typing import Annotated, Any
 import sympy as sp
 from pydantic import BeforeValidator, Field
 
-from derive import Parameter, parameter_symbol
-from derive.joint import KEEP, LAG, Joint, reduce_joint
+from derive import OutsideClassError, Parameter, parameter_symbol
+from derive.joint import KEEP, LAG, Joint, check_keep, reduce_joint
 from pmjoint_codegen.errors import ModelError
 from pmjoint_codegen.spec.expressions import parse
 from pmjoint_codegen.spec.tables import Expression, ParameterSpec, Range, Table
@@ -102,11 +102,17 @@ def _labelled(name: str, line: ParameterSpec) -> ParameterSpec:
 
 
 def check_joint(spec: JointSpec, where: str) -> None:
-    """Hold a joint's numbers to what (1)-(4) presume.
+    """Hold a joint's numbers to what (1)-(4) presume, and `keep` to what a design can keep.
+
+    `keep` comes first: the lengths of gains and states follow from it.
 
     Raises:
         ModelError: naming file, key, what is wrong and what is allowed.
     """
+    try:
+        check_keep(spec.keep, lagged=spec.tau is not None)
+    except OutsideClassError as error:
+        raise ModelError(error.what, where=f"{where}: {error.key}", remedy=error.remedy) from error
     lines = joint_parameters(spec)
     for name in POSITIVE:
         if name in lines and lines[name].value <= 0:

@@ -30,14 +30,14 @@ def check_model(model: Model, where: str) -> None:
     for constant in model.constants:
         key = f"{where}: joint, coefficient {constant.name}"
         values[constant.symbol] = _finite(constant.expression, values, key)
+    _check_input([_finite(entry, values, f"{where}: {key}") for key, entry in _input(model)], model, where)
     start = values | _initial_point(model)
     for reported in model.reported:
         key = f"{where}: joint, {reported.name}"
         start[reported.symbol] = _finite(reported.expression, start, key)
     for key, expression in _entries(model.plant):
         _finite(expression, start, f"{where}: {key}")
-    _finite(model.reference, start, f"{where}: simulation.reference")
-    _check_input([value_at(entry, values) for entry in model.plant.b], f"{where}: plant.b")
+    _check_reference(model, start, f"{where}: simulation.reference")
     if value_at(model.plant.sigma, start) == 0:
         raise ModelError(
             "sigma is 0 at the initial state, so no input acts there",
@@ -59,6 +59,13 @@ def _check_range(model: Model, values: Point, where: str) -> None:
             where=f"{where}: plant.sigma",
             remedy="allowed: a sigma that is never 0 there, or a smaller range",
         )
+
+
+def _check_reference(model: Model, start: Point, where: str) -> None:
+    """Hold the reference to Assumption 1 where a run starts: the law needs its derivatives up to rho."""
+    for order in range(model.plant.rho + 1):
+        value = sp.diff(model.reference, parameter_symbol("t"), order)
+        _finite(value, start, f"{where}, derivative {order}" if order else where)
 
 
 def _initial_point(model: Model) -> dict[sp.Symbol, float]:
@@ -90,8 +97,21 @@ def _finite(expression: sp.Expr, point: Point, where: str) -> float:
         ) from None
 
 
-def _check_input(b: list[float], where: str) -> None:
+def _input(model: Model) -> Iterable[tuple[str, sp.Expr]]:
+    """The input coefficients ``b_m ... b_0``, with the key each stands at; a joint has (8) for them."""
+    table = "joint" if model.constants else "plant"
+    yield from ((f"{table}.b, entry {i}", entry) for i, entry in enumerate(model.plant.b, start=1))
+
+
+def _check_input(b: list[float], model: Model, where: str) -> None:
     """Check the input polynomial ``b_m s^m + ... + b_0``."""
+    if b[0] == 0 and model.constants:
+        raise ModelError(
+            "b0 of (8) is 0 at the given parameters, so no input acts",
+            where=f"{where}: joint",
+            remedy="allowed: C1, C2, C3 and eps0 with C1*eps0**2 + C2*eps0 + C3 other than 0",
+        )
+    where = f"{where}: plant.b"
     if b[0] == 0:
         raise ModelError(
             "b_m is 0 at the given parameters, so no input acts",

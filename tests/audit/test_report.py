@@ -49,3 +49,14 @@ def test_markdown_cannot_break_its_tables() -> None:
 def test_figures_have_units() -> None:
     assert figure(Evidence("", 1 / 3, "rad")) == "0.3333333 rad"
     assert figure(Evidence("", "k_0")) == "k_0"
+
+
+def test_verdicts_are_sentences_but_a_symbol_at_the_beginning_stays() -> None:
+    for summary, shown in (
+        ("follows; by squares", "Follows; by squares."),
+        ("a static muscle", "A static muscle."),
+        ("d holds the damping", "d holds the damping."),
+    ):
+        assert f"\n{shown}\n" in markdown_report(
+            [Finding("(1)", "first", Verdict.FOLLOWS, summary, ("a_1 = a_1",))]
+        )

@@ -56,6 +56,17 @@ def test_every_operation_of_a_tape_has_a_rule_and_a_reference() -> None:
     assert set(EXACT) == set(ARITIES)
 
 
+def test_a_literal_beyond_the_whole_numbers_of_a_double_is_a_rounded_one() -> None:
+    """1e20/3 is whole as a double, and 1/3 away from its exact value's last place."""
+    exact = mpmath.mpf(10) ** 20 / 3
+    literal = Instruction("const", (), float(exact))
+    tape = Tape("f", (("x", 1),), (("f", 1),), (literal, Instruction("output", (0, 0, 0))))
+    (found,) = walk(tape, [np.zeros((1, 1))])
+    assert found.value[0, 0].is_integer()
+    with mpmath.workdps(60):
+        assert 0 < abs(mpmath.mpf(found.value[0, 0]) - mpmath.mpf(10) ** 20 / 3) <= found.error[0, 0]
+
+
 @pytest.mark.parametrize("operation", sorted(ARITIES))
 def test_one_operation_on_rounded_operands_stays_within_its_bound(operation: str) -> None:
     random = np.random.default_rng(1)

@@ -12,7 +12,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pmjoint_codegen.check import certificate, compilers, derivatives, golden, harness, proof, symbolic
+from pmjoint_codegen.check import (
+    certificate,
+    compilers,
+    derivatives,
+    golden,
+    harness,
+    invariants,
+    proof,
+    symbolic,
+)
 from pmjoint_codegen.check.gates import GATES, Gate, run_gate, run_gates, select
 from pmjoint_codegen.check.result import GateResult, Verdict
 from pmjoint_codegen.check.subject import Subject, load_subject
@@ -104,12 +113,49 @@ def test_other_orders_pass_what_does_not_need_golden_files(tmp_path: Path, order
     assert results["symbolic"].figure is not None and 0.01 < results["symbolic"].figure <= 1
 
 
+@pytest.mark.parametrize(("order", "rho"), [(1, 1), (2, 2)])
+def test_a_disturbance_of_the_output_stays_within_the_bounds_of_its_certificate(
+    tmp_path: Path, order: int, rho: int
+) -> None:
+    """Fast filters and strong e make epsilon_2 and |P| small: nearly all that counts is then D_1."""
+    file = other_model(tmp_path, order, rho)
+    quick = {1: "[40.0]", 2: "[40.0, 400.0]"}[order]
+    lines = [f"k = {quick}" if line.startswith("k = ") else line for line in file.read_text().splitlines()]
+    text = (
+        "\n".join(lines)
+        .replace("0.01*sin(t)", "0.05*tanh(50*sin(t))")
+        .replace(f"e = {[0.1] * rho}", f"e = {[20.0] * rho}")
+    )
+    file.write_text(text.replace("horizon     = 1.0", "horizon     = 9.0"))
+    regenerate([str(file)])
+    subject = load_subject(file, os.environ, silent)
+    found = run_gate(subject, select(["trajectory.certificate"])[0])
+    assert found.verdict is Verdict.PASSED, found.detail
+    run = golden.default_run(subject.compiled or subject.interpreted)
+    largest = float(np.max(np.linalg.norm(invariants.disturbances(subject.interpreted, run), axis=1)))
+    sharp = certificate.certify(subject.derivation, proof.design_values(subject.derivation), largest)
+    late = run.t > 6
+    z = np.column_stack([run[f"z{i + 1}"][late] for i in range(rho)])
+    assert sharp.z_sharp is not None and sharp.z1_sharp is not None
+    assert np.max(np.linalg.norm(z, axis=1)) <= sharp.z_sharp + golden.ACCURACY
+    assert np.max(np.abs(z[:, 0])) <= sharp.z1_sharp + golden.ACCURACY  # where n = 1, it is attained
+    assert sharp.eta in sharp.lines()[-1] and sharp.eta.endswith("D_1")
+
+
 def test_every_gate_passes_on_the_papers_model_or_says_which_tool_is_missing(paper: Subject) -> None:
     results = list(run_gates(paper))
     assert [result.name for result in results] == [gate.name for gate in GATES]
     for result in results:
         assert result.verdict is Verdict.PASSED or result.detail.startswith("no "), result
         assert result.seconds < 30
+
+
+def test_every_shipped_model_has_its_golden_trajectory_and_no_other_lies_there() -> None:
+    """A missing one is `not run`, which is no failure: a user's model has none."""
+    root = Path(__file__).resolve().parents[2]
+    models = sorted(file.stem for file in (root / "models").glob("*.toml"))
+    wanted = sorted(name for model in models for name in (f"{model}.csv", f"{model}.switches.csv"))
+    assert sorted(file.name for file in (root / "golden").iterdir()) == wanted
 
 
 def test_the_papers_constants(paper: Subject) -> None:

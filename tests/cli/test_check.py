@@ -72,8 +72,23 @@ def test_json_is_one_document_with_every_gate(workshop: Path) -> None:
     assert gates[1]["bound"] == 1e-9 and gates[1]["difference"] is None
 
 
+@pytest.mark.parametrize("name", ["paper.csv", "paper.switches.csv"])
+def test_half_a_golden_trajectory_is_a_failure_that_names_the_missing_half(workshop: Path, name: str) -> None:
+    (workshop / "golden" / name).unlink()
+    code, out = ask("models/paper.toml", "--gate", "trajectory.golden")
+    assert code == 1 and f"golden/{name} is gone" in out and "--update-golden" in out
+
+
+def test_a_difference_is_reported_with_plain_numbers(workshop: Path) -> None:
+    golden = workshop / "golden" / "paper.csv"
+    golden.write_text(golden.read_text().replace("\n0.1,", "\n0.1,9", 1))
+    code, out = ask("models/paper.toml", "--gate", "trajectory.golden")
+    assert code == 1 and "point     t=0.1 s" in out and "np.float64" not in out
+
+
 def test_junit_holds_failures_and_what_was_not_run(workshop: Path) -> None:
-    (workshop / "golden" / "paper.csv").unlink()
+    for name in ("paper.csv", "paper.switches.csv"):
+        (workshop / "golden" / name).unlink()
     edit(workshop, "kernels. Generated", "KERNELS. Generated")
     names = [word for gate in ("current", "proof", "trajectory.golden") for word in ("--gate", gate)]
     code, _ = ask("models/paper.toml", "--junit", "out.xml", *names)
@@ -104,6 +119,7 @@ def test_a_changed_model_is_stale_until_it_is_regenerated(workshop: Path) -> Non
     model = workshop / "models" / "paper.toml"
     model.write_text(model.read_text().replace('"0.1*sin(x2)*cos(t)"', '"0.2*sin(x2)*cos(t)"'))
     code, out = ask("models/paper.toml", "--gate", "current")
+    assert ", bound \n" not in out, "a difference without a figure shows none"
     assert code == 1 and "model changed" in out and "D2: " in out and "pmjoint regenerate paper" in out
     regenerate(["models/paper.toml"])
     assert ask("models/paper.toml", "--gate", "current")[0] == 0

@@ -66,6 +66,7 @@ def true_rates(derivation: Derivation) -> dict[sp.Symbol, sp.Expr]:
     """Rates of y, filters, compensator and reference with the true y', u arbitrary and du = u - v."""
     s, plant = derivation.signals, derivation.plant
     y_dot = plant.phi[0] + sum(a * b for a, b in zip(plant.Phi[0], plant.theta, strict=True))
+    y_dot += derivation.expanded("D1")
     if plant.order > 1:
         y_dot += derivation.expanded("x_hat2") + s.epsilon[1]
     if plant.rho == 1:
@@ -101,13 +102,24 @@ def test_errors_obey_the_wanted_dynamics_whatever_u_is(derivation: Derivation, s
 
 
 def test_lyapunov_rate_is_minus_squares(derivation: Derivation) -> None:
-    """Of half the sum of squares: the couplings cancel, -sum (c + e s^2) z^2 - sum s z eps_2 remains."""
+    """Of half the sum of squares: couplings cancel, -sum (c + e s^2) z^2 - sum s z (eps_2 + D_1) remains."""
     s, plant = derivation.signals, derivation.plant
-    eps2 = s.epsilon[1] if plant.order > 1 else sp.Integer(0)
+    eta = S("D1") + (s.epsilon[1] if plant.order > 1 else sp.Integer(0))
     rate = sum(z * derivation.equations[f"{z.name}_dot"].expression for z in s.z)
     sensitivity = [sp.Integer(-1), *(S(f"d{alpha.name}_dy") for alpha in s.alpha)]
     wanted = -sum(
-        c * z**2 + e * s_i**2 * z**2 + s_i * z * eps2
+        c * z**2 + e * s_i**2 * z**2 + s_i * z * eta
         for c, e, z, s_i in zip(s.c, s.e, s.z, sensitivity, strict=True)
     )
     assert sp.expand(rate - wanted) == 0
+
+
+def test_every_step_bears_the_papers_number(paper: Derivation) -> None:
+    """A reader goes from a line to the page by it."""
+    numbers = {
+        "y": "(7)", "x1_dot": "(11)", "x2_dot": "(11)", "D2": "(37)", "u": "(10)",
+        "xi1_dot": "(14)", "Xi21_dot": "(14)", "lambda2_dot": "(14)", "x_hat2": "(15)", "epsilon2": "(17)",
+        "Omega": "(21)", "du": "(23)", "r1_dot": "(23)", "r2_dot": "(23)", "z1": "(24)", "z2": "(24)",
+        "alpha1": "(25)", "dalpha1_dy": "(29)", "v": "(29)", "z1_dot": "(27)", "z2_dot": "(28)",
+    }  # fmt: skip
+    assert {name: paper.equations[name].number for name in numbers} == numbers

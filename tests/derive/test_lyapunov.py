@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import mpmath
+import numpy as np
 import pytest
 import sympy as sp
 
 from derive import Derivation, Model, derive, parameter_symbol
 from derive.consistency import consistency_identities
 from derive.lyapunov import expand_to_zero, lyapunov_matrix, prove, squares
+from derive.signals import derivative_name
 
 S = parameter_symbol
 
@@ -49,3 +52,39 @@ def test_an_identity_that_fails_shows_what_is_left(
     gain = derivation.signals.c[0]
     left = expand_to_zero(derivation.expanded("z1") * gain, sp.Integer(1))
     assert gain in left.free_symbols
+
+
+@pytest.mark.parametrize("order", [(1, 1), (2, 1), (2, 2), (3, 2)])
+def test_the_named_error_rates_are_those_of_the_loop_that_is_simulated(
+    builder: Callable[..., Model], order: tuple[int, int]
+) -> None:
+    """Each model disturbs every state, x1 = y among them; (27), (28) must see it."""
+    derivation = derive(builder(*order))
+    s, equations = derivation.signals, derivation.equations
+    states = (*s.x, *s.controller_state)
+    applied = frozenset({s.u})
+    rates = {x: equations.expand(S(derivative_name(x)), applied) for x in states} | {s.t: sp.Integer(1)}
+    for z in s.z:
+        value = derivation.equations.expand(z)
+        along = sum((sp.diff(value, x) * rate for x, rate in rates.items()), sp.Integer(0))
+        claim = equations.expand(S(derivative_name(z)), applied)
+        symbols = sorted(along.free_symbols | claim.free_symbols, key=str)
+        both = sp.lambdify(symbols, [along.subs(s.compensator, 1), claim], "mpmath")
+        with mpmath.workdps(40):
+            point = [mpmath.mpf(x) for x in np.random.default_rng(7).uniform(0.5, 2, len(symbols))]
+            found, expected = both(*point)
+        assert abs(found - expected) < 1e-30 * (1 + abs(found)), z
+
+
+@pytest.mark.parametrize("order", [(1, 1), (2, 2)])
+def test_the_residual_counts_a_disturbance_of_the_output_twice(
+    builder: Callable[..., Model], order: tuple[int, int]
+) -> None:
+    """At z = 0, epsilon = 0 V is least, so V' = 0 there: the squares hold all of the residual."""
+    derivation = derive(builder(*order))
+    s = derivation.signals
+    P, D = lyapunov_matrix(s), sp.Matrix([S(f"D{i + 1}") for i in range(derivation.plant.order)])
+    s_ = (sp.Integer(-1), S("s2"))[: derivation.plant.rho]
+    there = sum(squares(derivation, P, s_), sp.Integer(0)).subs(dict.fromkeys((*s.z, *s.epsilon), 0))
+    residual = sum(((2 * (P * D).dot(P * D) + D[0] ** 2) / (2 * e) for e in s.e), sp.Integer(0))
+    assert sp.simplify(there - residual) == 0

@@ -16,7 +16,10 @@ from pmjoint_codegen.report.latex import latex_report
 from pmjoint_codegen.report.notation import escape, latex_expression, latex_name, latex_prose, text_expression
 from pmjoint_codegen.report.record import derivation_record
 from pmjoint_codegen.report.text import text_report
+from pmjoint_codegen.spec import model_of
+from pmjoint_codegen.spec.reader import read_document
 
+MODELS = Path(__file__).resolve().parents[2] / "models"
 ZERO = sp.Integer(0)
 
 
@@ -91,6 +94,15 @@ def test_the_true_plants_own_values_are_defined_before_they_are_used(derivation:
     assert derivation_record(derivation.model, equations)["true_plant"] == own
 
 
+def test_gains_switch_and_held_matrices_are_said_in_every_form(derivation: Derivation) -> None:
+    """What an equation uses and no equation defines: a number or an explanation stands beside it."""
+    equations = tuple(derivation.equations.values())
+    text, latex = (form(derivation.model, equations) for form in (text_report, latex_report))
+    gains = derivation.model.gains
+    assert f"$k = ({', '.join(f'{x:g}' for x in gains.k)})$" in latex and "$s_r = 1$" in latex
+    assert "expm(A0 T)" in text and "F_0 = e^{A_0 T}" in latex
+
+
 def test_the_whole_text_is_python(derivation: Derivation) -> None:
     compile(text_report(derivation.model, derivation.equations.values()), "derivation", "exec")
 
@@ -123,6 +135,18 @@ def test_sections_stand_in_a_readers_order(derivation: Derivation) -> None:
 
 @pytest.mark.skipif(shutil.which("pdflatex") is None, reason="no pdflatex")
 def test_latex_compiles_without_a_line_that_is_too_wide(derivation: Derivation, tmp_path: Path) -> None:
+    compile_latex(derivation, tmp_path)
+
+
+@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="no pdflatex")
+@pytest.mark.parametrize("file", sorted(MODELS.glob("*.toml")), ids=lambda file: file.stem)
+def test_latex_of_every_shipped_model_stays_within_the_page(file: Path, tmp_path: Path) -> None:
+    """Their sources are long, and physics in the plant's own values makes long products."""
+    compile_latex(derive(model_of(read_document(file), file.name)), tmp_path)
+
+
+def compile_latex(derivation: Derivation, tmp_path: Path) -> None:
+    """Run LaTeX; nothing may be too wide or undefined."""
     source = latex_report(derivation.model, derivation.equations.values())
     (tmp_path / "derivation.tex").write_text(source, encoding="utf-8")
     run = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "derivation.tex"]

@@ -24,3 +24,34 @@ def test_a_joint_of_extreme_numbers_is_refused_in_one_line(name: str, value: flo
     document["joint"][name] = {**document["joint"][name], "value": value}
     with pytest.raises(ModelError, match=r"^m\.toml: joint.* has no finite real value"):
         model_of(document, "m.toml")
+
+
+def test_a_misspelt_keep_is_named_before_the_lengths_that_follow_from_it() -> None:
+    document = read_document(MODELS / "joint-lag.toml")
+    document["joint"]["keep"] = ["damping", "lag"]
+    with pytest.raises(ModelError, match=r"^m\.toml: joint\.keep: 'lag' is nothing that a design can keep"):
+        model_of(document, "m.toml")
+
+
+@pytest.mark.parametrize("name", ["joint", "joint-lag"])
+def test_muscles_that_the_input_does_not_move_are_refused_by_that_name(name: str) -> None:
+    document = read_document(MODELS / f"{name}.toml")
+    for constant in ("C1", "C2", "C3"):
+        document["joint"][constant] = 0.0
+    with pytest.raises(
+        ModelError, match=r"^m\.toml: joint: b0 of \(8\) is 0 .* so no input acts; allowed: C1"
+    ):
+        model_of(document, "m.toml")
+
+
+@pytest.mark.parametrize(("reference", "order"), [("sqrt(t)", 1), ("t**1.5", 2)])
+def test_a_reference_whose_derivatives_are_not_finite_is_refused(reference: str, order: int) -> None:
+    """Assumption 1: the law of relative degree 2 takes y_r and two derivatives."""
+    document = read_document(MODELS / "paper.toml")
+    document["simulation"]["reference"] = reference
+    with pytest.raises(
+        ModelError, match=rf"simulation\.reference, derivative {order}: .* no finite real value"
+    ):
+        model_of(document, "m.toml")
+    document["simulation"]["reference"] = "t**2"
+    assert model_of(document, "m.toml").plant.rho == 2
