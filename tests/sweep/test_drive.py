@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import resource
 import signal
 import socket
 import subprocess
@@ -17,10 +19,11 @@ import numpy as np
 import pytest
 
 from pmjoint_codegen.errors import MissingToolError, UsageError
+from pmjoint_codegen.sweep.chunks import simulate_chunk
 from pmjoint_codegen.sweep.drive import AHEAD, drive, farm_out
 from pmjoint_codegen.sweep.plan import make_plan
 from pmjoint_codegen.sweep.request import make_request
-from pmjoint_codegen.sweep.store import Store
+from pmjoint_codegen.sweep.store import MADE_OF_IT, Store
 
 from .conftest import Case
 
@@ -120,6 +123,92 @@ def test_a_folder_keeps_to_its_sweep(case: Case, tmp_path: Path) -> None:
         other.open()
     other.open(restart=True)
     assert other.missing() == [0]
+
+
+def test_what_stands_there_without_a_request_is_nobodys_result(case: Case, tmp_path: Path) -> None:
+    store = Store(tmp_path, case.request, case.manifest.nX)
+    for name in ("sweep.zarr", "chunks"):
+        (tmp_path / name).mkdir()
+        with pytest.raises(UsageError, match="holds another sweep"):
+            store.open()
+        (tmp_path / name).rmdir()
+    store.open()
+
+
+def test_a_restart_leaves_no_figure_and_no_export_of_the_sweep_before(case: Case, tmp_path: Path) -> None:
+    store = Store(tmp_path, case.request, case.manifest.nX)
+    store.open()
+    names = [*MADE_OF_IT, "notes.txt"]
+    for name in names:
+        (tmp_path / name).touch()
+    store.open()
+    assert all((tmp_path / name).exists() for name in names)
+    store.open(restart=True)
+    assert {path.name for path in tmp_path.iterdir()} == {"notes.txt", "request.json", "chunks"}
+
+
+def test_half_of_what_a_restart_removes_is_not_taken_for_whole(
+    case: Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = sweep(case, tmp_path)
+
+    def killed(path: Path, ignore_errors: bool) -> None:
+        if path == store.dataset:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr("pmjoint_codegen.sweep.store.shutil.rmtree", killed)
+    with pytest.raises(KeyboardInterrupt):
+        store.open(restart=True)
+    with pytest.raises(UsageError, match="holds another sweep"):
+        store.open()
+
+
+def test_one_process_at_a_time_works_in_a_folder(case: Case, tmp_path: Path) -> None:
+    one, other = (Store(tmp_path / "new", case.request, case.manifest.nX) for _ in range(2))
+    with one.alone(), pytest.raises(UsageError, match="another sweep is at work"), other.alone():
+        pass
+    with other.alone():
+        pass
+
+
+def test_chunks_that_a_kill_left_beside_the_dataset_go(case: Case, tmp_path: Path) -> None:
+    store = sweep(case, tmp_path)
+    (tmp_path / "chunks").mkdir()
+    store.open()
+    assert {path.name for path in tmp_path.iterdir()} == {"request.json", "sweep.zarr"}
+
+
+def test_chunks_go_when_the_dataset_is_on_the_disk_and_stay_when_it_cannot_be(
+    case: Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reference: dict[str, bytes]
+) -> None:
+    store = Store(tmp_path, case.request, case.manifest.nX)
+    store.open()
+    drive(store, case.kit, threads=2, scheduler=None, tell=lambda done: None)
+
+    def full(folder: Path) -> None:
+        assert files(folder) == reference
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as disk:
+        disk.setattr(dataset, "settle", full)
+        with pytest.raises(UsageError, match=r"sweep\.zarr: cannot be written \(no space left on device\)"):
+            dataset.assemble(store, case.manifest)
+    assert {path.name for path in tmp_path.iterdir()} == {"request.json", "chunks"}
+    assert not store.missing()
+
+
+def test_a_chunk_that_cannot_be_written_says_why(case: Case, tmp_path: Path) -> None:
+    store = Store(tmp_path, case.request, case.manifest.nX)
+    store.open()
+    result = simulate_chunk(case.library, case.request, case.request.plan.columns(0, store.length(0)))
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (result.table.nbytes // 2, before[1]))
+    try:
+        with pytest.raises(UsageError, match=r"\(file too large\)"):
+            store.keep(0, result)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert not list((tmp_path / "chunks").iterdir())
 
 
 @pytest.mark.parametrize("runs", [1, 255, 256, 257, 8192, 8193, 10_239, 100_000, 12_345_000])
@@ -301,6 +390,31 @@ def test_other_formats_hold_the_same_numbers(case: Case, tmp_path: Path, kind: s
         frame = import_module("pandas").read_parquet(path)
         assert len(frame) == case.request.plan.runs
         assert np.array_equal(frame["ise"].values, data["ise"].values.ravel(), equal_nan=True)
+        assert frame.attrs["units"]["ise"] == "rad^2 s"
+        assert frame.attrs["units"]["x1"] == "rad"
+
+
+@pytest.mark.parametrize("kind", ["netcdf", "parquet"])
+def test_an_export_that_finds_no_room_is_said_so_and_leaves_nothing(
+    case: Case, tmp_path: Path, kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip({"netcdf": "h5py", "parquet": "pyarrow"}[kind])
+    data = dataset.read(sweep(case, tmp_path, threads=2).dataset)
+    there = set(tmp_path.iterdir())
+    if kind == "netcdf":  # HDF5 itself crashes where a disk is full
+        monkeypatch.setattr("shutil.disk_usage", lambda folder: SimpleNamespace(free=data.nbytes - 1))
+        words = "sweep.nc: cannot be written .no space left"
+    else:
+        before = resource.getrlimit(resource.RLIMIT_FSIZE)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (4096, before[1]))
+        words = r"sweep.parquet: cannot be written \(.*file too large"
+    try:
+        with pytest.raises(UsageError, match=words):
+            dataset.export(data, tmp_path, kind)
+    finally:
+        if kind == "parquet":
+            resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert set(tmp_path.iterdir()) == there
 
 
 def test_trajectories_are_kept_when_asked_for(case: Case, tmp_path: Path) -> None:

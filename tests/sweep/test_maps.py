@@ -14,7 +14,7 @@ from pmjoint_codegen.sweep.drive import drive
 from pmjoint_codegen.sweep.plan import make_plan
 from pmjoint_codegen.sweep.reach import Border, border, held
 from pmjoint_codegen.sweep.request import make_request
-from pmjoint_codegen.sweep.store import Store
+from pmjoint_codegen.sweep.store import MADE_OF_IT, Store
 
 from .conftest import Case
 
@@ -60,6 +60,7 @@ def test_dimensions_call_for_their_figures(
     data = made(case, tmp_path, grid, sample, horizon=3.0)
     first = maps.write_maps(data, case.manifest, tmp_path)
     assert {path.stem for path in first} == stems
+    assert {path.name for path in first} <= set(MADE_OF_IT)
     pictures = [path.read_bytes() for path in first]
     assert all(picture.startswith(b"\x89PNG") for picture in pictures)
     assert [path.read_bytes() for path in maps.write_maps(data, case.manifest, tmp_path)] == pictures
