@@ -232,7 +232,8 @@ def _account(store: Store, provided: Provided, files: tuple[Path, ...]) -> dict[
     request = store.request
     names = ("ise", "max_abs_e", "settling_s", "saturated_s", "max_abs_v")
     status = column(store.dataset, "status")
-    good = holds(status, column(store.dataset, "final_e"), column(store.dataset, "max_abs_e"))
+    ends = (column(store.dataset, name) for name in ("final_e", "max_abs_e", "saturated_s"))
+    good = holds(status, *ends)
     counts = {name: int(np.sum(status == value)) for value, name in status_meanings().items()}
     units = {item.name: item.unit for item in quantities(provided.manifest)}
     return {
