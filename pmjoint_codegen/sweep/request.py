@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Final
 
@@ -15,6 +15,7 @@ from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.settings import Settings, make_settings
 from pmjoint_codegen.sweep.plan import Plan
+from pmjoint_codegen.values import COMPENSATOR
 
 DEFAULT_TOLERANCE: Final = 1e-6
 DEFAULT_DIVERGENCE: Final = (
@@ -130,14 +131,14 @@ def make_request(
         tolerance=tolerance,
         output_step=output_step,
     )
-    _check_names(manifest, plan, parameters or {})
+    _check_names(manifest, plan, (*(parameters or {}), *(() if compensator is None else (COMPENSATOR,))))
     own = tuple(name for name in manifest.own if name in (parameters or {}))
     request = _request(manifest, plan, replace(settings, divergence=_positive(divergence)), own, output_step)
     size = 8 * plan.runs * len(request.times()) * (manifest.nX + 2)
     if size > MAX_TRAJECTORIES:
         raise UsageError(
             f"would keep {size / 2**30:.1f} GiB of trajectories",
-            where="--output-step",
+            where="--trajectories",
             remedy=f"at most {MAX_TRAJECTORIES / 2**30:g} GiB: fewer runs, a shorter horizon, a longer step",
         )
     return request
@@ -192,7 +193,7 @@ def varied_names(manifest: Manifest) -> tuple[str, ...]:
     return (*(state.name for state in manifest.states[: manifest.nx]), *manifest.parameter_names)
 
 
-def _check_names(manifest: Manifest, plan: Plan, fixed: Mapping[str, float]) -> None:
+def _check_names(manifest: Manifest, plan: Plan, fixed: Collection[str]) -> None:
     names = varied_names(manifest)
     for name in plan.names:
         if name not in names:
@@ -205,5 +206,5 @@ def _check_names(manifest: Manifest, plan: Plan, fixed: Mapping[str, float]) -> 
             raise UsageError(
                 f"{name} is both set and varied",
                 where="sweep",
-                remedy="leave out --set, or --grid and --sample",
+                remedy="leave out --set and --no-compensator, or --grid and --sample",
             )

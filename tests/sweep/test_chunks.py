@@ -169,7 +169,8 @@ def test_a_model_generated_without_lanes_is_stale(case: Case) -> None:
     [
         ("xx=1,2", {}, "no 'xx' to vary; .*names: x1, x2, d1"),
         ("c1=1,2", {"parameters": {"c1": 3.0}}, "both set and varied"),
-        ("c1=0:1:100000", {"output_step": 0.001}, "GiB of trajectories"),
+        ("compensator=0,1", {"compensator": False}, "both set and varied"),
+        ("c1=0:1:100000", {"output_step": 0.001}, "--trajectories: would keep .* GiB of trajectories"),
         ("c1=1,2", {"divergence": -1.0}, "--divergence"),
     ],
 )
