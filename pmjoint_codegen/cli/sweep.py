@@ -141,7 +141,7 @@ def command(
     from pmjoint_codegen.sweep.request import make_request
     from pmjoint_codegen.sweep.store import Store
 
-    require((*formats, *(["dask"] if scheduler else [])))
+    require((*formats, *(["dask"] if scheduler is not None else [])))
     plan = make_plan(grid, sample, draws, seed, method)
     settings["compensator"] = False if no_compensator else None
     provided = provide(

@@ -278,6 +278,49 @@ def test_a_scheduler_without_workers_is_said_so(case: Case, tmp_path: Path) -> N
         next(farm_out(cluster, cluster, store, case.kit, [0]))
 
 
+@pytest.mark.parametrize(
+    ("error", "kind", "words"),
+    [
+        (
+            ModuleNotFoundError("No module named 'pmjoint_codegen'"),
+            MissingToolError,
+            "a worker failed .*codegen",
+        ),
+        (MissingToolError("a sweep needs a C compiler"), MissingToolError, "on a worker: a sweep needs a C"),
+        (UsageError("is full", where="/cache"), UsageError, "/cache: is full"),
+    ],
+)
+def test_what_a_worker_lacks_is_said_to_be_the_worker_s(
+    case: Case,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    error: Exception,
+    kind: type[Exception],
+    words: str,
+) -> None:
+    def fail() -> None:
+        raise error
+
+    store, cluster = Store(tmp_path, case.request, case.manifest.nX), Cluster()
+    monkeypatch.setattr(
+        cluster, "submit", lambda *arguments, key: SimpleNamespace(key=key, result=fail), raising=True
+    )
+    with pytest.raises(kind, match=words):
+        next(farm_out(cluster, cluster, store, case.kit, [0]))
+
+
+@pytest.mark.parametrize("address", ["", "foo", "http://127.0.0.1:80"])
+def test_what_is_no_address_is_refused_before_anybody_is_asked(
+    case: Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, address: str
+) -> None:
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("distributed.Client", None)
+    store = Store(tmp_path, case.request, case.manifest.nX)
+    store.open()
+    with pytest.raises(UsageError, match="is no address"):
+        drive(store, case.kit, threads=1, scheduler=address, tell=lambda done: None)
+
+
 def port() -> int:
     with socket.socket() as one:
         one.bind(("127.0.0.1", 0))
