@@ -14,7 +14,8 @@ from pmjoint_codegen.identity import canonical_hash
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.settings import Settings, make_settings
-from pmjoint_codegen.sweep.plan import Plan
+from pmjoint_codegen.sweep.metrics import quantities
+from pmjoint_codegen.sweep.plan import DRAW, Plan
 from pmjoint_codegen.values import COMPENSATOR
 
 DEFAULT_TOLERANCE: Final = 1e-6
@@ -201,6 +202,12 @@ def _check_names(manifest: Manifest, plan: Plan, fixed: Collection[str]) -> None
             hint = f"did you mean {close[0]}? " if close else ""
             raise UsageError(
                 f"{manifest.name} has no {name!r} to vary", remedy=f"{hint}names: {', '.join(names)}"
+            )
+        if name in {DRAW, *(item.name for item in quantities(manifest))}:
+            raise UsageError(
+                f"{manifest.name} names a parameter {name!r}, as the dataset names what is reported of a run",
+                where="sweep",
+                remedy="give the parameter another name in the model file",
             )
         if name in fixed:
             raise UsageError(

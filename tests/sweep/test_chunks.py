@@ -181,3 +181,13 @@ def test_a_request_that_cannot_be_met_is_refused(
     with pytest.raises(UsageError, match=words):
         make_request(case.manifest, plan, **settings)  # type: ignore[arg-type]
     assert "compensator" in varied_names(case.manifest)
+
+
+@pytest.mark.parametrize("name", ["draw", "ise", "final_x1"])
+def test_a_parameter_that_is_named_as_a_result_cannot_be_varied(case: Case, name: str) -> None:
+    known = case.manifest.parameters
+    renamed = tuple(replace(item, name=item.name.replace("d1", name)) for item in known)
+    manifest = replace(case.manifest, parameters=renamed)
+    with pytest.raises(UsageError, match=f"names a parameter '{name}'"):
+        make_request(manifest, make_plan((f"{name}=1,2",), (), None, 0, "sobol"))
+    make_request(manifest, make_plan(("c1=1,2",), (), None, 0, "sobol"))
