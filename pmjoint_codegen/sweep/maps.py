@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 PANEL: Final = (3.05, 2.55)  # inches
-CHARACTERS: Final = 19  # of a caption, in an inch
+CHARACTERS: Final = 20  # of a caption, in an inch
 BINS: Final = 60
 FEW_DECADES: Final = 1e3
 ALIKE: Final = 1e-9  # of their size: values that differ by rounding or tolerance alone
@@ -151,11 +151,11 @@ def region(dataset: xr.Dataset, manifest: Manifest, x: str, y: str, note: str) -
         panel.set_title(f"{case.title}: {share}" if case.title else share)
         _labels(panel, dataset, x, y)
     figure.colorbar(image, ax=panels, label="settling (s)", fraction=0.05, pad=0.02)
-    dashed = " Dashed: beyond it, nothing within the limit can hold the joint." if line else ""
+    dashed = " Dashed: beyond it, no input within the limit withstands the worst disturbance." if line else ""
     _caption(
         figure,
         dataset,
-        f"Grey: {_absence(dataset)}. White: no initial error, so no settling time.{dashed}",
+        f"Grey: {_absence(dataset)}. White: e(0) = 0, so no settling.{dashed}",
         note,
     )
     return figure
@@ -169,7 +169,7 @@ def metric_map(dataset: xr.Dataset, name: str, x: str, y: str, note: str) -> Fig
     shown = [case.data[name].where(held(case.data)) for case in columns]
     finite = np.concatenate([values.values[np.isfinite(values.values)] for values in shown])
     limits = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
-    steep = logarithmic and limits[0] > 0 and limits[1] > 10 * limits[0]
+    steep = logarithmic and _decade(finite)
     for case, values, panel in zip(columns, shown, panels, strict=True):
         image = _image(panel, values, x, y, limits, steep=steep)
         panel.set_title(case.title)
@@ -217,7 +217,7 @@ def curves(dataset: xr.Dataset, x: str) -> Figure:
             panel.plot(places, values, color=colour, lw=1.0, label=case.title or None)
             alone = _alone(values)
             panel.plot(places[alone], values[alone], color=colour, ls="", marker=".", ms=4.0)
-        if logarithmic:
+        if logarithmic and _decade(dataset[name].where(held(dataset)).values):
             panel.set_yscale("log")
         panel.set_xlabel(_label(dataset, x))
         panel.set_ylabel(f"{words} ({_unit(dataset[name])})")
@@ -225,6 +225,12 @@ def curves(dataset: xr.Dataset, x: str) -> Figure:
         panels[0].legend()
     _caption(figure, dataset, f"Gaps: {_absence(dataset, *FOUR)}.", "")
     return figure
+
+
+def _decade(values: Array) -> bool:
+    """Whether a logarithmic scale has anything to say: positive values that span more than a decade."""
+    finite = values[np.isfinite(values)]
+    return bool(finite.size and finite.min() > 0 and finite.max() > 10 * finite.min())
 
 
 def _alone(values: Array) -> npt.NDArray[np.bool_]:

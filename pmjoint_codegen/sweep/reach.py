@@ -1,4 +1,4 @@
-"""Which runs hold the joint, and the border beyond which no controller can."""
+"""Which runs hold the joint, and the border beyond which no controller can, whatever disturbs it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,10 @@ GROWING: Final = (
 
 @dataclass(frozen=True)
 class Border:
-    """``|x1 + x2/slope| = offset``: outside, the actuator's limit is less than what the unstable mode needs.
+    """``|x1 + x2/slope| = offset``: outside, the limit is less than what the unstable mode may need.
+
+    With the worst disturbance it does need more; with a helpful one of that size, it may do with the limit up
+    to an offset of (b0 u_max + D_max)/d1.
 
     Attributes:
         slope: sqrt(d1), 1/s.

@@ -176,3 +176,10 @@ def test_what_never_met_the_limit_is_held_even_at_its_largest_error(case: Case, 
     data = made(case, tmp_path, ("c1=10,20",), x0=(0.0, 0.0), parameters=strong, horizon=0.001)
     assert np.array_equal(np.abs(data["final_e"].values), data["max_abs_e"].values)
     assert np.all(held(data).values)
+
+
+def test_a_logarithmic_scale_is_for_more_than_a_decade(case: Case, tmp_path: Path) -> None:
+    narrow = made(case, tmp_path / "narrow", ("c1=14,15",), horizon=2.0)
+    wide = made(case, tmp_path / "wide", ("x1=0.1,10",), horizon=2.0)
+    assert drawn(narrow, case, "curves").axes[0].get_yscale() == "linear"
+    assert drawn(wide, case, "curves").axes[0].get_yscale() == "log"
