@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
@@ -68,12 +69,12 @@ class Request:
     divergence: float
     max_steps: int
 
-    @property
+    @cached_property
     def document(self) -> dict[str, Any]:
         """The record as plain data."""
         return asdict(self)
 
-    @property
+    @cached_property
     def hash(self) -> str:
         """SHA-256 of the record: equal requests have equal results."""
         return canonical_hash(self.document)

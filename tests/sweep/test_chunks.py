@@ -154,6 +154,15 @@ def test_a_request_is_known_by_everything_that_its_result_depends_on(case: Case)
     assert make_request(case.manifest, make_plan(("x1=0,1",), (), None, 0, "sobol")).hash not in hashes
 
 
+def test_a_request_is_written_out_once_and_a_changed_one_anew(case: Case) -> None:
+    request = make_request(case.manifest, make_plan(("x1=-1:1:1000",), (), None, 0, "sobol"))
+    assert request.hash is request.hash  # an axis of a million values costs seconds each time
+    assert request.document is request.document
+    other = replace(request, horizon=2.5)
+    assert other.hash != request.hash
+    assert other.document["horizon"] == 2.5
+
+
 def test_a_model_generated_without_lanes_is_stale(case: Case) -> None:
     old = replace(
         case.manifest, files={name: hash for name, hash in case.manifest.files.items() if name != "lanes.c"}
