@@ -2,59 +2,31 @@
 
 from __future__ import annotations
 
-import errno
-import resource
 import signal
 import socket
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 
 from pmjoint_codegen.errors import MissingToolError, UsageError
-from pmjoint_codegen.sweep.chunks import simulate_chunk
 from pmjoint_codegen.sweep.drive import AHEAD, drive, farm_out
 from pmjoint_codegen.sweep.plan import make_plan
 from pmjoint_codegen.sweep.request import make_request
-from pmjoint_codegen.sweep.store import MADE_OF_IT, Store
+from pmjoint_codegen.sweep.store import Store
 
-from .conftest import Case
+from .conftest import Case, files, sweep
 
 pytest.importorskip("xarray")
 pytest.importorskip("zarr")
 
 from pmjoint_codegen.sweep import dataset
-
-
-def files(folder: Path) -> dict[str, bytes]:
-    return {
-        str(path.relative_to(folder)): path.read_bytes()
-        for path in sorted(folder.rglob("*"))
-        if path.is_file()
-    }
-
-
-def sweep(case: Case, folder: Path, *, threads: int = 1, scheduler: str | None = None) -> Store:
-    store = Store(folder, case.request, case.manifest.nX)
-    store.open()
-    drive(store, case.kit, threads=threads, scheduler=scheduler, tell=lambda done: None)
-    dataset.assemble(store, case.manifest)
-    return store
-
-
-@pytest.fixture(scope="module")
-def reference(case: Case, tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
-    """The dataset, made in one thread without interruption."""
-    store = sweep(case, tmp_path_factory.mktemp("reference"))
-    assert len(store.starts()) > 2
-    return files(store.dataset)
 
 
 def test_two_threads_write_the_same_bytes(case: Case, tmp_path: Path, reference: dict[str, bytes]) -> None:
@@ -112,119 +84,6 @@ def test_a_sweep_killed_without_warning_goes_on_and_ends_the_same(tmp_path: Path
     for folder in (killed, whole):
         subprocess.run([*command, "--out", str(folder)], cwd=root, stdout=subprocess.DEVNULL, check=True)
     assert files(killed) == files(whole)
-
-
-def test_a_folder_keeps_to_its_sweep(case: Case, tmp_path: Path) -> None:
-    store = Store(tmp_path, case.request, case.manifest.nX)
-    store.open()
-    plan = make_plan(("x1=0,1",), (), None, 0, "sobol")
-    other = Store(tmp_path, make_request(case.manifest, plan), case.manifest.nX)
-    with pytest.raises(UsageError, match="holds another sweep"):
-        other.open()
-    other.open(restart=True)
-    assert other.missing() == [0]
-
-
-def test_what_stands_there_without_a_request_is_nobodys_result(case: Case, tmp_path: Path) -> None:
-    store = Store(tmp_path, case.request, case.manifest.nX)
-    for name in ("sweep.zarr", "chunks"):
-        (tmp_path / name).mkdir()
-        with pytest.raises(UsageError, match="holds another sweep"):
-            store.open()
-        (tmp_path / name).rmdir()
-    store.open()
-
-
-def test_a_restart_leaves_no_figure_and_no_export_of_the_sweep_before(case: Case, tmp_path: Path) -> None:
-    store = Store(tmp_path, case.request, case.manifest.nX)
-    store.open()
-    names = [*MADE_OF_IT, "notes.txt"]
-    for name in names:
-        (tmp_path / name).touch()
-    store.open()
-    assert all((tmp_path / name).exists() for name in names)
-    store.open(restart=True)
-    assert {path.name for path in tmp_path.iterdir()} == {"notes.txt", "request.json", "chunks"}
-
-
-def test_half_of_what_a_restart_removes_is_not_taken_for_whole(
-    case: Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    store = sweep(case, tmp_path)
-
-    def killed(path: Path, ignore_errors: bool) -> None:
-        if path == store.dataset:
-            raise KeyboardInterrupt
-
-    monkeypatch.setattr("pmjoint_codegen.sweep.store.shutil.rmtree", killed)
-    with pytest.raises(KeyboardInterrupt):
-        store.open(restart=True)
-    with pytest.raises(UsageError, match="holds another sweep"):
-        store.open()
-
-
-def test_one_process_at_a_time_works_in_a_folder(case: Case, tmp_path: Path) -> None:
-    one, other = (Store(tmp_path / "new", case.request, case.manifest.nX) for _ in range(2))
-    with one.alone(), pytest.raises(UsageError, match="another sweep is at work"), other.alone():
-        pass
-    with other.alone():
-        pass
-
-
-def test_chunks_that_a_kill_left_beside_the_dataset_go(case: Case, tmp_path: Path) -> None:
-    store = sweep(case, tmp_path)
-    (tmp_path / "chunks").mkdir()
-    store.open()
-    assert {path.name for path in tmp_path.iterdir()} == {"request.json", "sweep.zarr"}
-
-
-def test_chunks_go_when_the_dataset_is_on_the_disk_and_stay_when_it_cannot_be(
-    case: Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reference: dict[str, bytes]
-) -> None:
-    store = Store(tmp_path, case.request, case.manifest.nX)
-    store.open()
-    drive(store, case.kit, threads=2, scheduler=None, tell=lambda done: None)
-
-    def full(folder: Path) -> None:
-        assert files(folder) == reference
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    with monkeypatch.context() as disk:
-        disk.setattr(dataset, "settle", full)
-        with pytest.raises(UsageError, match=r"sweep\.zarr: cannot be written \(no space left on device\)"):
-            dataset.assemble(store, case.manifest)
-    assert {path.name for path in tmp_path.iterdir()} == {"request.json", "chunks"}
-    assert not store.missing()
-
-
-def test_a_chunk_that_cannot_be_written_says_why(case: Case, tmp_path: Path) -> None:
-    store = Store(tmp_path, case.request, case.manifest.nX)
-    store.open()
-    result = simulate_chunk(case.library, case.request, case.request.plan.columns(0, store.length(0)))
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (result.table.nbytes // 2, before[1]))
-    try:
-        with pytest.raises(UsageError, match=r"\(file too large\)"):
-            store.keep(0, result)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-    assert not list((tmp_path / "chunks").iterdir())
-
-
-@pytest.mark.parametrize("runs", [1, 255, 256, 257, 8192, 8193, 10_239, 100_000, 12_345_000])
-def test_chunks_follow_each_other_end_short_and_are_not_too_many(
-    case: Case, tmp_path: Path, runs: int
-) -> None:
-    axes = (f"x1=0:1:{runs}",) if runs < 10_000 else (f"x1=0:1:{runs // 1000}", "x2=0:1:1000")
-    plan = make_plan(axes, (), None, 0, "sobol")
-    runs = plan.runs
-    store = Store(tmp_path, make_request(case.manifest, plan), case.manifest.nX)
-    starts = store.starts()
-    assert len(starts) <= 4096
-    assert [0, *(start + store.length(start) for start in starts)] == [*starts, runs]
-    lengths = [store.length(start) for start in starts]
-    assert lengths == sorted(lengths, reverse=True)
-    assert lengths[-1] <= store.step // 8
 
 
 @dataclass
@@ -385,93 +244,3 @@ def test_a_scheduler_that_does_not_answer_is_said_so(
     store.open()
     with pytest.raises(UsageError, match="does not answer"):
         drive(store, case.kit, threads=1, scheduler=f"tcp://127.0.0.1:{port()}", tell=lambda done: None)
-
-
-def test_an_absent_extra_is_named_with_the_line_that_installs_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(MissingToolError, match=r"pip install 'pmjoint-codegen\[sweep\]'"):
-        dataset.require(())
-
-
-def test_the_dataset_says_what_it_is(case: Case, tmp_path: Path) -> None:
-    store = sweep(case, tmp_path, threads=2)
-    data = dataset.read(store.dataset)
-    assert dict(data["ise"].sizes) == case.request.plan.dimensions
-    assert data["ise"].attrs["units"] == "rad^2 s"
-    assert data["x1"].attrs["units"] == "rad"
-    assert data["b0"].dims == ("draw",)
-    assert data.attrs["model_hash"] == case.manifest.model_hash
-    assert data.attrs["request_hash"] == case.request.hash
-    assert data.attrs["seed"] == 3
-    columns = case.request.plan.columns(0, case.request.plan.runs)
-    flat = data.stack(run=tuple(case.request.plan.dimensions))
-    assert np.array_equal(flat["x1"].values, columns["x1"])
-    assert np.array_equal(flat["b0"].values, columns["b0"])
-    flags = dict(
-        zip(data["status"].attrs["flag_values"], data["status"].attrs["flag_meanings"].split(), strict=True)
-    )
-    assert {flags[int(value)] for value in np.unique(data["status"].values)} == {
-        "done",
-        "diverged",
-        "not_simulated",
-    }
-
-
-@pytest.mark.parametrize("kind", ["netcdf", "parquet"])
-def test_other_formats_hold_the_same_numbers(case: Case, tmp_path: Path, kind: str) -> None:
-    pytest.importorskip({"netcdf": "h5py", "parquet": "pyarrow"}[kind])
-    store = sweep(case, tmp_path, threads=2)
-    data = dataset.read(store.dataset)
-    path = dataset.export(data, tmp_path, kind)
-    if kind == "netcdf":
-        import xarray as xr
-
-        with xr.open_dataset(path, engine="h5netcdf") as again:
-            assert np.array_equal(again["ise"].values, data["ise"].values, equal_nan=True)
-            assert again["ise"].attrs["units"] == "rad^2 s"
-    else:
-        frame = import_module("pandas").read_parquet(path)
-        assert len(frame) == case.request.plan.runs
-        assert np.array_equal(frame["ise"].values, data["ise"].values.ravel(), equal_nan=True)
-        assert frame.attrs["units"]["ise"] == "rad^2 s"
-        assert frame.attrs["units"]["x1"] == "rad"
-
-
-@pytest.mark.parametrize("kind", ["netcdf", "parquet"])
-def test_an_export_that_finds_no_room_is_said_so_and_leaves_nothing(
-    case: Case, tmp_path: Path, kind: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    pytest.importorskip({"netcdf": "h5py", "parquet": "pyarrow"}[kind])
-    data = dataset.read(sweep(case, tmp_path, threads=2).dataset)
-    there = set(tmp_path.iterdir())
-    if kind == "netcdf":  # HDF5 itself crashes where a disk is full
-        monkeypatch.setattr("shutil.disk_usage", lambda folder: SimpleNamespace(free=data.nbytes - 1))
-        words = "sweep.nc: cannot be written .no space left"
-    else:
-        before = resource.getrlimit(resource.RLIMIT_FSIZE)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (4096, before[1]))
-        words = r"sweep.parquet: cannot be written \(.*file too large"
-    try:
-        with pytest.raises(UsageError, match=words):
-            dataset.export(data, tmp_path, kind)
-    finally:
-        if kind == "parquet":
-            resource.setrlimit(resource.RLIMIT_FSIZE, before)
-    assert set(tmp_path.iterdir()) == there
-
-
-def test_trajectories_are_kept_when_asked_for(case: Case, tmp_path: Path) -> None:
-    plan = make_plan(("x1=-2:2:5", "c1=-1,15"), (), None, 0, "sobol")
-    request = make_request(case.manifest, plan, horizon=1.0, output_step=0.25)
-    store = sweep(replace(case, request=request), tmp_path)
-    data = dataset.read(store.dataset)
-    assert data["trajectory_v"].attrs["units"] == "V"
-    assert dict(data["trajectory_x1"].sizes) == {"x1": 5, "c1": 2, "t": 5}
-    assert np.all(np.isnan(data["trajectory_x1"].sel(c1=-1.0).values))
-    good = data.sel(c1=15.0)
-    assert np.array_equal(good["trajectory_x1"].isel(t=0).values, data["x1"].values)
-    assert np.array_equal(good["trajectory_x2"].isel(t=-1).values, good["final_x2"].values)
-    miss = (
-        good["trajectory_e"].isel(t=-1).values - good["final_e"].values
-    )  # the polynomial's end, and a new one's start
-    assert np.max(np.abs(miss)) <= 64 * request.tolerance  # the defect that a step may have
