@@ -47,7 +47,7 @@ def ensure_folder(path: Path) -> None:
     Raises:
         UsageError: the folder cannot be made, is a file, or is not writable.
     """
-    with _explained(path):
+    with explained(path):
         path.mkdir(parents=True, exist_ok=True)
         probe = _sibling(path / "probe", "tmp")
         probe.touch(exist_ok=False)
@@ -61,7 +61,7 @@ def writing(path: Path) -> Iterator[BinaryIO]:
     Raises:
         UsageError: the file cannot be written; whatever stood there before still stands.
     """
-    with _explained(path):
+    with explained(path):
         target = Path(os.path.realpath(path))  # a symbolic link is written through, not replaced
         staged = _sibling(target, "tmp")
         try:
@@ -70,6 +70,20 @@ def writing(path: Path) -> Iterator[BinaryIO]:
             staged.replace(target)
         finally:
             staged.unlink(missing_ok=True)
+
+
+def settle(folder: Path) -> None:
+    """Write a folder's files and names down to the disk, so that a power cut later on finds it filled.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    for path in (*folder.rglob("*"), folder):
+        handle = os.open(path, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
 
 
 def write_bytes(path: Path, data: bytes) -> None:
@@ -89,7 +103,7 @@ def replace_folder(path: Path, files: Mapping[str, bytes]) -> None:
     Raises:
         UsageError: the folder cannot be written; whatever stood there before still stands.
     """
-    with _explained(path):
+    with explained(path):
         path = Path(os.path.realpath(path))
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.exists() and not path.is_dir():
@@ -112,7 +126,7 @@ def recover_folder(path: Path) -> None:
         UsageError: the old folder stands aside but cannot be moved back.
     """
     if not path.exists() and _aside(path).exists():
-        with _explained(path), _locked(path.parent):
+        with explained(path), _locked(path.parent):
             _recover(path)
 
 
@@ -127,13 +141,13 @@ def _aside(path: Path) -> Path:
 
 
 @contextmanager
-def _explained(path: Path) -> Iterator[None]:
+def explained(path: Path) -> Iterator[None]:
     """Turn a failed system call into the one line that a user needs."""
     try:
         yield
     except OSError as error:
-        in_the_way = isinstance(error, FileExistsError)
-        reason = "a file is in the way" if in_the_way else (error.strerror or str(error)).lower()
+        words = error.strerror or " ".join(str(error).split())
+        reason = "a file is in the way" if isinstance(error, FileExistsError) else words.lower()
         raise UsageError(
             f"cannot be written ({reason})", where=str(path), remedy="choose a folder that you can write to"
         ) from error

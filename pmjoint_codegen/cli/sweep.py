@@ -14,7 +14,6 @@ from pmjoint_codegen.cli.terminal import activity, document, message, result, ta
 
 if TYPE_CHECKING:
     from pmjoint_codegen.provision import Provided
-    from pmjoint_codegen.sweep.request import Request
     from pmjoint_codegen.sweep.store import Store
 
 _EXAMPLES = """\b
@@ -140,8 +139,9 @@ def command(
     from pmjoint_codegen.sweep.dataset import require
     from pmjoint_codegen.sweep.plan import make_plan
     from pmjoint_codegen.sweep.request import make_request
+    from pmjoint_codegen.sweep.store import Store
 
-    require((*formats, *(["dask"] if scheduler else [])))
+    require((*formats, *(["dask"] if scheduler is not None else [])))
     plan = make_plan(grid, sample, draws, seed, method)
     settings["compensator"] = False if no_compensator else None
     provided = provide(
@@ -153,9 +153,11 @@ def command(
     )
     request = make_request(provided.manifest, plan, **settings)
     folder = out or Path("runs") / f"{provided.manifest.name}-sweep"
-    store = _compute(provided, request, folder, threads=threads, scheduler=scheduler, restart=restart)
-    files = _write(store, provided, formats, figures=not no_figures)
-    account = _account(store, provided, files)
+    store = Store(folder, request, provided.manifest.nX)
+    with store.alone():
+        _compute(store, provided, threads=threads, scheduler=scheduler, restart=restart)
+        files = _write(store, provided, formats, figures=not no_figures)
+        account = _account(store, provided, files)
     if wants_json:
         document(account)
     else:
@@ -163,25 +165,17 @@ def command(
 
 
 def _compute(
-    provided: Provided,
-    request: Request,
-    folder: Path,
-    *,
-    threads: int | None,
-    scheduler: str | None,
-    restart: bool,
-) -> Store:
+    store: Store, provided: Provided, *, threads: int | None, scheduler: str | None, restart: bool
+) -> None:
     """Make what is missing, with a bar; say how to go on where that is interrupted."""
     from pmjoint_codegen.sweep.dataset import import_ahead
     from pmjoint_codegen.sweep.drive import drive
     from pmjoint_codegen.sweep.kit import make_kit
-    from pmjoint_codegen.sweep.store import Store
 
-    store = Store(folder, request, provided.manifest.nX)
     store.open(restart=restart)
-    total = request.plan.runs
+    total = store.request.plan.runs
     if store.dataset.exists():
-        return store
+        return
     kit = make_kit(provided.folder)
     import_ahead()
     try:
@@ -195,11 +189,9 @@ def _compute(
             )
     except KeyboardInterrupt:
         left = sum(store.length(start) for start in store.missing())
-        message(
-            f"pmjoint: {total - left} of {total} runs are kept in {folder}; the same command goes on there"
-        )
+        kept = f"{total - left} of {total} runs are kept in {store.folder}"
+        message(f"pmjoint: {kept}; the same command goes on there")
         raise
-    return store
 
 
 def _processors() -> int:
@@ -240,7 +232,8 @@ def _account(store: Store, provided: Provided, files: tuple[Path, ...]) -> dict[
     request = store.request
     names = ("ise", "max_abs_e", "settling_s", "saturated_s", "max_abs_v")
     status = column(store.dataset, "status")
-    good = holds(status, column(store.dataset, "final_e"), column(store.dataset, "max_abs_e"))
+    ends = (column(store.dataset, name) for name in ("final_e", "max_abs_e", "saturated_s"))
+    good = holds(status, *ends)
     counts = {name: int(np.sum(status == value)) for value, name in status_meanings().items()}
     units = {item.name: item.unit for item in quantities(provided.manifest)}
     return {

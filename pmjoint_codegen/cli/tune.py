@@ -236,6 +236,8 @@ def _text(told: Mapping[str, Any]) -> str:
     tried = f"  {told['designs']} designs in {told['generations']} generations, {end}; seed {told['seed']}"
     gains = [(name, *_pair(values)) for name, values in told["gains"].items()]
     rows = [("", "before", "after", ""), *gains, *_rows(told, "nominal")]
+    if told["over"] == "mean":
+        rows += [("mean of plants", "", "", ""), *_rows(told, "mean")]
     if told["plants"] > 1:
         rows += [("worst plant", "", "", ""), *_rows(told, "worst")]
         rows.append(("plants lost", str(told["lost"]["before"]), str(told["lost"]["after"]), ""))

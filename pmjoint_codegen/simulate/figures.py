@@ -232,13 +232,13 @@ def _finish(figure: Figure, grid: list[list[Axes]], caption_lines: Sequence[str]
         figure.text((LEFT - LABEL) / WIDTH, y, line, fontsize=8.2, va="top")
 
 
-def wrapped(text: str) -> list[str]:
+def wrapped(text: str, characters: int = CAPTION_CHARACTERS) -> list[str]:
     """Break a caption into lines by its printed length; a formula stays in one piece."""
     lines: list[str] = []
     length = 0
     for word in re.findall(r"(?:\$[^$]*\$|\\\$|[^\s$])+", text):
         printed = len(re.sub(r"\\[a-z]+|[\\${}_^\s]", "", word))
-        if not lines or length + 1 + printed > CAPTION_CHARACTERS:
+        if not lines or length + 1 + printed > characters:
             lines.append(word)
             length = printed
         else:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import math
+import os
 import platform
 import shutil
 from collections.abc import Iterable, Iterator
@@ -21,6 +23,7 @@ from pmjoint_codegen import __version__
 from pmjoint_codegen.errors import MissingToolError
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
+from pmjoint_codegen.storage import explained, settle
 from pmjoint_codegen.sweep.drive import INSTALL
 from pmjoint_codegen.sweep.metrics import Column, Quantity, quantities, status_meanings
 from pmjoint_codegen.sweep.plan import DRAW
@@ -75,13 +78,25 @@ def assemble(store: Store, manifest: Manifest) -> None:
     variables are in memory at a time.
 
     Raises:
-        UsageError: the folder cannot be written.
+        UsageError: the folder cannot be written; the chunks still stand.
     """
-    import zarr
-
     staged = store.folder / f".{store.dataset.name}.new"
     shutil.rmtree(staged, ignore_errors=True)
-    group = zarr.create_group(staged, zarr_format=3, attributes=_attributes(store.request, manifest))
+    with explained(store.dataset):
+        try:
+            _fill(staged, store, manifest)
+            settle(staged)  # the chunks, which hold all that was computed, go next
+            staged.rename(store.dataset)
+        finally:
+            shutil.rmtree(staged, ignore_errors=True)
+    store.clear_chunks()
+
+
+def _fill(folder: Path, store: Store, manifest: Manifest) -> None:
+    """Write attributes and variables."""
+    import zarr
+
+    group = zarr.create_group(folder, zarr_format=3, attributes=_attributes(store.request, manifest))
     for name, variable in (*_coordinates(store.request, manifest), *_variables(store, manifest)):
         array = group.create_array(
             name,
@@ -93,9 +108,6 @@ def assemble(store: Store, manifest: Manifest) -> None:
             attributes=variable.attributes,
         )
         array[...] = variable.values
-    shutil.rmtree(store.dataset, ignore_errors=True)
-    staged.rename(store.dataset)
-    store.clear_chunks()
 
 
 def _chunks(shape: tuple[int, ...]) -> tuple[int, ...]:
@@ -131,17 +143,38 @@ def export(dataset: xr.Dataset, folder: Path, kind: str) -> Path:
         dataset: of the sweep.
         folder: of the sweep.
         kind: ``netcdf`` or ``parquet``; Parquet has a row a run and holds no trajectories.
+
+    Raises:
+        UsageError: the file cannot be written.
     """
     path = folder / {"netcdf": "sweep.nc", "parquet": "sweep.parquet"}[kind]
     staged = path.with_name(f".{path.name}.new")
-    if kind == "netcdf":
-        dataset.to_netcdf(staged, engine="h5netcdf")
-    else:
-        frame = dataset.drop_dims("t", errors="ignore").to_dataframe()
-        frame.attrs = dict(dataset.attrs)
-        frame.to_parquet(staged)
-    staged.replace(path)
+    with explained(path):
+        try:
+            if kind == "netcdf":
+                _check_room(folder, dataset.nbytes)
+                dataset.to_netcdf(staged, engine="h5netcdf")
+            else:
+                _frame(dataset).to_parquet(staged)
+            staged.replace(path)
+        finally:
+            staged.unlink(missing_ok=True)
     return path
+
+
+def _check_room(folder: Path, size: int) -> None:
+    """Refuse beforehand what a disk cannot hold: HDF5 crashes where it cannot write."""
+    if shutil.disk_usage(folder).free < size:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def _frame(dataset: xr.Dataset) -> Any:  # pandas is untyped here
+    """A row a run, with the attributes of the dataset, and the unit of every column and index among them."""
+    runs = dataset.drop_dims("t", errors="ignore")
+    frame = runs.to_dataframe()
+    units = {str(name): item.attrs["units"] for name, item in runs.variables.items() if "units" in item.attrs}
+    frame.attrs = {**dataset.attrs, "units": units}
+    return frame
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from dataclasses import replace
 from importlib import import_module
 from typing import Any, Final
 
-from pmjoint_codegen.errors import MissingToolError, UsageError
+from pmjoint_codegen.errors import MissingToolError, PmjointError, UsageError
 from pmjoint_codegen.kernels.batch import BatchLibrary
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.sweep.chunks import Result, simulate_chunk
@@ -47,7 +47,7 @@ def drive(store: Store, kit: Kit, *, threads: int, scheduler: str | None, tell: 
     tell(done)
     made = (
         _on_cluster(store, kit, missing, scheduler)
-        if scheduler
+        if scheduler is not None
         else _on_threads(store, kit, missing, threads)
     )
     for start, result in made:
@@ -88,6 +88,7 @@ def _take(queue: Iterator[int], count: int) -> Iterator[int]:
 
 def _on_cluster(store: Store, kit: Kit, missing: list[int], address: str) -> Iterator[tuple[int, Result]]:
     distributed = _distributed()  # its interface is untyped
+    _check_address(distributed, address)
     try:
         client = distributed.Client(address, timeout=PATIENCE_S, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
@@ -98,6 +99,18 @@ def _on_cluster(store: Store, kit: Kit, missing: list[int], address: str) -> Ite
         ) from None
     with client:
         yield from farm_out(distributed, client, store, kit, missing)
+
+
+def _check_address(distributed: Any, address: str) -> None:
+    """Refuse what is no address at once: a client of one takes a minute to give up."""
+    try:
+        distributed.comm.get_address_host_port(address)
+    except ValueError as error:
+        raise UsageError(
+            f"is no address ({error})",
+            where=f"--scheduler {address}",
+            remedy="allowed: what the scheduler says, such as tcp://10.0.0.1:8786",
+        ) from None
 
 
 def farm_out(
@@ -117,6 +130,7 @@ def farm_out(
 
     Raises:
         UsageError: the scheduler has no workers.
+        PmjointError: a worker cannot compute.
     """
     plan, queue = store.request.plan, iter(missing)
     model = _on_all_workers(client, kit)
@@ -134,8 +148,24 @@ def farm_out(
 
     hand_out()
     for future in running:
-        yield starts.pop(future.key), future.result()
+        yield starts.pop(future.key), _result(future)
         hand_out()
+
+
+def _result(future: Any) -> Result:
+    """What a worker has computed, or why it could not, as an error that says that it was a worker."""
+    try:
+        result: Result = future.result()
+    except PmjointError as error:
+        error.where = error.where or "on a worker"
+        raise
+    except Exception as error:
+        raise MissingToolError(
+            f"a worker failed ({type(error).__name__}: {error})",
+            where="--scheduler",
+            remedy="workers need pmjoint-codegen[sweep] of this version and a C compiler",
+        ) from error
+    return result
 
 
 def _on_all_workers(client: Any, kit: Kit) -> Any:

@@ -14,10 +14,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
+import numpy.typing as npt
 
 from pmjoint_codegen import storage
+from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.simulate.figures import png
+from pmjoint_codegen.simulate.figures import png, wrapped
+from pmjoint_codegen.simulate.status import Status
+from pmjoint_codegen.sweep.metrics import INVALID
 from pmjoint_codegen.sweep.plan import DRAW
 from pmjoint_codegen.sweep.reach import Border, border, held
 from pmjoint_codegen.values import COMPENSATOR, OWN_SUFFIX, of_plant
@@ -30,6 +34,7 @@ if TYPE_CHECKING:
 
 
 PANEL: Final = (3.05, 2.55)  # inches
+CHARACTERS: Final = 20  # of a caption, in an inch
 BINS: Final = 60
 FEW_DECADES: Final = 1e3
 ALIKE: Final = 1e-9  # of their size: values that differ by rounding or tolerance alone
@@ -83,11 +88,17 @@ def write_maps(dataset: xr.Dataset, manifest: Manifest, folder: Path) -> tuple[P
 
     paths = []
     with mpl.rc_context(cast("Any", _STYLE)):
-        for stem, figure in _figures(dataset, manifest).items():
+        for stem, figure in _figures(_ascending(dataset), manifest).items():
             path = folder / f"{stem}.png"
             storage.write_bytes(path, png(figure))
             paths.append(path)
     return tuple(paths)
+
+
+def _ascending(dataset: xr.Dataset) -> xr.Dataset:
+    """The axes in ascending order, whatever the order that they were asked for in."""
+    names = [str(name) for name in dataset["status"].dims]
+    return dataset.sortby([name for name in names if np.any(np.diff(dataset[name].values) < 0)])
 
 
 def _figures(dataset: xr.Dataset, manifest: Manifest) -> dict[str, Figure]:
@@ -140,11 +151,11 @@ def region(dataset: xr.Dataset, manifest: Manifest, x: str, y: str, note: str) -
         panel.set_title(f"{case.title}: {share}" if case.title else share)
         _labels(panel, dataset, x, y)
     figure.colorbar(image, ax=panels, label="settling (s)", fraction=0.05, pad=0.02)
-    dashed = " Dashed: beyond it, nothing within the limit can hold the joint." if line else ""
+    dashed = " Dashed: beyond it, no input within the limit withstands the worst disturbance." if line else ""
     _caption(
         figure,
         dataset,
-        f"Grey: the joint is lost. White: no initial error, so no settling time.{dashed}",
+        f"Grey: {_absence(dataset)}. White: e(0) = 0, so no settling.{dashed}",
         note,
     )
     return figure
@@ -158,7 +169,7 @@ def metric_map(dataset: xr.Dataset, name: str, x: str, y: str, note: str) -> Fig
     shown = [case.data[name].where(held(case.data)) for case in columns]
     finite = np.concatenate([values.values[np.isfinite(values.values)] for values in shown])
     limits = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
-    steep = logarithmic and limits[0] > 0 and limits[1] > 10 * limits[0]
+    steep = logarithmic and _decade(finite)
     for case, values, panel in zip(columns, shown, panels, strict=True):
         image = _image(panel, values, x, y, limits, steep=steep)
         panel.set_title(case.title)
@@ -168,8 +179,21 @@ def metric_map(dataset: xr.Dataset, name: str, x: str, y: str, note: str) -> Fig
     )
     if steep:
         _plain_ticks(bar, limits)
-    _caption(figure, dataset, "Grey: the joint is lost.", note)
+    _caption(figure, dataset, f"Grey: {_absence(dataset, name)}.", note)
     return figure
+
+
+def _absence(dataset: xr.Dataset, *names: str) -> str:
+    """Why a run may have no place in a figure of these metrics."""
+    status = dataset["status"]
+    reasons = ["the joint is lost"]
+    if bool((status == INVALID).any()):
+        reasons.append("the values break a rule of the design")
+    if not bool(status.isin((INVALID, int(Status.DONE), int(Status.DIVERGED))).all()):
+        reasons.append("the run failed")
+    if "settling_s" in names and bool((held(dataset) & dataset["settling_s"].isnull()).any()):
+        reasons.append("no initial error, so no settling time")
+    return ", or ".join(reasons)
 
 
 def _plain_ticks(bar: Colorbar, limits: tuple[float, float]) -> None:
@@ -189,16 +213,30 @@ def curves(dataset: xr.Dataset, x: str) -> Figure:
     for name, panel in zip(FOUR, panels, strict=True):
         words, logarithmic = METRICS[name]
         for case, colour in zip(cases(dataset), COLOURS, strict=False):
-            values = case.data[name].where(held(case.data))
-            panel.plot(case.data[x].values, values.values, color=colour, lw=1.0, label=case.title or None)
-        if logarithmic:
+            places, values = case.data[x].values, case.data[name].where(held(case.data)).values
+            panel.plot(places, values, color=colour, lw=1.0, label=case.title or None)
+            alone = _alone(values)
+            panel.plot(places[alone], values[alone], color=colour, ls="", marker=".", ms=4.0)
+        if logarithmic and _decade(dataset[name].where(held(dataset)).values):
             panel.set_yscale("log")
         panel.set_xlabel(_label(dataset, x))
         panel.set_ylabel(f"{words} ({_unit(dataset[name])})")
     if COMPENSATOR in dataset.dims:
         panels[0].legend()
-    _caption(figure, dataset, "Gaps: the joint is lost.", "")
+    _caption(figure, dataset, f"Gaps: {_absence(dataset, *FOUR)}.", "")
     return figure
+
+
+def _decade(values: Array) -> bool:
+    """Whether a logarithmic scale has anything to say: positive values that span more than a decade."""
+    finite = values[np.isfinite(values)]
+    return bool(finite.size and finite.min() > 0 and finite.max() > 10 * finite.min())
+
+
+def _alone(values: Array) -> npt.NDArray[np.bool_]:
+    """Which points have no neighbour that a line could join them to."""
+    there = np.concatenate([[False], np.isfinite(values), [False]])
+    return np.asarray(there[1:-1] & ~there[:-2] & ~there[2:])
 
 
 def histograms(dataset: xr.Dataset) -> Figure:
@@ -271,17 +309,30 @@ def _image(
     data = values.transpose(y, x)
     norm = LogNorm(*limits) if steep else Normalize(*limits)
     return panel.pcolormesh(
-        data[x].values, data[y].values, data.values, cmap=colours, shading="nearest", norm=norm
+        _edges(data[x].values), _edges(data[y].values), data.values, cmap=colours, shading="flat", norm=norm
     )
 
 
+def _edges(centres: Array) -> Array:
+    """Borders of cells around ascending values, half way between them; a single value has a cell too."""
+    if len(centres) == 1:
+        half = 0.5 * max(abs(float(centres[0])), 1.0)
+        return np.array([centres[0] - half, centres[0] + half])
+    halves = np.diff(centres) / 2
+    return np.concatenate([[centres[0] - halves[0]], centres[:-1] + halves, [centres[-1] + halves[-1]]])
+
+
 def _draw_border(panel: Axes, data: xr.Dataset, line: Border) -> None:
-    span = [float(data["x2"].min()), float(data["x2"].max())]
-    height = np.array(span)
+    width, height = (_range(data[name].values) for name in ("x1", "x2"))
     for side in (-1.0, 1.0):
         panel.plot(side * line.offset - height / line.slope, height, color="black", lw=0.9, ls=(0, (4, 2)))
-    panel.set_xlim(float(data["x1"].min()), float(data["x1"].max()))
-    panel.set_ylim(span[0], span[1])
+    panel.set_xlim(*width)
+    panel.set_ylim(*height)
+
+
+def _range(centres: Array) -> Array:
+    """From the first value to the last; around a single one, its cell."""
+    return centres[[0, -1]] if len(centres) > 1 else _edges(centres)
 
 
 def _fixed(dataset: xr.Dataset) -> dict[str, float]:
@@ -322,5 +373,6 @@ def _caption(figure: Figure, dataset: xr.Dataset, words: str, note: str) -> None
         controller += f" at {attributes['sample_time']:g} s"
     run = f"{controller}, y_r = {attributes['reference']}, horizon {attributes['horizon']:g} s"
     made = f"{attributes['model']}: {run}"
-    text = f"{words}\n{made}{', ' if note else ''}{note}"
-    figure.supxlabel(text, fontsize=7.5, color="#444444")
+    width = round(CHARACTERS * figure.get_figwidth())
+    lines = [line for text in (words, f"{made}{', ' if note else ''}{note}") for line in wrapped(text, width)]
+    figure.supxlabel("\n".join(lines), fontsize=7.5, color="#444444")

@@ -20,6 +20,7 @@ Method = Literal["latin-hypercube", "sobol"]
 
 DRAW: Final = "draw"  # dimension of the sampled runs
 MAX_RUNS: Final = 1_000_000_000
+MAX_SEED: Final = 2**63 - 1  # what every format of the dataset can hold
 _SAMPLE: Final = re.compile(r"\s*(\w+)\s*~\s*(\w+)\s*\(([^,()]+),([^,()]+)\)\s*")
 
 
@@ -159,12 +160,11 @@ def make_plan(
         raise UsageError(
             "belong together", where="--sample and --runs", remedy="--runs says how many draws --sample makes"
         )
-    if (draws is not None and draws < 1) or seed < 0 or plan.runs > MAX_RUNS:
-        raise UsageError(
-            f"asks for {plan.runs} runs with seed {seed}",
-            where="sweep",
-            remedy=f"1 to {MAX_RUNS} runs, a seed from 0",
-        )
+    if (draws is not None and draws < 1) or plan.runs > MAX_RUNS:
+        runs = plan.runs if draws is None or draws > 0 else draws
+        raise UsageError(f"asks for {runs} runs", where="sweep", remedy=f"allowed: 1 to {MAX_RUNS}")
+    if not 0 <= seed <= MAX_SEED:
+        raise UsageError(f"is {seed}", where="--seed", remedy=f"allowed: 0 to {MAX_SEED}")
     return plan
 
 
@@ -192,6 +192,10 @@ def read_axis(text: str) -> Axis:
             where="--grid",
             remedy="allowed: NAME=FIRST:LAST:COUNT or NAME=A,B,C, such as x1=-100:100:201",
         )
+    if len(set(values)) < len(values):
+        raise UsageError(
+            f"is {text!r}, which has a value twice", where="--grid", remedy="give each value of an axis once"
+        )
     return Axis(name.strip(), values)
 
 
@@ -213,9 +217,8 @@ def read_sample(text: str) -> Sample:
             remedy="allowed: NAME~normal(MEAN,SD), NAME~uniform(LOW,HIGH), NAME~loguniform(LOW,HIGH)",
         ) from None
     good = sample.second > 0 if sample.law == "normal" else sample.second > sample.first
-    if not (good and math.isfinite(sample.first + sample.second)) or (
-        sample.law == "loguniform" and sample.first <= 0
-    ):
+    finite = all(map(math.isfinite, (sample.first, sample.second, sample.second - sample.first)))
+    if not (good and finite) or (sample.law == "loguniform" and sample.first <= 0):
         raise UsageError(
             f"is {text!r}",
             where="--sample",

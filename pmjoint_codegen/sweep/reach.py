@@ -1,4 +1,4 @@
-"""Which runs hold the joint, and the border beyond which no controller can."""
+"""Which runs hold the joint, and the border beyond which no controller can, whatever disturbs it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,10 @@ GROWING: Final = (
 
 @dataclass(frozen=True)
 class Border:
-    """``|x1 + x2/slope| = offset``: outside, the actuator's limit is less than what the unstable mode needs.
+    """``|x1 + x2/slope| = offset``: outside, the limit is less than what the unstable mode may need.
+
+    With the worst disturbance it does need more; with a helpful one of that size, it may do with the limit up
+    to an offset of (b0 u_max + D_max)/d1.
 
     Attributes:
         slope: sqrt(d1), 1/s.
@@ -55,13 +58,16 @@ def border(manifest: Manifest, values: Mapping[str, float]) -> Border | None:
 
 def held(dataset: xr.Dataset) -> xr.DataArray:
     """Which runs of a dataset hold the joint; see `holds`."""
-    names = ("status", "final_e", "max_abs_e")
+    names = ("status", "final_e", "max_abs_e", "saturated_s")
     return dataset["status"].copy(data=holds(*(dataset[name].values for name in names)))
 
 
-def holds(status: npt.NDArray[Any], final_e: Array, max_abs_e: Array) -> Mask:
+def holds(status: npt.NDArray[Any], final_e: Array, max_abs_e: Array, saturated_s: Array) -> Mask:
     """Whether a run reached the horizon with an error that is not largest just there, as a lost joint's is.
 
-    A run that is held may still be far from its reference: its settling time then is the horizon.
+    A run whose input never met its limit holds the joint wherever its error is largest: it may be small all
+    along, or 0. A run that is held may still be far from its reference: its settling time then is the
+    horizon.
     """
-    return np.asarray((status == int(Status.DONE)) & (np.abs(final_e) < GROWING * max_abs_e))
+    bounded = (np.abs(final_e) < GROWING * max_abs_e) | (saturated_s == 0)
+    return np.asarray((status == int(Status.DONE)) & bounded)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
@@ -14,7 +15,9 @@ from pmjoint_codegen.identity import canonical_hash
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.settings import Settings, make_settings
-from pmjoint_codegen.sweep.plan import Plan
+from pmjoint_codegen.sweep.metrics import quantities
+from pmjoint_codegen.sweep.plan import DRAW, Plan
+from pmjoint_codegen.values import COMPENSATOR
 
 DEFAULT_TOLERANCE: Final = 1e-6
 DEFAULT_DIVERGENCE: Final = (
@@ -66,12 +69,12 @@ class Request:
     divergence: float
     max_steps: int
 
-    @property
+    @cached_property
     def document(self) -> dict[str, Any]:
         """The record as plain data."""
         return asdict(self)
 
-    @property
+    @cached_property
     def hash(self) -> str:
         """SHA-256 of the record: equal requests have equal results."""
         return canonical_hash(self.document)
@@ -130,14 +133,14 @@ def make_request(
         tolerance=tolerance,
         output_step=output_step,
     )
-    _check_names(manifest, plan, parameters or {})
+    _check_names(manifest, plan, (*(parameters or {}), *(() if compensator is None else (COMPENSATOR,))))
     own = tuple(name for name in manifest.own if name in (parameters or {}))
     request = _request(manifest, plan, replace(settings, divergence=_positive(divergence)), own, output_step)
     size = 8 * plan.runs * len(request.times()) * (manifest.nX + 2)
     if size > MAX_TRAJECTORIES:
         raise UsageError(
             f"would keep {size / 2**30:.1f} GiB of trajectories",
-            where="--output-step",
+            where="--trajectories",
             remedy=f"at most {MAX_TRAJECTORIES / 2**30:g} GiB: fewer runs, a shorter horizon, a longer step",
         )
     return request
@@ -192,7 +195,7 @@ def varied_names(manifest: Manifest) -> tuple[str, ...]:
     return (*(state.name for state in manifest.states[: manifest.nx]), *manifest.parameter_names)
 
 
-def _check_names(manifest: Manifest, plan: Plan, fixed: Mapping[str, float]) -> None:
+def _check_names(manifest: Manifest, plan: Plan, fixed: Collection[str]) -> None:
     names = varied_names(manifest)
     for name in plan.names:
         if name not in names:
@@ -201,9 +204,15 @@ def _check_names(manifest: Manifest, plan: Plan, fixed: Mapping[str, float]) -> 
             raise UsageError(
                 f"{manifest.name} has no {name!r} to vary", remedy=f"{hint}names: {', '.join(names)}"
             )
+        if name in {DRAW, *(item.name for item in quantities(manifest))}:
+            raise UsageError(
+                f"{manifest.name} names a parameter {name!r}, as the dataset names what is reported of a run",
+                where="sweep",
+                remedy="give the parameter another name in the model file",
+            )
         if name in fixed:
             raise UsageError(
                 f"{name} is both set and varied",
                 where="sweep",
-                remedy="leave out --set, or --grid and --sample",
+                remedy="leave out --set and --no-compensator, or --grid and --sample",
             )

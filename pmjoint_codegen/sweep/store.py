@@ -4,14 +4,19 @@
     <folder>/chunks/<start>.npy   table of the runs from <start> on; <start>.trajectories.npy, if kept
     <folder>/sweep.zarr           the dataset, made from all chunks, which are then removed
 
-Every file appears whole or not at all.
+Every file appears whole or not at all, and is on the disk before something else relies on it. One process at
+a time works in a folder.
 """
 
 from __future__ import annotations
 
+import errno
+import io
 import json
 import os
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -21,13 +26,17 @@ import numpy as np
 from pmjoint_codegen.errors import UsageError
 from pmjoint_codegen.kernels.batch import METRICS
 from pmjoint_codegen.kernels.evaluator import Array
-from pmjoint_codegen.storage import ensure_folder, write_text, writing
+from pmjoint_codegen.storage import ensure_folder, writing
 from pmjoint_codegen.sweep.chunks import Result
 from pmjoint_codegen.sweep.request import Request
 
 REQUEST: Final = "request.json"
 DATASET: Final = "sweep.zarr"
 CHUNKS: Final = "chunks"
+MADE_OF_IT: Final = (  # figures and exports beside the dataset, which nothing would tell from a new sweep's
+    *("region.png", "map_ise.png", "map_max_abs_v.png", "map_settling_s.png", "map_saturated_s.png"),
+    *("curves.png", "histograms.png", "sweep.nc", "sweep.parquet"),
+)
 CHUNK_RUNS: Final = 2048
 MOST_CHUNKS: Final = 4096
 TAIL: Final = 4  # chunks at the end that are cut into `PARTS`
@@ -78,6 +87,26 @@ class Store:
         """The run from which on chunks are short."""
         return max(0, self.request.plan.runs // self.step - TAIL) * self.step
 
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """Keep other processes out of the folder; a process that dies lets them in again.
+
+        Raises:
+            UsageError: another process is at work there, or the folder cannot be written.
+        """
+        ensure_folder(self.folder)
+        handle = os.open(self.folder, os.O_RDONLY)
+        try:
+            if not _locked(handle):
+                raise UsageError(
+                    "another sweep is at work there",
+                    where=str(self.folder),
+                    remedy="wait until it has ended, or give another --out",
+                )
+            yield
+        finally:
+            os.close(handle)  # releases the lock
+
     def open(self, *, restart: bool = False) -> None:
         """Make the folder this sweep's.
 
@@ -88,18 +117,31 @@ class Store:
             UsageError: it holds another sweep, or cannot be written.
         """
         ensure_folder(self.folder)
-        path = self.folder / REQUEST
-        if path.exists() and not restart and _recorded(path) != self.request.hash:
+        path, chunks = self.folder / REQUEST, self.folder / CHUNKS
+        if restart:
+            self._clear()
+        elif _recorded(path) != self.request.hash and any(
+            item.exists() for item in (path, chunks, self.dataset)
+        ):
             raise UsageError(
                 "holds another sweep",
                 where=str(self.folder),
                 remedy="give another --out, or --restart to replace it",
             )
-        if restart:
-            self.clear_chunks()
-            shutil.rmtree(self.dataset, ignore_errors=True)
-        write_text(path, json.dumps({"hash": self.request.hash, **self.request.document}, indent=1) + "\n")
-        ensure_folder(self.folder / CHUNKS)
+        text = json.dumps({"hash": self.request.hash, **self.request.document}, indent=1) + "\n"
+        _write(path, text.encode())
+        if self.dataset.exists():
+            self.clear_chunks()  # which a kill may have left
+        else:
+            ensure_folder(chunks)
+
+    def _clear(self) -> None:
+        """Forget the sweep that is there: its request first, so that half of it never passes for whole."""
+        (self.folder / REQUEST).unlink(missing_ok=True)
+        self.clear_chunks()
+        shutil.rmtree(self.dataset, ignore_errors=True)
+        for name in MADE_OF_IT:
+            (self.folder / name).unlink(missing_ok=True)
 
     def missing(self) -> list[int]:
         """First runs of the chunks that are still to be made."""
@@ -112,8 +154,8 @@ class Store:
             UsageError: the folder cannot be written.
         """
         if result.trajectories.size:
-            _write(self._trajectories(start), result.trajectories)
-        _write(self._table(start), result.table)
+            _write(self._trajectories(start), _npy(result.trajectories))
+        _write(self._table(start), _npy(result.table))
 
     def columns(self, first: int, count: int) -> Array:
         """Some neighbouring columns of all chunks' tables, shape (count, runs)."""
@@ -145,12 +187,31 @@ class Store:
         return bool(table.shape == (self.length(start), METRICS + self.size))
 
 
-def _write(path: Path, array: Array) -> None:
-    """Write an array down to the disk before it gets its name, so that a power cut leaves no hollow file."""
+def _npy(array: Array) -> bytes | memoryview:
+    """An array as the bytes of an .npy file: NumPy's own writing to a file hides why it fails."""
+    buffer = io.BytesIO()
+    np.save(buffer, array)
+    return buffer.getbuffer()
+
+
+def _write(path: Path, data: bytes | memoryview) -> None:
+    """Write a file down to the disk before it gets its name, so that a power cut leaves no hollow file."""
     with writing(path) as stream:
-        np.save(stream, array)
+        stream.write(data)
         stream.flush()
         os.fsync(stream.fileno())
+
+
+def _locked(handle: int) -> bool:
+    """Lock an open folder; True also where there are no locks, as on some networks."""
+    with suppress(ImportError):
+        import fcntl  # absent outside POSIX
+
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            return error.errno not in (errno.EWOULDBLOCK, errno.EACCES)
+    return True
 
 
 def _recorded(path: Path) -> Any:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -111,19 +111,22 @@ def account(comparison: Comparison) -> dict[str, Any]:
             for name in comparison.before
         },
         "nominal": _side(comparison.metrics[:, :1], comparison),
+        "mean": _side(comparison.metrics, comparison, np.mean),
         "worst": _side(comparison.metrics, comparison),
         "units": {item.name: item.unit for item in quantities(comparison.manifest) if item.name in METRICS},
         "lost": dict(zip(("before", "after"), _lost(comparison.metrics), strict=True)),
     }
 
 
-def _side(metrics: Array, comparison: Comparison) -> dict[str, dict[str, float]]:
-    """Largest value of the objective and of every metric over some plants, before and after."""
+def _side(
+    metrics: Array, comparison: Comparison, reduced: Callable[..., Array] = np.max
+) -> dict[str, dict[str, float]]:
+    """Largest value, or mean, of the objective and of every metric over some plants, before and after."""
     done = metrics[..., Column.STATUS] == Status.DONE
     values = {"objective": comparison.request.objective(metrics)}
     values |= {name: metrics[..., column] for name, column in METRICS.items()}
-    largest = {name: np.max(np.where(done, value, np.nan), axis=1) for name, value in values.items()}
-    return {name: {"before": float(pair[0]), "after": float(pair[1])} for name, pair in largest.items()}
+    both = {name: reduced(np.where(done, value, np.nan), axis=1) for name, value in values.items()}
+    return {name: {"before": float(pair[0]), "after": float(pair[1])} for name, pair in both.items()}
 
 
 def _lost(metrics: Array) -> list[int]:

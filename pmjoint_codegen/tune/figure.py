@@ -64,7 +64,7 @@ def draw(costing: Costing, comparison: Comparison) -> Figure:
         units = {item.name: item.unit for item in comparison.manifest.signals}
         panels[0, 0].set_ylabel(f"$e$ ({units['e']})")
         panels[1, 0].set_ylabel(f"$v$ ({units['v']})")
-        panels[0, 1].legend(loc="upper right")
+        panels[0, 1].legend(loc="best")
         figure.supxlabel("\n".join(wrapped(_caption(comparison))), fontsize=8.2, x=0.02, ha="left")
     return figure
 

@@ -211,11 +211,12 @@ def _pairs(roots: npt.NDArray[np.complex128]) -> list[list[complex]]:
 def _filter_gains(values: dict[str, Array], n: int) -> dict[str, Array]:
     """Gains k of ``s^n + k1 s^(n-1) + ... + kn``, from its poles."""
     polynomial = np.ones((len(values["pole1"]), 1))
-    for i in range(1, (n + 1) // 2 + 1):
-        w = values[f"pole{i}"]
-        if f"damping{i}" in values:
-            factor = np.stack([np.ones_like(w), 2 * values[f"damping{i}"] * w, w**2], axis=1)
-        else:
-            factor = np.stack([np.ones_like(w), w], axis=1)
-        polynomial = np.stack([np.convolve(a, b) for a, b in zip(polynomial, factor, strict=True)])
+    with np.errstate(over="ignore", invalid="ignore"):  # such a design is refused
+        for i in range(1, (n + 1) // 2 + 1):
+            w = values[f"pole{i}"]
+            if f"damping{i}" in values:
+                factor = np.stack([np.ones_like(w), 2 * values[f"damping{i}"] * w, w**2], axis=1)
+            else:
+                factor = np.stack([np.ones_like(w), w], axis=1)
+            polynomial = np.stack([np.convolve(a, b) for a, b in zip(polynomial, factor, strict=True)])
     return {f"k{i}": polynomial[:, i] for i in range(1, n + 1)}

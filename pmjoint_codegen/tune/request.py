@@ -14,10 +14,12 @@ import numpy as np
 from pmjoint_codegen.errors import UsageError
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
+from pmjoint_codegen.sweep.chunks import fill_in
 from pmjoint_codegen.sweep.plan import Plan, Sample, read_sample
 from pmjoint_codegen.sweep.request import Request as Runs
 from pmjoint_codegen.sweep.request import make_request as make_runs
 from pmjoint_codegen.sweep.request import varied_names
+from pmjoint_codegen.sweep.validity import valid_rows
 from pmjoint_codegen.tune.gains import Space, make_space
 from pmjoint_codegen.tune.objective import Objective, read_objective
 
@@ -148,7 +150,22 @@ def make_request(
             where="--population and --plants",
             remedy=f"allowed: at most {MOST_RUNS} runs",
         )
+    _check_plants(manifest, request)
     return request
+
+
+def _check_plants(manifest: Manifest, request: Request) -> None:
+    """Refuse draws that no design could be simulated with, whatever its gains."""
+    if not request.plants:
+        return
+    x0, p = fill_in(manifest, request.runs, request.plants)
+    bad = int(np.sum(~valid_rows(manifest, p, x0[:, : manifest.nx])))
+    if bad:
+        raise UsageError(
+            f"draws {bad} plants that break a rule of the design, such as a limit of u that is not positive",
+            where="--perturb",
+            remedy="narrower laws, or uniform and loguniform instead of normal",
+        )
 
 
 def _drawn(manifest: Manifest, space: Space, perturb: tuple[str, ...], plants: int | None, seed: int) -> Plan:

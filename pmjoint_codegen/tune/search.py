@@ -10,7 +10,7 @@ import numpy as np
 
 from pmjoint_codegen.errors import UsageError
 from pmjoint_codegen.kernels.evaluator import Array
-from pmjoint_codegen.tune.cost import BEYOND, LOST, Costing
+from pmjoint_codegen.tune.cost import BEYOND, BROKEN, LOST, Costing
 from pmjoint_codegen.tune.gains import Space
 
 SPREAD: Final = 1e-4  # of the costs in a generation, relative, at which the search ends
@@ -119,17 +119,24 @@ def _first(limits: Array, start: Array, members: int, generator: np.random.Gener
 
 
 def _check(best: float, before: float, tried: int, costing: Costing) -> None:
-    request = costing.request
     if best >= BEYOND:
-        lost = "survives on all plants" if best >= LOST else f"keeps |v| <= {request.max_v:g}"
-        raise UsageError(
-            f"none of {tried} designs {lost}",
-            where="tune",
-            remedy="wider bounds (--gain NAME=LOW:HIGH), more --generations, or less to ask for",
-        )
+        lacking, remedy = _shortfall(best, costing)
+        raise UsageError(f"none of {tried} designs {lacking}", where="tune", remedy=remedy)
     if best >= before:
         raise UsageError(
             f"none of {tried} designs is better than the model's own",
             where="tune",
             remedy="wider bounds (--gain NAME=LOW:HIGH) or more --generations",
         )
+
+
+def _shortfall(best: float, costing: Costing) -> tuple[str, str]:
+    """What even the best design lacks, by the tier of its cost, and what may help."""
+    remedy = "wider bounds (--gain NAME=LOW:HIGH), more --generations, or less to ask for"
+    if best >= BROKEN:
+        return "keeps the rules of the design (finite gains, a Hurwitz A0)", remedy
+    if best >= LOST:
+        return "survives on all plants", remedy
+    if best > BEYOND:
+        return f"keeps |v| <= {costing.request.max_v:g}", remedy
+    return f"has an objective below {BEYOND:g}", "give smaller weights in --objective"

@@ -48,6 +48,16 @@ def test_the_table_says_before_and_after(tmp_path: Path, capsys: pytest.CaptureF
     assert not (tmp_path / "x.png").exists()
 
 
+def test_the_mean_stands_beside_the_worst_where_it_was_asked_for(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    perturbed = ["--perturb", "b0~uniform(1.6,2.4)", "--plants", "2", "--over", "mean"]
+    arguments = [*QUICK, *perturbed, "--no-figure", "--out", str(tmp_path / "x.toml")]
+    assert run(["tune", "paper", *arguments]) == 0
+    text = capsys.readouterr().out
+    assert text.index("mean of plants") < text.index("worst plant")
+
+
 def test_what_is_not_defined_is_a_dash(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["--x0", "0,0", "--no-figure", "--out", str(tmp_path / "x.toml")]
     assert run(["tune", "paper", *QUICK, *arguments]) == 0

@@ -11,9 +11,11 @@ import pytest
 from pmjoint_codegen.build.compiler import find_compiler
 from pmjoint_codegen.kernels.batch import BatchLibrary
 from pmjoint_codegen.manifest import Manifest
+from pmjoint_codegen.sweep.drive import drive
 from pmjoint_codegen.sweep.kit import Kit, library_of, make_kit
 from pmjoint_codegen.sweep.plan import make_plan
 from pmjoint_codegen.sweep.request import Request, make_request
+from pmjoint_codegen.sweep.store import Store
 
 
 @dataclass(frozen=True)
@@ -42,3 +44,29 @@ def case(root: Path) -> Case:
         library_of(kit, os.environ),
         make_request(manifest, plan, horizon=2.0, divergence=300.0),
     )
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
+
+
+def sweep(case: Case, folder: Path, *, threads: int = 1, scheduler: str | None = None) -> Store:
+    store = Store(folder, case.request, case.manifest.nX)
+    store.open()
+    drive(store, case.kit, threads=threads, scheduler=scheduler, tell=lambda done: None)
+    from pmjoint_codegen.sweep import dataset
+
+    dataset.assemble(store, case.manifest)
+    return store
+
+
+@pytest.fixture(scope="session")
+def reference(case: Case, tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    """The dataset, made in one thread without interruption."""
+    store = sweep(case, tmp_path_factory.mktemp("reference"))
+    assert len(store.starts()) > 2
+    return files(store.dataset)

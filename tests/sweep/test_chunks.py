@@ -154,6 +154,15 @@ def test_a_request_is_known_by_everything_that_its_result_depends_on(case: Case)
     assert make_request(case.manifest, make_plan(("x1=0,1",), (), None, 0, "sobol")).hash not in hashes
 
 
+def test_a_request_is_written_out_once_and_a_changed_one_anew(case: Case) -> None:
+    request = make_request(case.manifest, make_plan(("x1=-1:1:1000",), (), None, 0, "sobol"))
+    assert request.hash is request.hash  # an axis of a million values costs seconds each time
+    assert request.document is request.document
+    other = replace(request, horizon=2.5)
+    assert other.hash != request.hash
+    assert other.document["horizon"] == 2.5
+
+
 def test_a_model_generated_without_lanes_is_stale(case: Case) -> None:
     old = replace(
         case.manifest, files={name: hash for name, hash in case.manifest.files.items() if name != "lanes.c"}
@@ -169,7 +178,8 @@ def test_a_model_generated_without_lanes_is_stale(case: Case) -> None:
     [
         ("xx=1,2", {}, "no 'xx' to vary; .*names: x1, x2, d1"),
         ("c1=1,2", {"parameters": {"c1": 3.0}}, "both set and varied"),
-        ("c1=0:1:100000", {"output_step": 0.001}, "GiB of trajectories"),
+        ("compensator=0,1", {"compensator": False}, "both set and varied"),
+        ("c1=0:1:100000", {"output_step": 0.001}, "--trajectories: would keep .* GiB of trajectories"),
         ("c1=1,2", {"divergence": -1.0}, "--divergence"),
     ],
 )
@@ -180,3 +190,13 @@ def test_a_request_that_cannot_be_met_is_refused(
     with pytest.raises(UsageError, match=words):
         make_request(case.manifest, plan, **settings)  # type: ignore[arg-type]
     assert "compensator" in varied_names(case.manifest)
+
+
+@pytest.mark.parametrize("name", ["draw", "ise", "final_x1"])
+def test_a_parameter_that_is_named_as_a_result_cannot_be_varied(case: Case, name: str) -> None:
+    known = case.manifest.parameters
+    renamed = tuple(replace(item, name=item.name.replace("d1", name)) for item in known)
+    manifest = replace(case.manifest, parameters=renamed)
+    with pytest.raises(UsageError, match=f"names a parameter '{name}'"):
+        make_request(manifest, make_plan((f"{name}=1,2",), (), None, 0, "sobol"))
+    make_request(manifest, make_plan(("c1=1,2",), (), None, 0, "sobol"))

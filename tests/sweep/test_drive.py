@@ -8,12 +8,11 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 
 from pmjoint_codegen.errors import MissingToolError, UsageError
@@ -22,36 +21,12 @@ from pmjoint_codegen.sweep.plan import make_plan
 from pmjoint_codegen.sweep.request import make_request
 from pmjoint_codegen.sweep.store import Store
 
-from .conftest import Case
+from .conftest import Case, files, sweep
 
 pytest.importorskip("xarray")
 pytest.importorskip("zarr")
 
 from pmjoint_codegen.sweep import dataset
-
-
-def files(folder: Path) -> dict[str, bytes]:
-    return {
-        str(path.relative_to(folder)): path.read_bytes()
-        for path in sorted(folder.rglob("*"))
-        if path.is_file()
-    }
-
-
-def sweep(case: Case, folder: Path, *, threads: int = 1, scheduler: str | None = None) -> Store:
-    store = Store(folder, case.request, case.manifest.nX)
-    store.open()
-    drive(store, case.kit, threads=threads, scheduler=scheduler, tell=lambda done: None)
-    dataset.assemble(store, case.manifest)
-    return store
-
-
-@pytest.fixture(scope="module")
-def reference(case: Case, tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
-    """The dataset, made in one thread without interruption."""
-    store = sweep(case, tmp_path_factory.mktemp("reference"))
-    assert len(store.starts()) > 2
-    return files(store.dataset)
 
 
 def test_two_threads_write_the_same_bytes(case: Case, tmp_path: Path, reference: dict[str, bytes]) -> None:
@@ -111,33 +86,6 @@ def test_a_sweep_killed_without_warning_goes_on_and_ends_the_same(tmp_path: Path
     assert files(killed) == files(whole)
 
 
-def test_a_folder_keeps_to_its_sweep(case: Case, tmp_path: Path) -> None:
-    store = Store(tmp_path, case.request, case.manifest.nX)
-    store.open()
-    plan = make_plan(("x1=0,1",), (), None, 0, "sobol")
-    other = Store(tmp_path, make_request(case.manifest, plan), case.manifest.nX)
-    with pytest.raises(UsageError, match="holds another sweep"):
-        other.open()
-    other.open(restart=True)
-    assert other.missing() == [0]
-
-
-@pytest.mark.parametrize("runs", [1, 255, 256, 257, 8192, 8193, 10_239, 100_000, 12_345_000])
-def test_chunks_follow_each_other_end_short_and_are_not_too_many(
-    case: Case, tmp_path: Path, runs: int
-) -> None:
-    axes = (f"x1=0:1:{runs}",) if runs < 10_000 else (f"x1=0:1:{runs // 1000}", "x2=0:1:1000")
-    plan = make_plan(axes, (), None, 0, "sobol")
-    runs = plan.runs
-    store = Store(tmp_path, make_request(case.manifest, plan), case.manifest.nX)
-    starts = store.starts()
-    assert len(starts) <= 4096
-    assert [0, *(start + store.length(start) for start in starts)] == [*starts, runs]
-    lengths = [store.length(start) for start in starts]
-    assert lengths == sorted(lengths, reverse=True)
-    assert lengths[-1] <= store.step // 8
-
-
 @dataclass
 class Cluster:
     """Client, scheduler and library of a cluster that has one worker, and later ten."""
@@ -187,6 +135,49 @@ def test_a_scheduler_without_workers_is_said_so(case: Case, tmp_path: Path) -> N
     store, cluster = Store(tmp_path, case.request, case.manifest.nX), Cluster(workers=0)
     with pytest.raises(UsageError, match="no workers"):
         next(farm_out(cluster, cluster, store, case.kit, [0]))
+
+
+@pytest.mark.parametrize(
+    ("error", "kind", "words"),
+    [
+        (
+            ModuleNotFoundError("No module named 'pmjoint_codegen'"),
+            MissingToolError,
+            "a worker failed .*codegen",
+        ),
+        (MissingToolError("a sweep needs a C compiler"), MissingToolError, "on a worker: a sweep needs a C"),
+        (UsageError("is full", where="/cache"), UsageError, "/cache: is full"),
+    ],
+)
+def test_what_a_worker_lacks_is_said_to_be_the_worker_s(
+    case: Case,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    error: Exception,
+    kind: type[Exception],
+    words: str,
+) -> None:
+    def fail() -> None:
+        raise error
+
+    store, cluster = Store(tmp_path, case.request, case.manifest.nX), Cluster()
+    monkeypatch.setattr(
+        cluster, "submit", lambda *arguments, key: SimpleNamespace(key=key, result=fail), raising=True
+    )
+    with pytest.raises(kind, match=words):
+        next(farm_out(cluster, cluster, store, case.kit, [0]))
+
+
+@pytest.mark.parametrize("address", ["", "foo", "http://127.0.0.1:80"])
+def test_what_is_no_address_is_refused_before_anybody_is_asked(
+    case: Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, address: str
+) -> None:
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("distributed.Client", None)
+    store = Store(tmp_path, case.request, case.manifest.nX)
+    store.open()
+    with pytest.raises(UsageError, match="is no address"):
+        drive(store, case.kit, threads=1, scheduler=address, tell=lambda done: None)
 
 
 def port() -> int:
@@ -253,68 +244,3 @@ def test_a_scheduler_that_does_not_answer_is_said_so(
     store.open()
     with pytest.raises(UsageError, match="does not answer"):
         drive(store, case.kit, threads=1, scheduler=f"tcp://127.0.0.1:{port()}", tell=lambda done: None)
-
-
-def test_an_absent_extra_is_named_with_the_line_that_installs_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(MissingToolError, match=r"pip install 'pmjoint-codegen\[sweep\]'"):
-        dataset.require(())
-
-
-def test_the_dataset_says_what_it_is(case: Case, tmp_path: Path) -> None:
-    store = sweep(case, tmp_path, threads=2)
-    data = dataset.read(store.dataset)
-    assert dict(data["ise"].sizes) == case.request.plan.dimensions
-    assert data["ise"].attrs["units"] == "rad^2 s"
-    assert data["x1"].attrs["units"] == "rad"
-    assert data["b0"].dims == ("draw",)
-    assert data.attrs["model_hash"] == case.manifest.model_hash
-    assert data.attrs["request_hash"] == case.request.hash
-    assert data.attrs["seed"] == 3
-    columns = case.request.plan.columns(0, case.request.plan.runs)
-    flat = data.stack(run=tuple(case.request.plan.dimensions))
-    assert np.array_equal(flat["x1"].values, columns["x1"])
-    assert np.array_equal(flat["b0"].values, columns["b0"])
-    flags = dict(
-        zip(data["status"].attrs["flag_values"], data["status"].attrs["flag_meanings"].split(), strict=True)
-    )
-    assert {flags[int(value)] for value in np.unique(data["status"].values)} == {
-        "done",
-        "diverged",
-        "not_simulated",
-    }
-
-
-@pytest.mark.parametrize("kind", ["netcdf", "parquet"])
-def test_other_formats_hold_the_same_numbers(case: Case, tmp_path: Path, kind: str) -> None:
-    pytest.importorskip({"netcdf": "h5py", "parquet": "pyarrow"}[kind])
-    store = sweep(case, tmp_path, threads=2)
-    data = dataset.read(store.dataset)
-    path = dataset.export(data, tmp_path, kind)
-    if kind == "netcdf":
-        import xarray as xr
-
-        with xr.open_dataset(path, engine="h5netcdf") as again:
-            assert np.array_equal(again["ise"].values, data["ise"].values, equal_nan=True)
-            assert again["ise"].attrs["units"] == "rad^2 s"
-    else:
-        frame = import_module("pandas").read_parquet(path)
-        assert len(frame) == case.request.plan.runs
-        assert np.array_equal(frame["ise"].values, data["ise"].values.ravel(), equal_nan=True)
-
-
-def test_trajectories_are_kept_when_asked_for(case: Case, tmp_path: Path) -> None:
-    plan = make_plan(("x1=-2:2:5", "c1=-1,15"), (), None, 0, "sobol")
-    request = make_request(case.manifest, plan, horizon=1.0, output_step=0.25)
-    store = sweep(replace(case, request=request), tmp_path)
-    data = dataset.read(store.dataset)
-    assert data["trajectory_v"].attrs["units"] == "V"
-    assert dict(data["trajectory_x1"].sizes) == {"x1": 5, "c1": 2, "t": 5}
-    assert np.all(np.isnan(data["trajectory_x1"].sel(c1=-1.0).values))
-    good = data.sel(c1=15.0)
-    assert np.array_equal(good["trajectory_x1"].isel(t=0).values, data["x1"].values)
-    assert np.array_equal(good["trajectory_x2"].isel(t=-1).values, good["final_x2"].values)
-    miss = (
-        good["trajectory_e"].isel(t=-1).values - good["final_e"].values
-    )  # the polynomial's end, and a new one's start
-    assert np.max(np.abs(miss)) <= 64 * request.tolerance  # the defect that a step may have

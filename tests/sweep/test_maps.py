@@ -12,9 +12,9 @@ import pytest
 
 from pmjoint_codegen.sweep.drive import drive
 from pmjoint_codegen.sweep.plan import make_plan
-from pmjoint_codegen.sweep.reach import Border, border, held
+from pmjoint_codegen.sweep.reach import Border, border, held, holds
 from pmjoint_codegen.sweep.request import make_request
-from pmjoint_codegen.sweep.store import Store
+from pmjoint_codegen.sweep.store import MADE_OF_IT, Store
 
 from .conftest import Case
 
@@ -60,6 +60,7 @@ def test_dimensions_call_for_their_figures(
     data = made(case, tmp_path, grid, sample, horizon=3.0)
     first = maps.write_maps(data, case.manifest, tmp_path)
     assert {path.stem for path in first} == stems
+    assert {path.name for path in first} <= set(MADE_OF_IT)
     pictures = [path.read_bytes() for path in first]
     assert all(picture.startswith(b"\x89PNG") for picture in pictures)
     assert [path.read_bytes() for path in maps.write_maps(data, case.manifest, tmp_path)] == pictures
@@ -108,3 +109,77 @@ def test_no_run_beyond_the_border_is_held_and_clipping_holds_all_but_its_edge(
     lost = ~held(law).values
     assert np.all(lost[np.abs(x1) > 72.5])
     assert not np.any(lost[np.abs(x1) < 68.0])
+
+
+def drawn(data: Any, case: Case, stem: str) -> Any:
+    figure = maps._figures(maps._ascending(data), case.manifest)[stem]
+    figure.draw_without_rendering()
+    return figure
+
+
+@pytest.mark.parametrize(
+    ("grid", "stem"),
+    [
+        (("x1=-90:90:7", "x2=-20:20:5"), "region"),
+        (("x1=-90:90:7", "x2=-20:20:5", "compensator=0,1"), "region"),
+        (("c1=-1:5:3", "x1=-1:1:3"), "map_settling_s"),
+        (("x1=-1:1:3",), "curves"),
+    ],
+)
+def test_a_caption_stays_inside_its_figure(
+    case: Case, tmp_path: Path, grid: tuple[str, ...], stem: str
+) -> None:
+    figure = drawn(made(case, tmp_path, grid, horizon=2.0), case, stem)
+    words = figure.get_supxlabel()
+    assert words
+    box = next(text for text in figure.texts if text.get_text() == words).get_window_extent()
+    assert figure.bbox.x0 <= box.x0
+    assert box.x1 <= figure.bbox.x1
+
+
+def test_a_map_shows_every_run_where_it_stands_whatever_the_order_and_length_of_the_axes(
+    case: Case, tmp_path: Path
+) -> None:
+    data = made(case, tmp_path, ("x1=3,1,2", "x2=4"), horizon=2.0)
+    panel = drawn(data, case, "region").axes[0]
+    mesh = panel.collections[0]
+    corners = mesh.get_coordinates()
+    assert corners[0, :, 0].tolist() == [0.5, 1.5, 2.5, 3.5]
+    assert corners[:, 0, 1].tolist() == [2.0, 6.0]
+    assert mesh.get_array().tolist() == [data["settling_s"].sel(x1=[1, 2, 3], x2=4).values.tolist()]
+    assert panel.get_ylim() == (2.0, 6.0)
+
+
+def test_a_curve_shows_points_that_no_line_reaches(case: Case, tmp_path: Path) -> None:
+    data = made(case, tmp_path, ("c1=10,-1,15,20",), horizon=2.0)
+    panel = drawn(data, case, "curves").axes[0]
+    line, dots = panel.lines
+    assert line.get_xdata().tolist() == [-1.0, 10.0, 15.0, 20.0]
+    assert dots.get_xdata().tolist() == []
+    one = made(case, tmp_path / "one", ("c1=15",), horizon=2.0)
+    assert drawn(one, case, "curves").axes[0].lines[1].get_xdata().tolist() == [15.0]
+
+
+def test_captions_name_every_reason_for_a_gap(case: Case, tmp_path: Path) -> None:
+    plain = made(case, tmp_path / "plain", ("c1=5,6",), x0=(0.0, 0.0), horizon=2.0)
+    assert maps._absence(plain, "ise") == "the joint is lost"
+    assert "no initial error" in maps._absence(plain, "settling_s")
+    broken = made(case, tmp_path / "broken", ("c1=-5,6",), x0=(0.0, 0.0), horizon=2.0)
+    assert "break a rule of the design" in maps._absence(broken, "ise")
+
+
+def test_what_never_met_the_limit_is_held_even_at_its_largest_error(case: Case, tmp_path: Path) -> None:
+    done, beyond = np.array([1, 1, 1, 2]), np.array([5.0, 5.0, 1.0, 5.0])
+    good = holds(done, beyond, np.full(4, 5.0), np.array([0.0, 1.0, 1.0, 0.0]))
+    assert good.tolist() == [True, False, True, False]
+    strong = {"u_max": 1e3}
+    data = made(case, tmp_path, ("c1=10,20",), x0=(0.0, 0.0), parameters=strong, horizon=0.001)
+    assert np.array_equal(np.abs(data["final_e"].values), data["max_abs_e"].values)
+    assert np.all(held(data).values)
+
+
+def test_a_logarithmic_scale_is_for_more_than_a_decade(case: Case, tmp_path: Path) -> None:
+    narrow = made(case, tmp_path / "narrow", ("c1=14,15",), horizon=2.0)
+    wide = made(case, tmp_path / "wide", ("x1=0.1,10",), horizon=2.0)
+    assert drawn(narrow, case, "curves").axes[0].get_yscale() == "linear"
+    assert drawn(wide, case, "curves").axes[0].get_yscale() == "log"

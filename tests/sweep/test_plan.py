@@ -52,7 +52,19 @@ def test_an_axis_may_list_its_values() -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["x1", "x1=", "=1:2:3", "x1=1:2", "x1=1:2:0", "x1=1:2:2.5", "x1=a,b", "x1=1:nan:3", "x1=1,inf"]
+    "text",
+    [
+        "x1",
+        "x1=",
+        "=1:2:3",
+        "x1=1:2",
+        "x1=1:2:0",
+        "x1=1:2:2.5",
+        "x1=a,b",
+        "x1=1:nan:3",
+        "x1=1,inf",
+        "x1=1,2,1",
+    ],
 )
 def test_an_axis_that_cannot_be_read_is_refused(text: str) -> None:
     with pytest.raises(UsageError, match="--grid"):
@@ -71,6 +83,7 @@ def test_an_axis_that_cannot_be_read_is_refused(text: str) -> None:
         "J~loguniform(0,1)",
         "J~normal(1,x)",
         "J~uniform(0,inf)",
+        "J~uniform(-1e308,1e308)",
     ],
 )
 def test_a_sample_that_cannot_be_read_or_is_no_distribution_is_refused(text: str) -> None:
@@ -85,9 +98,17 @@ def test_a_sample_that_cannot_be_read_or_is_no_distribution_is_refused(text: str
         (("J=1,2",), ("J~normal(1,1)",), 5, 0, "J is varied twice"),
         ((), ("J~normal(1,1)",), None, 0, "--sample and --runs"),
         (("J=1,2",), (), 5, 0, "--sample and --runs"),
-        ((), ("J~normal(1,1)",), 0, 0, "1 to"),
-        ((), ("J~normal(1,1)",), 5, -1, "a seed from 0"),
-        (("a=0:1:100000", "b=0:1:100000"), (), None, 0, "1 to 1000000000 runs"),
+        ((), ("J~normal(1,1)",), 0, 0, "asks for 0 runs"),
+        ((), ("J~normal(1,1)",), -5, 0, "asks for -5 runs"),
+        ((), ("J~normal(1,1)",), 5, -1, "--seed: is -1"),
+        ((), ("J~normal(1,1)",), 5, 2**63, "--seed: is 9223372036854775808"),
+        (
+            ("a=0:1:100000", "b=0:1:100000"),
+            (),
+            None,
+            0,
+            "asks for 10000000000 runs; allowed: 1 to 1000000000",
+        ),
     ],
 )
 def test_a_plan_that_makes_no_sense_is_refused(

@@ -36,6 +36,7 @@ def test_plants_follow_from_the_seed(paper: Manifest) -> None:
         ({"perturb": ("c1~uniform(1,2)",)}, "no 'c1' to perturb"),
         ({"perturb": ("b0~uniform(1,2)", "b0~uniform(1,2)")}, "b0_plant is given twice"),
         ({"perturb": ("b0~uniform(1,2)",), "plants": 0}, "--plants"),
+        ({"perturb": ("u_max~normal(10,10)",)}, "--perturb: draws . plants that break a rule"),
         ({"seed": -1}, "seed from 0"),
         ({"generations": 0}, "--generations"),
         ({"population": 10_000_000}, "at most"),

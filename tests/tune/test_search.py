@@ -9,7 +9,7 @@ from pmjoint_codegen.errors import UsageError
 from pmjoint_codegen.kernels.batch import BatchLibrary
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.sweep.metrics import Column
-from pmjoint_codegen.tune.comparison import compare
+from pmjoint_codegen.tune.comparison import account, compare
 from pmjoint_codegen.tune.cost import BEYOND, Costing
 from pmjoint_codegen.tune.request import make_request
 from pmjoint_codegen.tune.search import search
@@ -59,3 +59,24 @@ def test_the_impossible_is_said(library: BatchLibrary, paper: Manifest) -> None:
     asked = make_request(paper, gains=("c1",), max_v=0.1, generations=1, horizon=1.0)
     with pytest.raises(UsageError, match=r"keeps \|v\| <= 0.1"):
         search(Costing(library, asked))
+
+
+def test_what_the_best_design_lacks_is_named_whatever_was_asked(
+    library: BatchLibrary, paper: Manifest
+) -> None:
+    huge = make_request(paper, gains=("c1",), objective="1e15*ise", generations=1, horizon=1.0)
+    with pytest.raises(UsageError, match=r"none of \d+ designs has an objective below 1e\+12; give smaller"):
+        search(Costing(library, huge))
+    stiff = make_request(paper, gains=("poles=1e160:1e170",), generations=1, horizon=1.0)
+    with pytest.raises(UsageError, match=r"none of .* keeps the rules of the design"):
+        search(Costing(library, stiff))
+
+
+def test_the_mean_that_is_minimised_is_told(library: BatchLibrary, paper: Manifest) -> None:
+    perturb = ("b0~uniform(1.6,2.4)",)
+    asked = make_request(paper, perturb=perturb, plants=3, over="mean", generations=2, horizon=4.0)
+    costing = Costing(library, asked)
+    found = search(costing)
+    told = account(compare(costing, found))
+    assert told["mean"]["objective"] == {"before": found.before, "after": found.cost}
+    assert told["worst"]["objective"]["after"] > found.cost

@@ -1,0 +1,135 @@
+"""The dataset: what it says of itself, in every format, and that it is there before the chunks go."""
+
+from __future__ import annotations
+
+import errno
+import resource
+from dataclasses import replace
+from importlib import import_module
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from pmjoint_codegen.errors import MissingToolError, UsageError
+from pmjoint_codegen.sweep.drive import drive
+from pmjoint_codegen.sweep.plan import make_plan
+from pmjoint_codegen.sweep.request import make_request
+from pmjoint_codegen.sweep.store import Store
+
+from .conftest import Case, files, sweep
+
+pytest.importorskip("xarray")
+pytest.importorskip("zarr")
+
+from pmjoint_codegen.sweep import dataset
+
+
+def test_chunks_go_when_the_dataset_is_on_the_disk_and_stay_when_it_cannot_be(
+    case: Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reference: dict[str, bytes]
+) -> None:
+    store = Store(tmp_path, case.request, case.manifest.nX)
+    store.open()
+    drive(store, case.kit, threads=2, scheduler=None, tell=lambda done: None)
+
+    def full(folder: Path) -> None:
+        assert files(folder) == reference
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as disk:
+        disk.setattr(dataset, "settle", full)
+        with pytest.raises(UsageError, match=r"sweep\.zarr: cannot be written \(no space left on device\)"):
+            dataset.assemble(store, case.manifest)
+    assert {path.name for path in tmp_path.iterdir()} == {"request.json", "chunks"}
+    assert not store.missing()
+
+
+def test_an_absent_extra_is_named_with_the_line_that_installs_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(MissingToolError, match=r"pip install 'pmjoint-codegen\[sweep\]'"):
+        dataset.require(())
+
+
+def test_the_dataset_says_what_it_is(case: Case, tmp_path: Path) -> None:
+    store = sweep(case, tmp_path, threads=2)
+    data = dataset.read(store.dataset)
+    assert dict(data["ise"].sizes) == case.request.plan.dimensions
+    assert data["ise"].attrs["units"] == "rad^2 s"
+    assert data["x1"].attrs["units"] == "rad"
+    assert data["b0"].dims == ("draw",)
+    assert data.attrs["model_hash"] == case.manifest.model_hash
+    assert data.attrs["request_hash"] == case.request.hash
+    assert data.attrs["seed"] == 3
+    columns = case.request.plan.columns(0, case.request.plan.runs)
+    flat = data.stack(run=tuple(case.request.plan.dimensions))
+    assert np.array_equal(flat["x1"].values, columns["x1"])
+    assert np.array_equal(flat["b0"].values, columns["b0"])
+    flags = dict(
+        zip(data["status"].attrs["flag_values"], data["status"].attrs["flag_meanings"].split(), strict=True)
+    )
+    assert {flags[int(value)] for value in np.unique(data["status"].values)} == {
+        "done",
+        "diverged",
+        "not_simulated",
+    }
+
+
+@pytest.mark.parametrize("kind", ["netcdf", "parquet"])
+def test_other_formats_hold_the_same_numbers(case: Case, tmp_path: Path, kind: str) -> None:
+    pytest.importorskip({"netcdf": "h5py", "parquet": "pyarrow"}[kind])
+    store = sweep(case, tmp_path, threads=2)
+    data = dataset.read(store.dataset)
+    path = dataset.export(data, tmp_path, kind)
+    if kind == "netcdf":
+        import xarray as xr
+
+        with xr.open_dataset(path, engine="h5netcdf") as again:
+            assert np.array_equal(again["ise"].values, data["ise"].values, equal_nan=True)
+            assert again["ise"].attrs["units"] == "rad^2 s"
+    else:
+        frame = import_module("pandas").read_parquet(path)
+        assert len(frame) == case.request.plan.runs
+        assert np.array_equal(frame["ise"].values, data["ise"].values.ravel(), equal_nan=True)
+        assert frame.attrs["units"]["ise"] == "rad^2 s"
+        assert frame.attrs["units"]["x1"] == "rad"
+
+
+@pytest.mark.parametrize("kind", ["netcdf", "parquet"])
+def test_an_export_that_finds_no_room_is_said_so_and_leaves_nothing(
+    case: Case, tmp_path: Path, kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip({"netcdf": "h5py", "parquet": "pyarrow"}[kind])
+    data = dataset.read(sweep(case, tmp_path, threads=2).dataset)
+    there = set(tmp_path.iterdir())
+    if kind == "netcdf":  # HDF5 itself crashes where a disk is full
+        monkeypatch.setattr("shutil.disk_usage", lambda folder: SimpleNamespace(free=data.nbytes - 1))
+        words = "sweep.nc: cannot be written .no space left"
+    else:
+        before = resource.getrlimit(resource.RLIMIT_FSIZE)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (4096, before[1]))
+        words = r"sweep.parquet: cannot be written \(.*file too large"
+    try:
+        with pytest.raises(UsageError, match=words):
+            dataset.export(data, tmp_path, kind)
+    finally:
+        if kind == "parquet":
+            resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert set(tmp_path.iterdir()) == there
+
+
+def test_trajectories_are_kept_when_asked_for(case: Case, tmp_path: Path) -> None:
+    plan = make_plan(("x1=-2:2:5", "c1=-1,15"), (), None, 0, "sobol")
+    request = make_request(case.manifest, plan, horizon=1.0, output_step=0.25)
+    store = sweep(replace(case, request=request), tmp_path)
+    data = dataset.read(store.dataset)
+    assert data["trajectory_v"].attrs["units"] == "V"
+    assert dict(data["trajectory_x1"].sizes) == {"x1": 5, "c1": 2, "t": 5}
+    assert np.all(np.isnan(data["trajectory_x1"].sel(c1=-1.0).values))
+    good = data.sel(c1=15.0)
+    assert np.array_equal(good["trajectory_x1"].isel(t=0).values, data["x1"].values)
+    assert np.array_equal(good["trajectory_x2"].isel(t=-1).values, good["final_x2"].values)
+    miss = (
+        good["trajectory_e"].isel(t=-1).values - good["final_e"].values
+    )  # the polynomial's end, and a new one's start
+    assert np.max(np.abs(miss)) <= 64 * request.tolerance  # the defect that a step may have
