@@ -17,7 +17,7 @@ from pmjoint_codegen.identity import canonical_hash, model_hash
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.spec.reader import read_document
 from pmjoint_codegen.storage import replace_folder, sha256_file
-from pmjoint_codegen.workspace import cache_dir, find_model, generated_root
+from pmjoint_codegen.workspace import cache_dir, called, find_model, generated_root
 
 Notify = Callable[[str], None]
 
@@ -77,7 +77,7 @@ def _committed(path: Path, document: Mapping[str, Any], notify: Notify) -> Provi
     if manifest.model_hash != model_hash(document):
         notify(
             f"{path} says something else than {folder} was made from; deriving it anew into the cache "
-            f"(`pmjoint regenerate {name}` makes it permanent)"
+            f"(`pmjoint regenerate {called(path)}` makes it permanent)"
         )
         return None
     for file, recorded in manifest.files.items():
@@ -85,7 +85,7 @@ def _committed(path: Path, document: Mapping[str, Any], notify: Notify) -> Provi
             raise StaleError(
                 "was edited by hand or is missing",
                 where=str(folder / file),
-                remedy=f"run pmjoint regenerate {name}",
+                remedy=f"run pmjoint regenerate {called(path)}",
             )
     return Provided(manifest, folder, committed=True)
 
