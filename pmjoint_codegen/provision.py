@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pmjoint_codegen.errors import MissingToolError, StaleError, UsageError
+from pmjoint_codegen.errors import MissingToolError, StaleError, UsageError, installing
 from pmjoint_codegen.identity import canonical_hash, model_hash
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.spec.reader import read_document
@@ -130,7 +130,7 @@ def _derived(
         raise MissingToolError(
             f"{error.name} is needed to derive a changed model",
             where=str(path),
-            remedy="install it: pip install 'pmjoint-codegen[derive]'",
+            remedy=f"install it: {installing('pmjoint-codegen[derive]')}",
         ) from None
     artifacts = generate(document, model_of(document, str(path)))
     replace_folder(folder, {name: text.encode() for name, text in artifacts.files.items()})
