@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from pmjoint_codegen.cli.options import Assignment, Numbers, assignments
+from pmjoint_codegen.cli.options import Assignment, Numbers, assignments, processors, tell_idle_sample_time
 from pmjoint_codegen.cli.terminal import activity, document, message, result, table
 
 if TYPE_CHECKING:
@@ -143,6 +143,7 @@ def command(
 
     require((*formats, *(["dask"] if scheduler else [])))
     plan = make_plan(grid, sample, draws, seed, method)
+    tell_idle_sample_time(settings)
     settings["compensator"] = False if no_compensator else None
     provided = provide(
         model,
@@ -189,7 +190,7 @@ def _compute(
             drive(
                 store,
                 kit,
-                threads=threads or _processors(),
+                threads=threads or processors(),
                 scheduler=scheduler,
                 tell=lambda done: progress(done / total),
             )
@@ -200,11 +201,6 @@ def _compute(
         )
         raise
     return store
-
-
-def _processors() -> int:
-    """Processors that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _write(store: Store, provided: Provided, formats: tuple[str, ...], *, figures: bool) -> tuple[Path, ...]:

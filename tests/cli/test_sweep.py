@@ -44,6 +44,26 @@ def test_another_reference_is_derived_and_swept(tmp_path: Path, capsys: pytest.C
     assert json.loads((tmp_path / "request.json").read_text())["reference"] == "sin(2*t)/2"
 
 
+def test_a_sample_time_without_the_sampled_controller_is_said_to_do_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = [
+        "sweep",
+        "paper",
+        "--grid",
+        "c1=10",
+        "--horizon",
+        "0.1",
+        "--no-figures",
+        "--sample-time",
+        "0.002",
+    ]
+    assert run([*command, "--out", str(tmp_path / "a")]) == 0
+    assert "--controller sampled" in capsys.readouterr().err
+    assert run([*command, "--out", str(tmp_path / "b"), "--controller", "sampled"]) == 0
+    assert capsys.readouterr().err == ""
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
