@@ -109,14 +109,23 @@ def test_first_example_stands_early() -> None:
     assert lines.index("```python") + blocks("python")[0].count("\n") < 40
 
 
-@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md"])
+PAGES = sorted(
+    str(path.relative_to(ROOT))
+    for path in (*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"))
+    if not path.name.startswith(".")
+)
+
+
+@pytest.mark.parametrize("page", PAGES)
 def test_links_and_targets_exist(page: str) -> None:
     text = (ROOT / page).read_text(encoding="utf-8")
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
-    for target in re.findall(r"(?:^    |`)make ([a-z]+)\b", text, re.MULTILINE):
+    for target in re.findall(r"(?:^    |`)make ([a-z]+(?:-[a-z]+)*)\b", text, re.MULTILINE):
         assert re.search(rf"^{target}:", makefile, re.MULTILINE), f"make {target}"
     for link in re.findall(r"\]\(([^)#:]+)\)", text):
-        assert (ROOT / link).exists(), link
+        assert ((ROOT / page).parent / link).exists(), link
+    for module in re.findall(r"`((?:\w+/)+\w+\.(?:py|c|h|toml|md|csv))`", text):
+        assert any((base / module).exists() for base in (ROOT, ROOT / "pmjoint_codegen")), module
 
 
 def test_every_figure_shown_is_there_and_drawn_by_a_command() -> None:
