@@ -137,7 +137,7 @@ def make_request(
     if size > MAX_TRAJECTORIES:
         raise UsageError(
             f"would keep {size / 2**30:.1f} GiB of trajectories",
-            where="--output-step",
+            where="--trajectories",
             remedy=f"at most {MAX_TRAJECTORIES / 2**30:g} GiB: fewer runs, a shorter horizon, a longer step",
         )
     return request

@@ -73,6 +73,7 @@ def test_a_sample_time_without_the_sampled_controller_is_said_to_do_nothing(
         (["--sample", "d1~normal(0.2,0.1)"], "--runs says how many"),
         (["--grid", "c1=1,2", "--set", "c1=3"], "both set and varied"),
         (["--grid", "c1=1,2", "--horizon", "0"], "horizon"),
+        (["--grid", "c1=1:2:1000000", "--trajectories", "0.001"], "--trajectories: would keep"),
     ],
 )
 def test_misuse_is_one_line_and_exit_code_2(
