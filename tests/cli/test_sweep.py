@@ -44,6 +44,17 @@ def test_another_reference_is_derived_and_swept(tmp_path: Path, capsys: pytest.C
     assert json.loads((tmp_path / "request.json").read_text())["reference"] == "sin(2*t)/2"
 
 
+def test_a_run_without_settling_time_leaves_those_of_the_others(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """From x1(0) = 0 = y_r(0) the error starts at 0, and 2 % of that is no time."""
+    command = ["sweep", "paper", "--grid", "x1=0,1.5", "--no-figures", "--json", "--out", str(tmp_path)]
+    assert run(command) == 0
+    account = json.loads(capsys.readouterr().out)
+    assert account["held"] == 2
+    assert account["quantiles_of_held"]["settling_s"]["median"] == pytest.approx(7.46, abs=0.01)
+
+
 def test_a_sample_time_without_the_sampled_controller_is_said_to_do_nothing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
