@@ -15,6 +15,8 @@ Only the command line turns an error into an exit code; everything below it rais
 
 from __future__ import annotations
 
+import shlex
+import sys
 from typing import Any, ClassVar
 
 __all__ = [
@@ -27,6 +29,7 @@ __all__ = [
     "SimulationError",
     "StaleError",
     "UsageError",
+    "installing",
     "quoted",
 ]
 
@@ -39,6 +42,11 @@ def quoted(value: object) -> str:
         return "a whole number of more than 60 digits"  # which Python may refuse to print
     shown = repr(value[: _LONGEST_QUOTE + 1]) if isinstance(value, str) else str(value)
     return shown if len(shown) <= _LONGEST_QUOTE else shown[: _LONGEST_QUOTE - 4] + " ..."
+
+
+def installing(requirement: str) -> str:
+    """Give the line that installs a package for the interpreter that runs, whatever `pip` the shell finds."""
+    return f"{shlex.quote(sys.executable or 'python3')} -m pip install '{requirement}'"
 
 
 def _one_line(text: str) -> str:

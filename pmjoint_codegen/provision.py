@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import Any
 
 from pmjoint_codegen import __version__
-from pmjoint_codegen.errors import MissingToolError, StaleError, UsageError
+from pmjoint_codegen.errors import MissingToolError, StaleError, UsageError, installing
 from pmjoint_codegen.identity import canonical_hash, model_hash
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.spec.reader import read_document
 from pmjoint_codegen.storage import replace_folder, sha256_file
-from pmjoint_codegen.workspace import cache_dir, find_model, generated_root
+from pmjoint_codegen.workspace import cache_dir, called, find_model, generated_root
 
 Notify = Callable[[str], None]
 
@@ -79,7 +79,7 @@ def _committed(path: Path, document: Mapping[str, Any], notify: Notify) -> Provi
     if manifest.model_hash != model_hash(document):
         notify(
             f"{path} says something else than {folder} was made from; deriving it anew into the cache "
-            f"(`pmjoint regenerate {name}` makes it permanent)"
+            f"(`pmjoint regenerate {called(path)}` makes it permanent)"
         )
         return None
     for file, recorded in manifest.files.items():
@@ -87,7 +87,7 @@ def _committed(path: Path, document: Mapping[str, Any], notify: Notify) -> Provi
             raise StaleError(
                 "was edited by hand or is missing",
                 where=str(folder / file),
-                remedy=f"run pmjoint regenerate {name}",
+                remedy=f"run pmjoint regenerate {called(path)}",
             )
     return Provided(manifest, folder, committed=True)
 
@@ -137,7 +137,7 @@ def _derived(
         raise MissingToolError(
             f"{error.name} is needed to derive a changed model",
             where=str(path),
-            remedy="install it: pip install 'pmjoint-codegen[derive]'",
+            remedy=f"install it: {installing('pmjoint-codegen[derive]')}",
         ) from None
     artifacts = generate(document, model_of(document, str(path)))
     replace_folder(folder, {name: text.encode() for name, text in artifacts.files.items()})

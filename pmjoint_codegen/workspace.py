@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import difflib
 import os
+import shlex
 import stat
 import tempfile
 from collections.abc import Callable, Iterable, Mapping
@@ -60,6 +61,14 @@ def model_folders(cwd: Path | None = None) -> tuple[Path, ...]:
         if folder.is_dir():
             found.setdefault(folder.resolve(), folder)
     return tuple(found.values())
+
+
+def called(model_file: Path) -> str:
+    """How a command line calls a model file: by its stem where that finds it, else by its path, quoted."""
+    found = (folder / model_file.name for folder in model_folders() if (folder / model_file.name).is_file())
+    first = next(found, None)
+    named = first is not None and first.resolve() == model_file.resolve()
+    return model_file.stem if named else shlex.quote(str(model_file))
 
 
 def generated_root(model_file: Path) -> Path:

@@ -133,3 +133,14 @@ def test_a_folder_that_others_can_write_is_not_trusted(
     found = cache_dir({})
     assert found != planted
     assert found.stat().st_mode & 0o077 == 0
+
+
+def test_a_folder_of_another_user_is_not_trusted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What we make now is another's to the user that we then claim to be."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    claimed = os.getuid() + 1
+    planted = tmp_path / f"pmjoint-{claimed}"
+    planted.mkdir(mode=0o700)
+    monkeypatch.setattr(os, "getuid", lambda: claimed)
+    assert cache_dir({}).parent == tmp_path
+    assert cache_dir({}) != planted

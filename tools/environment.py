@@ -57,6 +57,16 @@ def pip_install(*arguments: str) -> None:
         sys.exit(f"environment: pip failed with exit code {failure.returncode}; what it said stands above")
 
 
+def demand_writable() -> None:
+    """End with one line where what is missing cannot be installed, since the checkout is somebody else's."""
+    for place in (ROOT, VENV):
+        if place.exists() and not os.access(place, os.W_OK):
+            sys.exit(
+                f"environment: {place} cannot be written, and .venv belongs into the checkout; "
+                "clone it into a folder of your own"
+            )
+
+
 def create() -> None:
     """Make an empty `.venv` in place of whatever stands there."""
     for old in VENV.glob("holds-*"):
@@ -96,6 +106,8 @@ def main(locks: Sequence[str]) -> None:
     folder = os.open(ROOT, os.O_RDONLY)
     try:
         fcntl.flock(folder, fcntl.LOCK_EX)
+        if not all(stamp(held).exists() for held in (*locks, PROJECT)):
+            demand_writable()
         if is_stale(locks):
             create()
         fill(locks)

@@ -8,6 +8,7 @@ from pmjoint_codegen.check.result import Difference, GateResult, failed, passed
 from pmjoint_codegen.check.subject import Subject
 from pmjoint_codegen.emit.pipeline import Artifacts, generate
 from pmjoint_codegen.emit.staleness import REMEDIES, Verdict, compare, read_folder
+from pmjoint_codegen.workspace import called
 
 NAME = "current"
 
@@ -31,7 +32,7 @@ def judge(subject: Subject, files: Mapping[str, bytes], fresh: Artifacts) -> Gat
     ) - set(fresh.files)
     if comparison.verdict is Verdict.CURRENT:
         return passed(NAME, f"files that differ, of {len(files)} generated anew", 0, 0)
-    remedy = REMEDIES[comparison.verdict].format(name=subject.model.name)
+    remedy = REMEDIES[comparison.verdict].format(name=called(subject.file))
     changes = [
         f"{item.name}: {item.before} -> {item.after}"
         for item in comparison.changes

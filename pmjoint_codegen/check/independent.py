@@ -16,6 +16,7 @@ from pmjoint_codegen.check.golden import Switches, Trajectory, compare, default_
 from pmjoint_codegen.check.program import compile_program
 from pmjoint_codegen.check.result import GateResult, failed, not_run
 from pmjoint_codegen.check.subject import Subject
+from pmjoint_codegen.errors import installing
 from pmjoint_codegen.simulate.modes import Actuator, make_actuator
 from pmjoint_codegen.simulate.status import Status
 
@@ -56,7 +57,7 @@ def check(subject: Subject) -> GateResult:
     try:
         import heyoka
     except ImportError:
-        return not_run(NAME, "no heyoka")
+        return not_run(NAME, f"no heyoka; {installing('heyoka')}")
     done = default_run(subject.compiled or subject.interpreted)
     if done.status != Status.DONE:
         return failed(NAME, f"the run ended early: {done.message}")

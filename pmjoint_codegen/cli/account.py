@@ -66,14 +66,18 @@ def _peaks(run: Run) -> Iterator[tuple[str, ...]]:
 def _tracking(run: Run) -> Iterator[tuple[str, ...]]:
     summary = run.summary
     unit = next((item.unit for item in run.manifest.signals if item.name == "y"), "")
-    settled = summary["settling_s"]
-    yield (
-        "settling",
-        "e starts at 0" if settled is None else f"{settled:.6g} s (last |e| > 2 % of the initial |e|)",
-    )
+    yield "settling", _settling(summary["settling_s"], float(run.t[-1]))
     yield "ISE", f"{summary['ise']:.6g} {unit}^2 s"
     yield "max |e|", f"{summary['max_abs_e']:.6g} {unit}"
     yield "final e", f"{summary['final_e']:.6g} {unit}"
+
+
+def _settling(settled: float | None, end: float) -> str:
+    if settled is None:
+        return "e starts at 0"
+    if settled >= end:
+        return f"not by {end:.6g} s (|e| > 2 % of the initial |e|)"
+    return f"{settled:.6g} s (last |e| > 2 % of the initial |e|)"
 
 
 def _disturbance(run: Run) -> Iterator[tuple[str, ...]]:

@@ -57,9 +57,9 @@ def _findings() -> tuple[Finding, ...]:
         try:
             from pmjoint_codegen.audit.examination import audit
         except ModuleNotFoundError as error:
-            from pmjoint_codegen.errors import MissingToolError
+            from pmjoint_codegen.errors import MissingToolError, installing
 
-            remedy = "install it: pip install 'pmjoint-codegen[derive]'"
+            remedy = f"install it: {installing('pmjoint-codegen[derive]')}"
             raise MissingToolError(f"{error.name} is needed to audit", where="audit", remedy=remedy) from None
         return audit(progress, message)
 

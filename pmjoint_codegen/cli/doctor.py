@@ -19,6 +19,7 @@ import click
 
 from pmjoint_codegen import __version__
 from pmjoint_codegen.cli.terminal import document, message, result, table
+from pmjoint_codegen.errors import installing
 
 if TYPE_CHECKING:
     from pmjoint_codegen.build.compiler import Compiler
@@ -27,7 +28,7 @@ _PROGRAM_PATIENCE_S = 10.0
 
 _PACKAGES = {
     "numpy": ("simulates", "nothing runs without it"),
-    "cffi": ("loads compiled kernels", "without it kernels run interpreted"),
+    "cffi": ("loads compiled kernels", "without it, use --evaluator interpreted"),
     "click": ("reads the command line", "nothing runs without it"),
     "matplotlib": ("draws figures", "without it, use --no-figures"),
     "rich": ("draws progress bars", "without it there are none"),
@@ -38,6 +39,14 @@ _PACKAGES = {
         "without it, only the committed models run, compiled",
     ),
     "pydantic": ("validates model files", "without it, only the committed models run, as they are"),
+}
+_OPTIONAL = {  # what it does, and what brings it
+    "xarray": ("`pmjoint sweep`: labels its datasets", "pmjoint-codegen[sweep]"),
+    "zarr": ("`pmjoint sweep`: writes its datasets", "pmjoint-codegen[sweep]"),
+    "h5netcdf": ("`pmjoint sweep --format netcdf`", "pmjoint-codegen[sweep]"),
+    "pyarrow": ("`pmjoint sweep --format parquet`", "pmjoint-codegen[sweep]"),
+    "distributed": ("`pmjoint sweep --scheduler`: a Dask cluster", "pmjoint-codegen[sweep]"),
+    "heyoka": ("`pmjoint check`: the independent solver", "heyoka"),
 }
 _PROGRAMS = {
     "gcc": ("compiles kernels; one of two compilers that generated C is tried with", "apt-get install gcc"),
@@ -57,7 +66,7 @@ class Finding:
 
     Attributes:
         name: what it is.
-        group: ``machine``, ``packages`` or ``optional programs``.
+        group: ``machine``, ``packages``, ``optional packages`` or ``optional programs``.
         state: ``ok``, ``absent`` or ``differs`` (there, but not as pinned).
         found: version or place; empty where absent.
         meaning: what that means for the user.
@@ -93,6 +102,8 @@ def examine(environment: Mapping[str, str]) -> Iterator[Finding]:
     pins = pinned()
     for name, (purpose, without) in _PACKAGES.items():
         yield _package(name, purpose, without, pins.get(name, ""))
+    for name, (purpose, bringer) in _OPTIONAL.items():
+        yield _optional(name, purpose, bringer)
     for name, (purpose, remedy) in _PROGRAMS.items():
         yield _program(name, purpose, remedy, environment)
 
@@ -164,12 +175,20 @@ def _package(name: str, purpose: str, without: str, pin: str) -> Finding:
     try:
         version = metadata.version(name)
     except metadata.PackageNotFoundError:
-        return Finding(name, "packages", "absent", "", f"{purpose}; {without}; pip install '{name}{pin}'")
+        remedy = installing(f"{name}{pin}")
+        return Finding(name, "packages", "absent", "", f"{purpose}; {without}; {remedy}")
     if pin.startswith("==") and version != pin[2:]:
         return Finding(
             name, "packages", "differs", version, f"{purpose}; pinned {pin[2:]}: generated text may differ"
         )
     return Finding(name, "packages", "ok", version, f"{purpose} (wanted {pin})" if pin else purpose)
+
+
+def _optional(name: str, purpose: str, bringer: str) -> Finding:
+    try:
+        return Finding(name, "optional packages", "ok", metadata.version(name), purpose)
+    except metadata.PackageNotFoundError:
+        return Finding(name, "optional packages", "absent", "", f"{purpose}; {installing(bringer)}")
 
 
 def _program(name: str, purpose: str, remedy: str, environment: Mapping[str, str]) -> Finding:

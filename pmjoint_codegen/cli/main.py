@@ -20,7 +20,7 @@ import click
 from pmjoint_codegen import __version__
 from pmjoint_codegen.cli.commands import COMMANDS, CommandGroup
 from pmjoint_codegen.cli.terminal import message, settle_output
-from pmjoint_codegen.errors import BuildError, PmjointError
+from pmjoint_codegen.errors import BuildError, PmjointError, installing
 
 _HELP = """Derive, generate, compile and simulate the controller of a saturated pneumatic muscle joint.
 
@@ -32,12 +32,13 @@ Start with
   pmjoint simulate paper --help     see what can be changed from the command line
 """
 
-_EXTRAS = {
-    "sympy": "derive",
-    "mpmath": "derive",
-    "casadi": "derive",
-    "pydantic": "derive",
-}  # module -> what installs it
+_BRINGS = {  # module -> what brings it
+    **dict.fromkeys(("sympy", "mpmath", "casadi", "pydantic"), "pmjoint-codegen[derive]"),
+    **dict.fromkeys(("xarray", "zarr", "pandas", "pyarrow", "h5netcdf"), "pmjoint-codegen[sweep]"),
+    "_cffi_backend": "cffi",
+    "matplotlib": "matplotlib",
+    "scipy": "scipy",
+}
 
 
 def _version(ctx: click.Context, _option: click.Parameter, wanted: bool) -> None:
@@ -127,11 +128,9 @@ def _report(error: Exception) -> int:
             message(error.output.rstrip())
         message(f"pmjoint: {error}")
         return error.exit_code
-    if isinstance(error, ModuleNotFoundError) and error.name in _EXTRAS:
-        extra = _EXTRAS[error.name]
-        message(
-            f"pmjoint: needs {error.name}, which is not installed; pip install 'pmjoint-codegen[{extra}]'"
-        )
+    if isinstance(error, ModuleNotFoundError) and error.name in _BRINGS:
+        line = installing(_BRINGS[error.name])
+        message(f"pmjoint: needs {error.name}, which is not installed; install it: {line}")
         return 3
     if isinstance(error, OSError) and error.strerror:
         place = f"{error.filename}: " if error.filename else ""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from pathlib import Path
 
 import click
@@ -38,7 +39,7 @@ def command(name: str, kind: str | None, out: Path) -> None:
     It simulates as it stands; change it from there. A file that exists is never overwritten.
     """
     path = create(name, kind or "joint", out)
-    result(f"{path}\nnext: pmjoint simulate {path}")
+    result(f"{path}\nnext: pmjoint simulate {shlex.quote(str(path))}")
 
 
 def create(name: str, kind: str, folder: Path) -> Path:

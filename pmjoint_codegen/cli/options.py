@@ -1,10 +1,14 @@
-"""Kinds of values that options take: NAME=VALUE and lists of numbers."""
+"""Kinds of values that options take, and what several commands do with theirs."""
 
 from __future__ import annotations
 
+import os
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import click
+
+from pmjoint_codegen.cli.terminal import message
 
 if TYPE_CHECKING:
     _Kind = click.ParamType[Any]  # generic in newer releases of click, to the type checker alone
@@ -61,3 +65,14 @@ def assignments(
             raise click.BadParameter(f"{name} is set twice", ctx=ctx, param=param)
         table[name] = value
     return table
+
+
+def tell_idle_sample_time(settings: Mapping[str, Any]) -> None:
+    """Say that a sample time was given to the controller that has none."""
+    if settings["sample_time"] is not None and settings["controller"] != "sampled":
+        message("pmjoint: --sample-time does nothing without --controller sampled")
+
+
+def processors() -> int:
+    """Processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

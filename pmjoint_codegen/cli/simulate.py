@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, cast
 import click
 
 from pmjoint_codegen.cli.account import account
-from pmjoint_codegen.cli.options import Assignment, Numbers, assignments
+from pmjoint_codegen.cli.options import Assignment, Numbers, assignments, tell_idle_sample_time
 from pmjoint_codegen.cli.terminal import activity, as_json, document, message, result
 from pmjoint_codegen.errors import SimulationError
 
@@ -90,6 +90,7 @@ def command(
     """
     from pmjoint_codegen.storage import ensure_folder
 
+    tell_idle_sample_time(settings)
     settings["compensator"] = False if no_compensator else None
     if out:
         ensure_folder(out)

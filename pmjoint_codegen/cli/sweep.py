@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from pmjoint_codegen.cli.options import Assignment, Numbers, assignments
+from pmjoint_codegen.cli.options import Assignment, Numbers, assignments, processors, tell_idle_sample_time
 from pmjoint_codegen.cli.terminal import activity, document, message, result, table
 
 if TYPE_CHECKING:
@@ -143,6 +143,7 @@ def command(
 
     require((*formats, *(["dask"] if scheduler is not None else [])))
     plan = make_plan(grid, sample, draws, seed, method)
+    tell_idle_sample_time(settings)
     settings["compensator"] = False if no_compensator else None
     provided = provide(
         model,
@@ -183,7 +184,7 @@ def _compute(
             drive(
                 store,
                 kit,
-                threads=threads or _processors(),
+                threads=threads or processors(),
                 scheduler=scheduler,
                 tell=lambda done: progress(done / total),
             )
@@ -192,11 +193,6 @@ def _compute(
         kept = f"{total - left} of {total} runs are kept in {store.folder}"
         message(f"pmjoint: {kept}; the same command goes on there")
         raise
-
-
-def _processors() -> int:
-    """Processors that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _write(store: Store, provided: Provided, formats: tuple[str, ...], *, figures: bool) -> tuple[Path, ...]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from pmjoint_codegen.cli.options import Numbers
+from pmjoint_codegen.cli.options import Numbers, processors, tell_idle_sample_time
 from pmjoint_codegen.cli.terminal import activity, document, message, result, table
 
 if TYPE_CHECKING:
@@ -108,6 +108,7 @@ def command(
     from pmjoint_codegen.tune.request import make_request
     from pmjoint_codegen.workspace import find_model
 
+    tell_idle_sample_time(settings)
     source = find_model(model)
     file = out or _default_file(source)
     _check_target(file, source)
@@ -115,7 +116,7 @@ def command(
     request = make_request(provided.manifest, **settings)
     text = _text_of(source, file, request)
     ensure_folder(file.parent)
-    costing = _costing(provided, request, threads or _processors())
+    costing = _costing(provided, request, threads or processors())
     found = _search(costing)
     comparison = compare(costing, found)
     _write_model(text, file, comparison, str(source))
@@ -144,11 +145,6 @@ def _check_target(file: Path, source: Path) -> None:
         )
     if file.exists() and file.samefile(source):
         raise UsageError("is the model itself", where=f"--out {file}", remedy="give another file")
-
-
-def _processors() -> int:
-    """Processors that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _costing(provided: Provided, request: Request, threads: int) -> Costing:

@@ -8,10 +8,11 @@ from pathlib import Path
 
 from pmjoint_codegen.emit.pipeline import Artifacts, generate
 from pmjoint_codegen.emit.staleness import REMEDIES, Comparison, Verdict, compare, read_folder
+from pmjoint_codegen.errors import ModelError, quoted
 from pmjoint_codegen.spec import model_of
 from pmjoint_codegen.spec.reader import read_document
 from pmjoint_codegen.storage import recover_folder, replace_folder
-from pmjoint_codegen.workspace import find_model, generated_root, model_folders
+from pmjoint_codegen.workspace import called, find_model, generated_root, model_folders
 
 
 @dataclass(frozen=True)
@@ -23,12 +24,14 @@ class Report:
         folder: its folder under ``generated/``.
         comparison: how the folder stood before anything was written.
         written: whether it was written.
+        called: what a command line calls the model, where that is not its name.
     """
 
     name: str
     folder: Path
     comparison: Comparison
     written: bool
+    called: str = ""
 
     @property
     def stale(self) -> bool:
@@ -38,7 +41,7 @@ class Report:
     @property
     def remedy(self) -> str:
         """The command or act that mends it."""
-        return REMEDIES[self.comparison.verdict].format(name=self.name)
+        return REMEDIES[self.comparison.verdict].format(name=self.called or self.name)
 
 
 def regenerate(
@@ -53,10 +56,12 @@ def regenerate(
         notify: is told the name of each model as its turn comes.
 
     Raises:
-        ModelError: for a model that cannot be read or derived.
+        ModelError: for a model that cannot be read or derived, or whose name another file beside it has.
         UsageError: for a folder that cannot be written; no folder is then half written.
     """
     files = [find_model(model) for model in models] or _all_models()
+    for file in files:
+        _refuse_namesakes(file)
     reports = [_one(file, check=check, notify=notify or (lambda _name: None)) for file in files]
     return reports if models else [*reports, *_orphans(files)]
 
@@ -64,6 +69,30 @@ def regenerate(
 def _all_models() -> list[Path]:
     folders = model_folders()
     return sorted(folders[0].glob("[!.]*.toml")) if folders else []
+
+
+def _refuse_namesakes(file: Path) -> None:
+    """Refuse a file whose name another one beside it has: the two would write one folder in turns.
+
+    Raises:
+        ModelError: naming both.
+    """
+    name = read_document(file).get("name")
+    for other in sorted(file.parent.glob("[!.]*.toml")):
+        if other.name != file.name and name is not None and _name(other) == name:
+            raise ModelError(
+                f"has the name {quoted(name)}, as {other} has, and so the same generated folder",
+                where=str(file),
+                remedy=f"give one of them another: name = {quoted(file.stem)}",
+            )
+
+
+def _name(file: Path) -> object:
+    """The name that a file gives its model; nothing where it cannot be read: it is not at stake."""
+    try:
+        return read_document(file).get("name")
+    except ModelError:
+        return None
 
 
 def _one(file: Path, *, check: bool, notify: Callable[[str], None]) -> Report:
@@ -81,13 +110,13 @@ def _one(file: Path, *, check: bool, notify: Callable[[str], None]) -> Report:
     write = comparison.verdict is not Verdict.CURRENT and not check
     if write:
         replace_folder(folder, {name: text.encode() for name, text in artifacts.files.items()})
-    return Report(artifacts.manifest.name, folder, comparison, written=write)
+    return Report(artifacts.manifest.name, folder, comparison, written=write, called=called(file))
 
 
 def _failed(file: Path, error: ArithmeticError) -> Report:
     name = str(read_document(file)["name"])
     found = Comparison(Verdict.GENERATOR_CHANGED, (f"the derivation fails: {error}",))
-    return Report(name, generated_root(file) / name, found, written=False)
+    return Report(name, generated_root(file) / name, found, written=False, called=called(file))
 
 
 def artifacts_of(file: Path) -> Artifacts:

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pmjoint_codegen.errors import MissingToolError, StaleError
+from pmjoint_codegen.build.compiler import INSTALL
+from pmjoint_codegen.errors import MissingToolError, StaleError, installing
 from pmjoint_codegen.kernels.evaluator import (
     Array,
     Kernel,
@@ -152,7 +153,7 @@ def load(folder: Path, manifest: Manifest) -> InterpretedEvaluator:
     except ImportError:
         raise MissingToolError(
             "casadi is needed to interpret the kernels",
-            remedy="install it: pip install 'pmjoint-codegen[derive]', or a C compiler: apt-get install gcc",
+            remedy=f"install it: {installing('pmjoint-codegen[derive]')}, or a C compiler: {INSTALL}",
         ) from None
     path = folder / FILE_NAME
     try:

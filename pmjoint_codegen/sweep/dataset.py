@@ -20,11 +20,11 @@ import numpy as np
 import numpy.typing as npt
 
 from pmjoint_codegen import __version__
-from pmjoint_codegen.errors import MissingToolError
+from pmjoint_codegen.errors import MissingToolError, installing
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.storage import explained, settle
-from pmjoint_codegen.sweep.drive import INSTALL
+from pmjoint_codegen.sweep.drive import NEEDED
 from pmjoint_codegen.sweep.metrics import Column, Quantity, quantities, status_meanings
 from pmjoint_codegen.sweep.plan import DRAW
 from pmjoint_codegen.sweep.request import Request
@@ -55,7 +55,7 @@ def require(formats: Iterable[str]) -> None:
 
     for name in dict.fromkeys(package for kind in ("zarr", *formats) for package in needed[kind]):
         if find_spec(name) is None:
-            raise MissingToolError(f"{name} is needed for sweeps", remedy=f"install it: {INSTALL}")
+            raise MissingToolError(f"{name} is needed for sweeps", remedy=f"install it: {installing(NEEDED)}")
 
 
 def import_ahead() -> None:

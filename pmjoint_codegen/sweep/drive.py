@@ -9,7 +9,7 @@ from dataclasses import replace
 from importlib import import_module
 from typing import Any, Final
 
-from pmjoint_codegen.errors import MissingToolError, PmjointError, UsageError
+from pmjoint_codegen.errors import MissingToolError, PmjointError, UsageError, installing
 from pmjoint_codegen.kernels.batch import BatchLibrary
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.sweep.chunks import Result, simulate_chunk
@@ -18,7 +18,7 @@ from pmjoint_codegen.sweep.plan import Plan
 from pmjoint_codegen.sweep.request import Request
 from pmjoint_codegen.sweep.store import Store
 
-INSTALL: Final = "pip install 'pmjoint-codegen[sweep]'"
+NEEDED: Final = "pmjoint-codegen[sweep]"
 AHEAD: Final = (
     3  # chunks handed out to each worker beyond what it works on: memory does not grow with the sweep
 )
@@ -182,7 +182,7 @@ def _distributed() -> Any:
         return import_module("distributed")
     except ModuleNotFoundError as error:
         raise MissingToolError(
-            f"{error.name} is needed for --scheduler", remedy=f"install it: {INSTALL}"
+            f"{error.name} is needed for --scheduler", remedy=f"install it: {installing(NEEDED)}"
         ) from None
 
 

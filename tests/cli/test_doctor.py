@@ -89,6 +89,17 @@ def test_an_absent_package_comes_with_the_line_that_installs_it(
     assert f"pip install 'sympy{doctor.pinned()['sympy']}'" in finding.meaning
 
 
+def test_what_only_sweeps_need_is_looked_for_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def version(name: str) -> str:
+        raise metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(metadata, "version", version)
+    absent = found({"PATH": str(tmp_path), "PMJOINT_CACHE": str(tmp_path)})
+    for name in ("xarray", "zarr", "distributed"):
+        assert absent[name].state == "absent"
+        assert "-m pip install 'pmjoint-codegen[sweep]'" in absent[name].meaning
+
+
 def test_a_program_that_cannot_run_does_not_stop_the_examination(tmp_path: Path) -> None:
     (tmp_path / "clang").write_text("no program at all")
     (tmp_path / "clang").chmod(0o755)

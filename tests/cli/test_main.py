@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -78,12 +79,24 @@ def test_a_bug_asks_for_a_report_and_shows_its_place_on_demand(
     assert "Traceback" in capsys.readouterr().err
 
 
-def test_a_missing_extra_is_named_with_the_line_that_installs_it(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("module", "brought_by"),
+    [
+        ("sympy", "pmjoint-codegen[derive]"),
+        ("pandas", "pmjoint-codegen[sweep]"),
+        ("matplotlib", "matplotlib"),
+        ("scipy", "scipy"),
+        ("_cffi_backend", "cffi"),
+    ],
+)
+def test_a_missing_package_is_named_with_the_line_that_installs_it(
+    module: str, brought_by: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    fail_with(monkeypatch, ModuleNotFoundError("No module named 'sympy'", name="sympy"))
+    fail_with(monkeypatch, ModuleNotFoundError(f"No module named '{module}'", name=module))
     assert main.run([]) == 3
-    assert "pip install 'pmjoint-codegen[derive]'" in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert f"{shlex.quote(sys.executable)} -m pip install '{brought_by}'" in error
+    assert "bug" not in error
 
 
 @pytest.mark.parametrize(

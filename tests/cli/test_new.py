@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -59,9 +60,11 @@ def test_a_bad_name_is_one_clear_line(name: str, tmp_path: Path, capsys: pytest.
     assert list(tmp_path.iterdir()) == []
 
 
-def test_another_folder(tmp_path: Path) -> None:
-    assert run(["new", "knee", "--plant", "--out", "designs/legs"]) == 0
-    assert (tmp_path / "designs" / "legs" / "knee.toml").is_file()
+def test_another_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["new", "knee", "--plant", "--out", "my designs/legs"]) == 0
+    assert (tmp_path / "my designs" / "legs" / "knee.toml").is_file()
+    (command,) = (line[6:] for line in capsys.readouterr().out.splitlines() if line.startswith("next: "))
+    assert shlex.split(command) == ["pmjoint", "simulate", "my designs/legs/knee.toml"]
 
 
 def test_a_folder_that_cannot_be_written_is_a_line(capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import shutil
 from pathlib import Path
 
@@ -36,6 +37,42 @@ def test_a_project_is_generated_checked_and_watched(
     assert record["verdict"] == "edited by hand"
     assert record["remedy"]
     assert not record["written"]
+
+
+def test_two_files_of_one_name_are_refused(
+    tmp_path: Path, root: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "models").mkdir()
+    for name in ("mine", "paper"):
+        shutil.copy(root / "models" / "paper.toml", tmp_path / "models" / f"{name}.toml")
+    (tmp_path / "models" / "broken.toml").write_text("name = ")
+    monkeypatch.chdir(tmp_path)
+    for arguments in (["regenerate", "mine"], ["regenerate", "paper", "--check"]):
+        assert run(arguments) == 2
+        error = capsys.readouterr().err
+        assert "models/mine.toml" in error
+        assert "models/paper.toml" in error
+        assert error.count("\n") == 1
+    assert not (tmp_path / "generated").exists()
+
+
+def test_a_remedy_calls_a_model_as_the_command_line_must(
+    tmp_path: Path, root: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = (root / "models" / "paper.toml").read_text()
+    (tmp_path / "models").mkdir()
+    (tmp_path / "models" / "other.toml").write_text(text)  # its model is called paper all the same
+    (tmp_path / "my designs").mkdir()
+    (tmp_path / "my designs" / "paper.toml").write_text(text)
+    monkeypatch.chdir(tmp_path)
+    for asked in ("other", "my designs/paper.toml"):
+        assert run(["regenerate", "--check", "--json", asked]) == 1
+        (record,) = json.loads(capsys.readouterr().out)
+        command = shlex.split(record["remedy"])
+        assert command == ["pmjoint", "regenerate", asked]
+        assert run(command[1:]) == 0
+        assert run(["regenerate", "--check", asked]) == 0
+        capsys.readouterr()
 
 
 def test_changes_are_told_in_mathematics() -> None:

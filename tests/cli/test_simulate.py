@@ -133,6 +133,23 @@ def test_another_disturbance_is_named_in_the_table(capsys: pytest.CaptureFixture
     assert "changed    c1 = 20, disturbance = (0, 0)" in capsys.readouterr().out
 
 
+def test_an_error_that_has_not_settled_is_not_given_a_settling_time(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert run(["simulate", "paper", *KERNELS, *SHORT]) == 0
+    assert "settling   not by 0.5 s (|e| > 2 % of the initial |e|)\n" in capsys.readouterr().out
+
+
+def test_a_sample_time_without_the_sampled_controller_is_said_to_do_nothing(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    command = ["simulate", "paper", *KERNELS, *SHORT, "--sample-time", "0.002"]
+    assert run(command) == 0
+    assert "--controller sampled" in capsys.readouterr().err
+    assert run([*command, "--controller", "sampled"]) == 0
+    assert capsys.readouterr().err == ""
+
+
 def test_without_compensator_r_stays_zero(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     simulate("--no-compensator", "--out", "plain", capsys=capsys)
     assert all(row["r1"] == 0.0 and row["r2"] == 0.0 for row in rows(tmp_path / "plain" / "trajectory.csv"))

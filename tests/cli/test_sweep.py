@@ -44,6 +44,37 @@ def test_another_reference_is_derived_and_swept(tmp_path: Path, capsys: pytest.C
     assert json.loads((tmp_path / "request.json").read_text())["reference"] == "sin(2*t)/2"
 
 
+def test_a_run_without_settling_time_leaves_those_of_the_others(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """From x1(0) = 0 = y_r(0) the error starts at 0, and 2 % of that is no time."""
+    command = ["sweep", "paper", "--grid", "x1=0,1.5", "--no-figures", "--json", "--out", str(tmp_path)]
+    assert run(command) == 0
+    account = json.loads(capsys.readouterr().out)
+    assert account["held"] == 2
+    assert account["quantiles_of_held"]["settling_s"]["median"] == pytest.approx(7.46, abs=0.01)
+
+
+def test_a_sample_time_without_the_sampled_controller_is_said_to_do_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = [
+        "sweep",
+        "paper",
+        "--grid",
+        "c1=10",
+        "--horizon",
+        "0.1",
+        "--no-figures",
+        "--sample-time",
+        "0.002",
+    ]
+    assert run([*command, "--out", str(tmp_path / "a")]) == 0
+    assert "--controller sampled" in capsys.readouterr().err
+    assert run([*command, "--out", str(tmp_path / "b"), "--controller", "sampled"]) == 0
+    assert capsys.readouterr().err == ""
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -53,6 +84,7 @@ def test_another_reference_is_derived_and_swept(tmp_path: Path, capsys: pytest.C
         (["--sample", "d1~normal(0.2,0.1)"], "--runs says how many"),
         (["--grid", "c1=1,2", "--set", "c1=3"], "both set and varied"),
         (["--grid", "c1=1,2", "--horizon", "0"], "horizon"),
+        (["--grid", "c1=1:2:1000000", "--trajectories", "0.001"], "--trajectories: would keep"),
     ],
 )
 def test_misuse_is_one_line_and_exit_code_2(

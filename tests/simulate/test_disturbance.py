@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import pytest
 from pmjoint_codegen import ClosedLoop
 from pmjoint_codegen.cli.account import account
 from pmjoint_codegen.kernels.evaluator import Array
-from pmjoint_codegen.simulate.disturbance import disturbance_norm, pressures
+from pmjoint_codegen.simulate.disturbance import Pressure, disturbance_norm, pressures
 from pmjoint_codegen.simulate.figures import draw
 from pmjoint_codegen.simulate.run import Run
 from pmjoint_codegen.simulate.sheets import NORM, caption, sheets
@@ -107,6 +108,31 @@ def test_touching_a_limit_is_not_clipping(joint: ClosedLoop) -> None:
     assert run.summary["pressures"]["P1"]["min"] == 0.0
     assert not pressures(run)["P1"].clipped
     assert "clipped" not in account(run, (), ())
+
+
+def test_rounding_beside_a_limit_is_not_clipping() -> None:
+    assert not Pressure(0.0, 5e5, -1e-11, 5e5 + 1e-10, 5e5).clipped
+    assert Pressure(0.0, 5e5, -1e-3, 5e5, 5e5).clipped
+    assert Pressure(0.0, 5e5, 0.0, 5e5 + 1e-3, 5e5).clipped
+
+
+def test_commands_are_those_that_the_true_valve_makes_of_u(joint: ClosedLoop) -> None:
+    """Where nothing is clipped, a muscle has what was commanded: P_0 +- k_u u in the plant's numbers."""
+    run = joint.simulate(horizon=1.0, parameters={"k_u_plant": 6e4, "u0_plant": 2.6})
+    p = run.settings.parameters
+    for item in pressures(run).values():
+        assert not item.clipped
+        rounding = 4 * np.finfo(float).eps * item.limit
+        assert item.least == pytest.approx(item.wanted_least, rel=0, abs=rounding)
+        assert item.greatest == pytest.approx(item.wanted_greatest, rel=0, abs=rounding)
+    assert run["P1"] == pytest.approx(p["k0"] * 2.6 + 6e4 * run["u"], rel=1e-14)
+
+
+def test_a_pressure_that_reaches_its_limit_is_no_switch_of_u(joint: ClosedLoop) -> None:
+    run = joint.simulate(horizon=4.0, parameters={"P_max": 2.7e5, "u_max": 1.0})
+    assert pressures(run)["P1"].clipped
+    labels = [run.initial_mode, *(label for _, label in run.switches)]
+    assert all(before != after for before, after in pairwise(labels))
 
 
 def test_joints_have_a_sheet_of_pressures(clipped: Run) -> None:

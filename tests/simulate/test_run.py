@@ -17,7 +17,7 @@ from pmjoint_codegen.kernels.evaluator import Evaluator
 from pmjoint_codegen.simulate.run import Run, run
 from pmjoint_codegen.simulate.settings import make_settings
 from pmjoint_codegen.simulate.status import Status, sentence
-from pmjoint_codegen.simulate.summary import settling_time
+from pmjoint_codegen.simulate.summary import saturated_time, settling_time
 from pmjoint_codegen.simulate.trajectory import csv_text
 
 COLUMNS = "t,y,y_r,e,x1,x2,xi1,xi2,Xi11,Xi21,lambda1,lambda2,r1,r2,z1,z2,alpha1,v,u"
@@ -70,6 +70,14 @@ def test_settling_is_the_last_time_outside_two_percent() -> None:
     assert settling_time(t, np.array([-1.0, 0.5, -0.021, 0.02])) == 2.0
     assert settling_time(t, np.array([1.0, 0.01, 0.01, 5.0])) == 3.0
     assert settling_time(t, np.array([0.0, 1.0, 1.0, 1.0])) is None
+
+
+def test_saturated_time_counts_what_lies_behind_the_last_row(short: Run) -> None:
+    """A run that ends between two rows has switches later than its last row."""
+    leaves, enters = (t for t, _ in short.switches[:2])
+    assert saturated_time(short) == pytest.approx(leaves + short.switches[2][0] - enters)
+    ended = replace(short, t=short.t[:1], switches=short.switches[:2])
+    assert saturated_time(ended) == leaves
 
 
 @pytest.mark.parametrize("controller", ["continuous", "sampled"])

@@ -111,6 +111,7 @@ def test_what_cannot_be_is_refused(manifest: Manifest, asked: dict[str, Any], pa
         (20.0, 0.01, 2001),
         (1.0, 0.1, 11),
         (0.3, 0.1, 4),
+        (0.07, 0.01, 8),  # a quotient that rounds to more than 7
         (1.0, 0.3, 5),
         (1.0, 1.0, 2),
         (1e-9, 1e-9, 2),

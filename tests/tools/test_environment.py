@@ -97,6 +97,23 @@ def test_interrupted_installation_is_begun_again(
     assert done(environment, "simulate") == ["venv", SIMULATE, PROJECT]
 
 
+def test_a_checkout_that_cannot_be_written_is_said_to_be_so(
+    environment: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(environment.os, "access", lambda *_arguments: False)
+    with pytest.raises(SystemExit, match=r"cannot be written.*clone it into a folder of your own"):
+        done(environment, "simulate")
+    assert not (environment.ROOT / ".venv").exists()
+
+
+def test_a_whole_environment_in_a_checkout_that_cannot_be_written_is_used(
+    environment: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done(environment, "simulate")
+    monkeypatch.setattr(environment.os, "access", lambda *_arguments: False)
+    assert done(environment, "simulate") == []
+
+
 def test_pip_has_no_cache_without_a_home(environment: ModuleType, tmp_path: Path) -> None:
     assert "PIP_NO_CACHE_DIR" in environment.pip_environment({"HOME": str(tmp_path / "nowhere")})
     assert "PIP_NO_CACHE_DIR" not in environment.pip_environment({"HOME": str(tmp_path)})

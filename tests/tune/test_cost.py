@@ -46,6 +46,11 @@ def test_failures_cost_more_the_worse_they_are(request_: Request) -> None:
     assert costs[5] < BROKEN == costs[6]
 
 
+def test_a_peak_just_at_the_limit_keeps_it(request_: Request) -> None:
+    assert cost(np.array([[run(v=10.0), run()]]), request_) == 1.0
+    assert cost(np.array([[run(v=np.nextafter(10.0, 11.0)), run()]]), request_) >= BEYOND
+
+
 def test_worst_and_mean(request_: Request) -> None:
     designs = np.array([[run(ise=1.0), run(ise=3.0)]])
     assert cost(designs, request_) == 3.0

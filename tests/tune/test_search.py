@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
 import numpy as np
 import pytest
 
 from pmjoint_codegen.errors import UsageError
 from pmjoint_codegen.kernels.batch import BatchLibrary
+from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.sweep.metrics import Column
 from pmjoint_codegen.tune.comparison import account, compare
@@ -45,6 +49,33 @@ def test_an_optimum_that_is_known_is_found(library: BatchLibrary, paper: Manifes
     found = search(Costing(library, asked))
     assert found.gains["c1"] == pytest.approx(5.0, rel=0.02)
     assert found.edges == ("c1",)
+
+
+def test_where_nothing_is_better_that_is_said(library: BatchLibrary, paper: Manifest) -> None:
+    """With the model's own c1 as lower bound, no c1 has a smaller peak of v: see above."""
+    asked = make_request(paper, gains=("c1=15:30",), objective="max_abs_v", generations=2, horizon=0.5)
+    with pytest.raises(UsageError, match="better than the model's own"):
+        search(Costing(library, asked))
+
+
+@dataclass(frozen=True)
+class Recorder(Costing):
+    """Evaluates designs, and keeps them."""
+
+    tried: list[dict[str, list[float]]] = field(default_factory=list)
+
+    def __call__(self, gains: Mapping[str, Array]) -> Array:
+        self.tried.append({name: values.tolist() for name, values in gains.items()})
+        return super().__call__(gains)
+
+
+def test_the_models_own_design_is_in_the_first_generation(library: BatchLibrary, paper: Manifest) -> None:
+    asked = make_request(paper, gains=("c",), generations=1, population=4, horizon=1.0)
+    costing = Recorder(library, asked)
+    search(costing)
+    first = costing.tried[1]  # after the model itself
+    assert len(first["c1"]) == 8
+    assert (first["c1"][0], first["c2"][0]) == pytest.approx((15.0, 15.0), rel=1e-4)  # five digits
 
 
 def test_progress_counts_designs(library: BatchLibrary, paper: Manifest) -> None:

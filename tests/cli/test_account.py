@@ -1,0 +1,20 @@
+"""The table of a run."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from pmjoint_codegen import ClosedLoop
+from pmjoint_codegen.cli.account import account
+
+
+def test_many_switches_are_counted_rather_than_listed() -> None:
+    run = ClosedLoop.load("paper").simulate(horizon=0.1)
+    many = replace(run, switches=tuple((i / 128, i % 2) for i in range(1, 12)))
+    lines = account(many, (), ()).splitlines()
+    (first,) = (i for i, line in enumerate(lines) if line.startswith("  u "))
+    assert [line.split(" from ")[1] for line in lines[first : first + 9]] == [
+        f"{i / 128:.10f} s" for i in range(9)
+    ]
+    assert lines[first + 9].strip() == "and 3 more switches, in summary.json"
+    assert "more switches" not in account(replace(many, switches=many.switches[:8]), (), ())
