@@ -27,6 +27,7 @@ Examples
   pmjoint tune paper --perturb "b0~uniform(1.6,2.4)" --plants 16 --seed 7 --max-v 300
   pmjoint tune joint-damped --objective settling_s --controller sampled --sample-time 0.002
 """
+_TUNED = "with gains tuned for least"  # in the note at the head of a file that tune writes
 _FILE_STEM = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
 
 
@@ -145,6 +146,18 @@ def _check_target(file: Path, source: Path) -> None:
         )
     if file.exists() and file.samefile(source):
         raise UsageError("is the model itself", where=f"--out {file}", remedy="give another file")
+    if file.is_dir() or (file.exists() and not _is_tuned(file)):
+        raise UsageError(
+            "is there already, and no file that tune has written",
+            where=f"--out {file}",
+            remedy="give another",
+        )
+
+
+def _is_tuned(file: Path) -> bool:
+    """Whether a file begins with the note that tune leaves."""
+    with file.open("rb") as stream:
+        return f" {_TUNED} ".encode() in stream.readline()
 
 
 def _costing(provided: Provided, request: Request, threads: int) -> Costing:
@@ -192,7 +205,7 @@ def _write_model(text: str, file: Path, comparison: Comparison, where: str) -> N
 def _note(comparison: Comparison) -> str:
     """How the gains came about, in one line."""
     request = comparison.request
-    parts = [f"{comparison.manifest.name} with gains tuned for least {request.objective.text}"]
+    parts = [f"{comparison.manifest.name} {_TUNED} {request.objective.text}"]
     if request.max_v is not None:
         parts.append(f"|v| <= {request.max_v:g}")
     if request.count > 1:

@@ -12,10 +12,12 @@ import numpy as np
 from pmjoint_codegen.build.compiler import Compiler
 from pmjoint_codegen.build.library import build
 from pmjoint_codegen.errors import BuildError, StaleError
+from pmjoint_codegen.identity import canonical_hash
 from pmjoint_codegen.kernels.declarations import MODULE, declarations, load_library, to_module
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.kernels.processor import Level
 from pmjoint_codegen.manifest import Manifest
+from pmjoint_codegen.storage import sha256_file
 
 # Bits must not depend on the machine: no contraction. Neither of -fno-math-errno, -fno-trapping-math changes
 # a result; # without them square roots and selections are not vectors. -Wno-psabi: no vector crosses the
@@ -144,19 +146,24 @@ def batch_sources(folder: Path) -> dict[str, bytes]:
     Raises:
         StaleError: a generated file is missing.
     """
-    own = Path(__file__).parent
-    paths = [folder / name for name in GENERATED]
-    paths += [
-        *sorted((own / "c_batch").glob("*.[ch]")),
-        own / "c" / "polynomial.c",
-        own / "c" / "pmjoint_runtime.h",
-    ]
+    paths = [*(folder / name for name in GENERATED), *_loops()]
     try:
         return {path.name: path.read_bytes() for path in paths}
     except OSError as error:
         raise StaleError(
             f"{error.filename} cannot be read", where=str(folder), remedy="run pmjoint regenerate"
         ) from None
+
+
+def loops_hash() -> str:
+    """Hash of the package's own loops and their flags: with a model's lanes, all that makes a result."""
+    return canonical_hash([FLAGS, {path.name: sha256_file(path) for path in _loops()}])
+
+
+def _loops() -> list[Path]:
+    own = Path(__file__).parent
+    shared = [own / "c" / name for name in ("polynomial.c", "pmjoint_runtime.h")]
+    return [*sorted((own / "c_batch").glob("*.[ch]")), *shared]
 
 
 def load(

@@ -12,6 +12,7 @@ import numpy as np
 
 from pmjoint_codegen.errors import StaleError, UsageError
 from pmjoint_codegen.identity import canonical_hash
+from pmjoint_codegen.kernels.batch import loops_hash
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.settings import Settings, make_settings
@@ -36,6 +37,8 @@ class Request:
         model: name of the model.
         model_hash: of all that its file says.
         kernels: SHA-256 of the generated lanes.
+        loops: hash of the loops that run them.
+        sampler: version of what draws; empty without draws.
         reference: y_r.
         disturbance: one expression a state.
         plan: which runs.
@@ -55,6 +58,8 @@ class Request:
     model: str
     model_hash: str
     kernels: str
+    loops: str
+    sampler: str
     reference: str
     disturbance: tuple[str, ...]
     plan: Plan
@@ -162,6 +167,8 @@ def _request(
         model=manifest.name,
         model_hash=manifest.model_hash,
         kernels=_lanes(manifest),
+        loops=loops_hash(),
+        sampler=_sampler() if plan.samples else "",
         reference=simulation.reference,
         disturbance=simulation.disturbance,
         plan=plan,
@@ -176,6 +183,13 @@ def _request(
         divergence=settings.divergence,
         max_steps=MAX_STEPS,
     )
+
+
+def _sampler() -> str:
+    """What turns a seed into values: another version may draw others."""
+    from importlib import metadata  # slow to import
+
+    return ", ".join(f"{name} {metadata.version(name)}" for name in ("numpy", "scipy"))
 
 
 def _lanes(manifest: Manifest) -> str:

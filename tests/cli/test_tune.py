@@ -93,3 +93,17 @@ def test_the_model_itself_is_never_overwritten(
     assert "is the model itself" in capsys.readouterr().err
     assert run(["tune", str(model), "--out", str(tmp_path / "a b.toml")]) == 2
     assert "--out: is" in capsys.readouterr().err
+
+
+def test_no_file_but_one_that_tune_has_written_is_replaced(
+    root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other, tuned = tmp_path / "other.toml", tmp_path / "tuned.toml"
+    other.write_bytes((root / "models" / "joint.toml").read_bytes())
+    (tmp_path / "folder.toml").mkdir()
+    for taken in (other, tmp_path / "folder.toml"):
+        assert run(["tune", "paper", *QUICK, "--out", str(taken)]) == 2
+        assert "is there already" in capsys.readouterr().err
+    assert other.read_bytes() == (root / "models" / "joint.toml").read_bytes()
+    for _ in range(2):
+        assert run(["tune", "paper", *QUICK, "--no-figure", "--out", str(tuned)]) == 0

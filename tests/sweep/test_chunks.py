@@ -154,6 +154,18 @@ def test_a_request_is_known_by_everything_that_its_result_depends_on(case: Case)
     assert make_request(case.manifest, make_plan(("x1=0,1",), (), None, 0, "sobol")).hash not in hashes
 
 
+@pytest.mark.parametrize("change", ["loops_hash", "_sampler"])
+def test_what_another_version_would_compute_is_another_sweep(
+    case: Case, monkeypatch: pytest.MonkeyPatch, change: str
+) -> None:
+    """Interrupted, updated and started again: chunks of two versions must not meet in one dataset."""
+    drawn = make_plan((), ("b0~normal(2,0.1)",), 8, 0, "sobol")
+    before = make_request(case.manifest, drawn).hash
+    assert before == make_request(case.manifest, drawn).hash
+    monkeypatch.setattr(f"pmjoint_codegen.sweep.request.{change}", lambda: "another")
+    assert make_request(case.manifest, drawn).hash != before
+
+
 def test_a_request_is_written_out_once_and_a_changed_one_anew(case: Case) -> None:
     request = make_request(case.manifest, make_plan(("x1=-1:1:1000",), (), None, 0, "sobol"))
     assert request.hash is request.hash  # an axis of a million values costs seconds each time

@@ -172,6 +172,8 @@ def test_what_never_met_the_limit_is_held_even_at_its_largest_error(case: Case, 
     done, beyond = np.array([1, 1, 1, 2]), np.array([5.0, 5.0, 1.0, 5.0])
     good = holds(done, beyond, np.full(4, 5.0), np.array([0.0, 1.0, 1.0, 0.0]))
     assert good.tolist() == [True, False, True, False]
+    still = np.array([0.94, 0.96]) * 5.0  # an error that is largest just at the horizon is still growing
+    assert holds(done[:2], still, np.full(2, 5.0), np.ones(2)).tolist() == [True, False]
     strong = {"u_max": 1e3}
     data = made(case, tmp_path, ("c1=10,20",), x0=(0.0, 0.0), parameters=strong, horizon=0.001)
     assert np.array_equal(np.abs(data["final_e"].values), data["max_abs_e"].values)
