@@ -239,7 +239,19 @@ static pmj_lanes hold(const pmj_sweep *sweep, const pmj_results *results, group 
     }
 }
 
-/* After a hold: the states at the next sample, and the runs that end there. */
+/* What v is and does at the sample of each lane in `at`. */
+static void take(group *all, pmj_mask at)
+{
+    sample_lanes(&all->t, all->X, all->h, all->p, &all->v, all->w, all->c, all->next);
+    const pmj_mask left = ~((all->v > all->low) & (all->v <= all->high)) & at;
+    if (pmj_any(left)) {
+        note_modes(all, left);
+    }
+    all->metrics.max_v = pmj_select(at, pmj_max(pmj_abs(all->v), all->metrics.max_v), all->metrics.max_v);
+}
+
+/* After a hold: the states at the next sample, and the runs that end there. A horizon that is a sample is taken as one,
+ * though nothing follows; if it is, it is for all runs, since all have the same. */
 static void settle(const pmj_sweep *sweep, const pmj_results *results, group *all, pmj_lanes e, pmj_mask whole_hold,
                    pmj_mask last)
 {
@@ -256,9 +268,15 @@ static void settle(const pmj_sweep *sweep, const pmj_results *results, group *al
         largest = pmj_max(pmj_abs(all->X[i]), largest);
     }
     const pmj_mask diverged = largest > sweep->divergence;
+    const pmj_mask closing = last & whole_hold & ~bad & ~diverged & all->live;
+    all->sample = all->sample + 1.0;
+    all->t = all->sample * sweep->sample_time;
+    if (pmj_any(closing)) {
+        take(all, closing);
+        bad = bad | (closing & ~(pmj_abs(all->v) <= DBL_MAX));
+    }
     const pmj_mask exhausted = all->tried >= sweep->max_steps;
     const pmj_mask ended = (bad | diverged | exhausted | last) & all->live;
-    all->sample = all->sample + 1.0;
     if (!pmj_any(ended)) {
         return;
     }
@@ -267,7 +285,7 @@ static void settle(const pmj_sweep *sweep, const pmj_results *results, group *al
             const int status = bad[w] ? PMJ_NON_FINITE
                                : diverged[w] ? PMJ_DIVERGED
                                : last[w] ? PMJ_DONE : PMJ_TOO_MANY_STEPS;
-            all->t[w] = last[w] ? sweep->horizon : all->sample[w] * sweep->sample_time;
+            all->t[w] = last[w] ? sweep->horizon : all->t[w];
             if (results->trajectories && status == PMJ_DONE) {
                 write_last(sweep, results, all, w, e[w]);
             }
@@ -286,12 +304,7 @@ static void advance(const pmj_sweep *sweep, const pmj_results *results, group *a
     const double slack = SAME_INSTANT * sweep->sample_time;
     const pmj_mask last = end + slack >= sweep->horizon;
     const pmj_mask whole_hold = end - slack <= sweep->horizon;
-    sample_lanes(&all->t, all->X, all->h, all->p, &all->v, all->w, all->c, all->next);
-    const pmj_mask left = ~((all->v > all->low) & (all->v <= all->high)) & all->live;
-    if (pmj_any(left)) {
-        note_modes(all, left);
-    }
-    all->metrics.max_v = pmj_max(pmj_abs(all->v), all->metrics.max_v);
+    take(all, all->live);
     const pmj_lanes length = pmj_select(whole_hold, pmj_all(sweep->sample_time), sweep->horizon - all->t);
     for (int i = 0; i < PMJ_NX; ++i) {
         all->x[i] = all->X[i];
