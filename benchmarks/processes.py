@@ -42,16 +42,28 @@ def process(*arguments: str, cwd: Path = ROOT) -> Callable[[], object]:
 def run(quick: bool, folder: Path) -> Section:
     """Measure whole processes; results go into `folder`."""
     section = Section("Processes", "Start, run and end of whole processes, the caches of builds being warm.")
-    simulate = ("-m", "pmjoint_codegen", "simulate", "paper", "--no-figures", "--out", str(folder / "run"))
-    calls = {"ours": process(*simulate), "peer": process("-c", "import numpy")}
+    numpy = 'python -c "import numpy"'
+    calls = {"peer": process("-c", "import numpy"), "ours": _command("simulate", folder)}
+    if find_spec("zarr") is not None:
+        two = ("--grid", "x1=0,1", "--horizon", "0.1", "--restart")
+        calls["sweep"] = _command("sweep", folder, *two)
     times = interleaved(calls, 3 if quick else 11)
     what = "pmjoint simulate paper --no-figures"
-    section.add(Row(what, times["ours"], 'python -c "import numpy"', times["peer"], 4.0))
+    section.add(Row(what, times["ours"], numpy, times["peer"], 4.0))
+    if "sweep" in times:
+        section.add(
+            Row("pmjoint sweep paper --no-figures, two short runs", times["sweep"], numpy, times["peer"])
+        )
     shutil.copytree(ROOT / "models", folder / "models")
     call = process("-m", "pmjoint_codegen", "regenerate", "paper", cwd=folder)
     taken = interleaved({"ours": call}, 1 if quick else 3)["ours"]
     section.add(Row("pmjoint regenerate paper", taken, "a clock", 5.0, 1.0))
     return section
+
+
+def _command(name: str, folder: Path, *more: str) -> Callable[[], object]:
+    """Return a call that runs a command of ours on the paper's model, without figures."""
+    return process("-m", "pmjoint_codegen", name, "paper", *more, "--no-figures", "--out", str(folder / name))
 
 
 def sweeps(quick: bool, folder: Path) -> Section:
