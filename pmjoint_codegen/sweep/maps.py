@@ -371,7 +371,7 @@ def _caption(figure: Figure, dataset: xr.Dataset, words: str, note: str) -> None
     controller = attributes["controller"]
     if attributes["sample_time"]:
         controller += f" at {attributes['sample_time']:g} s"
-    run = f"{controller}, y_r = {attributes['reference']}, horizon {attributes['horizon']:g} s"
+    run = f"{controller}, $y_r$ = {attributes['reference']}, horizon {attributes['horizon']:g} s"
     made = f"{attributes['model']}: {run}"
     width = round(CHARACTERS * figure.get_figwidth())
     lines = [line for text in (words, f"{made}{', ' if note else ''}{note}") for line in wrapped(text, width)]
