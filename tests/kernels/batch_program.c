@@ -1,5 +1,5 @@
 /* The batch loops as a program of their own: runs from standard input, results to standard output, in the bytes that
- * test_batch.py writes and reads. So they run where no Python is. */
+ * test_batch_program.py writes and reads. So they run where no Python is. */
 #include "pmjoint_batch.h"
 
 #include <stdio.h>

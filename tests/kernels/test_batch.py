@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,56 +16,19 @@ from pmjoint_codegen.kernels import batch
 from pmjoint_codegen.kernels.batch import BatchLibrary, Runs
 from pmjoint_codegen.kernels.declarations import load_module, to_module
 from pmjoint_codegen.kernels.processor import known_levels, usable_levels
-from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.simulate.hold import hold_matrices
 from pmjoint_codegen.simulate.status import Status
 from pmjoint_codegen.sweep.metrics import Column
 
+from .conftest import library, make_runs, sampled
+
 DEFECT = 64.0  # the loops' own: what a step may miss, in multiples of the tolerance
 COMPILER = find_compiler(os.environ)
-GCC_FOR_ARM64, EMULATOR = "aarch64-linux-gnu-gcc", "qemu-aarch64"
-MODELS = sorted(
-    folder.name for folder in (Path(__file__).parents[2] / "generated").iterdir() if folder.is_dir()
-)
-
 pytestmark = pytest.mark.skipif(COMPILER is None, reason="the batch loops are compiled")
-needs_arm64 = pytest.mark.skipif(
-    not (shutil.which(GCC_FOR_ARM64) and shutil.which(EMULATOR)),
-    reason="apt-get install gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user",
-)
-
-
-def library(root: Path, cache: Path, model: str, level: str) -> BatchLibrary:
-    assert COMPILER is not None
-    folder = root / "generated" / model
-    levels = usable_levels({"PMJOINT_VECTOR_LEVEL": level})
-    return batch.load(batch.batch_sources(folder), Manifest.read(folder), levels, COMPILER, cache)
 
 
 @pytest.fixture(scope="module")
 def paper(root: Path, cache: Path) -> BatchLibrary:
     return library(root, cache, "paper", known_levels()[0].name)
-
-
-def make_runs(library: BatchLibrary, count: int, seed: int = 0, **changes: object) -> Runs:
-    """Random initial states, parameters and plants around the model's own, which run 0 has."""
-    manifest, generator = library.manifest, np.random.default_rng(seed)
-    own = np.array([item.value for item in manifest.parameters])
-    p = own * generator.uniform(0.9, 1.1, (count, len(own)))
-    switch = manifest.parameter_names.index("compensator")
-    p[:, switch] = own[switch]
-    x0 = np.zeros((count, manifest.nX))
-    size = max(abs(value) for value in manifest.simulation.x0)
-    x0[:, : manifest.nx] = generator.uniform(-5 * size, 5 * size, (count, manifest.nx))
-    p[0], x0[0, : manifest.nx] = own, manifest.simulation.x0
-    runs = Runs(x0, p, manifest.simulation.horizon, 1e-8, 0.0, np.empty((0, 0)), np.empty(0), 1e6, 100_000)
-    return replace(runs, **changes)  # type: ignore[arg-type]
-
-
-def sampled(library: BatchLibrary, runs: Runs, sample_time: float) -> Runs:
-    loop = ClosedLoop.load(library.manifest.name)
-    hold = np.array([hold_matrices(loop.evaluator, p, sample_time) for p in runs.p])
-    return replace(runs, sample_time=sample_time, hold=hold)
 
 
 def some(runs: Runs, rows: slice | list[int]) -> Runs:
@@ -107,51 +68,6 @@ def test_every_vector_width_gives_the_same_bits(
     for result in results[1:]:
         assert result.metrics.tobytes() == results[0].metrics.tobytes()
         assert result.final.tobytes() == results[0].final.tobytes()
-
-
-def for_arm64(root: Path, model: str, folder: Path, *flags: str) -> Path:
-    """The batch loops of a model as a program for ARM64."""
-    sources = batch.batch_sources(root / "generated" / model)
-    sources["main.c"] = Path(__file__).with_name("batch_program.c").read_bytes()
-    for name, content in sources.items():
-        (folder / name).write_bytes(content)
-    units = sorted(name for name in sources if name.endswith(".c"))
-    own = [flag for flag in batch.FLAGS if flag not in ("-fPIC", "-shared")]
-    width = f"-DPMJ_WIDTH={known_levels()[-1].width}"
-    command = [GCC_FOR_ARM64, *own, width, *flags, "-static", *units, "-o", "batch", "-lm"]
-    subprocess.run(command, cwd=folder, check=True)
-    return folder / "batch"
-
-
-def emulated(program: Path, runs: Runs) -> bytes:
-    """What the program answers: metrics, final states, trajectories."""
-    sizes = [len(runs.x0), len(runs.times), runs.x0.shape[1], runs.p.shape[1], *runs.hold.shape[::-1]]
-    numbers = [runs.horizon, runs.sample_time, runs.tolerance, runs.divergence, runs.max_steps]
-    parts = (np.array(sizes, dtype=np.int64), np.array(numbers), runs.x0, runs.p, runs.hold, runs.times)
-    given = b"".join(part.tobytes() for part in parts)
-    return subprocess.run([EMULATOR, str(program)], input=given, stdout=subprocess.PIPE, check=True).stdout
-
-
-def native(library: BatchLibrary, runs: Runs) -> bytes:
-    outcome = library.simulate(runs)
-    return b"".join(part.tobytes() for part in (outcome.metrics, outcome.final, outcome.trajectories))
-
-
-@needs_arm64
-@pytest.mark.parametrize("model", MODELS)
-def test_arm64_gives_the_same_bits(root: Path, cache: Path, model: str, tmp_path: Path) -> None:
-    one, program = library(root, cache, model, known_levels()[0].name), for_arm64(root, model, tmp_path)
-    runs = make_runs(one, 7, horizon=0.5, times=np.linspace(0.0, 0.5, 6))
-    for kind in (runs, sampled(one, runs, 0.001)):
-        assert emulated(program, kind) == native(one, kind)
-
-
-@needs_arm64
-def test_arm64_would_not_with_fused_operations(root: Path, cache: Path, tmp_path: Path) -> None:
-    one = library(root, cache, "paper", known_levels()[0].name)
-    program = for_arm64(root, "paper", tmp_path, "-ffp-contract=fast")
-    runs = make_runs(one, 7, horizon=0.5)
-    assert emulated(program, runs) != native(one, runs)
 
 
 @pytest.mark.parametrize("model", ["paper", "joint-exact", "third-order"])
