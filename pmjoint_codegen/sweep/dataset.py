@@ -214,6 +214,8 @@ def _attributes(request: Request, manifest: Manifest) -> dict[str, Any]:
         "model": manifest.name,
         "model_hash": manifest.model_hash,
         "kernels": request.kernels,
+        "loops": request.loops,
+        "sampler": request.sampler,
         "request_hash": request.hash,
         "seed": request.plan.seed,
         "method": request.plan.method,

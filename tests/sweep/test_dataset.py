@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from pmjoint_codegen.errors import MissingToolError, UsageError
+from pmjoint_codegen.kernels.batch import loops_hash
 from pmjoint_codegen.sweep.drive import drive
 from pmjoint_codegen.sweep.plan import make_plan
 from pmjoint_codegen.sweep.request import make_request
@@ -60,6 +61,7 @@ def test_the_dataset_says_what_it_is(case: Case, tmp_path: Path) -> None:
     assert data["b0"].dims == ("draw",)
     assert data.attrs["model_hash"] == case.manifest.model_hash
     assert data.attrs["request_hash"] == case.request.hash
+    assert (data.attrs["kernels"], data.attrs["loops"]) == (case.request.kernels, loops_hash())
     assert data.attrs["seed"] == 3
     columns = case.request.plan.columns(0, case.request.plan.runs)
     flat = data.stack(run=tuple(case.request.plan.dimensions))
