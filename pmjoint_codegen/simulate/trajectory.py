@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -12,6 +13,9 @@ from pmjoint_codegen.manifest import Manifest
 
 if TYPE_CHECKING:
     from pmjoint_codegen.simulate.record import Record
+
+
+_BLOCK: Final = 4096  # rows that are text at a time: a long run's whole text takes several times its numbers
 
 
 def csv_columns(manifest: Manifest) -> tuple[str, ...]:
@@ -23,12 +27,15 @@ def csv_columns(manifest: Manifest) -> tuple[str, ...]:
     return ("t", "y", "y_r", "e", *(item.name for item in manifest.states), *errors, "v", "u", *physics)
 
 
-def csv_text(run: Record) -> str:
-    """The file's text."""
-    columns = csv_columns(run.manifest)
-    form = ",".join(["%.17g"] * len(columns))
-    table = np.column_stack([run[name] for name in columns])
-    return "\n".join([",".join(columns), *(form % tuple(row) for row in table.tolist()), ""])
+def csv_blocks(run: Record) -> Iterator[str]:
+    """The file's text, some rows at a time."""
+    names = csv_columns(run.manifest)
+    form = ",".join(["%.17g"] * len(names)) + "\n"
+    columns = [run[name] for name in names]
+    yield ",".join(names) + "\n"
+    for start in range(0, len(columns[0]), _BLOCK):
+        table = np.column_stack([values[start : start + _BLOCK] for values in columns])
+        yield "".join(form % tuple(row) for row in table.tolist())
 
 
 def write_csv(run: Record, path: Path) -> None:
@@ -37,4 +44,6 @@ def write_csv(run: Record, path: Path) -> None:
     Raises:
         UsageError: the file cannot be written.
     """
-    storage.write_text(path, csv_text(run))
+    with storage.writing(path) as stream:
+        for text in csv_blocks(run):
+            stream.write(text.encode())
