@@ -6,7 +6,7 @@
 #define PMJOINT_KERNELS_H
 
 /* arg[i] points to input i, res[i] to output i: dense vectors of doubles. iw, w, mem are unused and may be 0.
- * Every function returns 0. None allocates, keeps state or calls another. */
+ * Every function returns 0. None allocates or keeps state. */
 
 /* the reference and its derivatives: (t[1], p[34]) -> (y_r[3]); 7 operations */
 int reference(const double **arg, double **res, long long int *iw, double *w, int mem);

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from pmjoint_codegen.cli.terminal import activity, document, result, table
+from pmjoint_codegen.cli.terminal import activity, document, result
 
 if TYPE_CHECKING:
     from pmjoint_codegen.emit.regenerate import Report
@@ -37,15 +37,16 @@ def command(models: tuple[str, ...], check: bool, as_json: bool) -> int:
     if as_json:
         document([_record(report) for report in reports])
     else:
-        result("\n".join(line for report in reports for line in report_lines(report)))
+        width = max((len(report.name) for report in reports), default=0)
+        result("\n".join(line for report in reports for line in report_lines(report, width)))
     return int(check and any(report.stale for report in reports))
 
 
-def report_lines(report: Report) -> Iterator[str]:
-    """Tell of one model: verdict, reasons, changed equations, and what to do."""
+def report_lines(report: Report, width: int = 0) -> Iterator[str]:
+    """Tell of one model, its name in a column: verdict, reasons, changed equations, and what to do."""
     comparison = report.comparison
     done = f"  written to {report.folder}" if report.written else ""
-    yield table([(report.name, comparison.verdict.value + done)], indent=0)
+    yield f"{report.name:<{width}}  {comparison.verdict.value}{done}"
     for detail in comparison.details:
         yield f"    {detail}"
     known_before = any(change.before is not None for change in comparison.changes)

@@ -18,7 +18,7 @@ from pmjoint_codegen.manifest import Function
 STRAIGHT = ("taylor",)  # beside the sampled loop's
 _CONVENTION = """\
 /* arg[i] points to input i, res[i] to output i: dense vectors of doubles. iw, w, mem are unused and may be 0.
- * Every function returns 0. None allocates, keeps state or calls another. */
+ * Every function returns 0. None allocates or keeps state. */
 """
 
 

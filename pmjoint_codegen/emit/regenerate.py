@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -44,16 +44,13 @@ class Report:
         return REMEDIES[self.comparison.verdict].format(name=self.called or self.name)
 
 
-def regenerate(
-    models: Sequence[str] = (), *, check: bool = False, notify: Callable[[str], None] | None = None
-) -> list[Report]:
+def regenerate(models: Sequence[str] = (), *, check: bool = False) -> list[Report]:
     """Write the folders of some models, or of all; with ``check`` only say what is stale.
 
     Args:
         models: names or paths; none means every model of the first ``models/`` folder in sight, and orphans
             count.
         check: write nothing.
-        notify: is told the name of each model as its turn comes.
 
     Raises:
         ModelError: for a model that cannot be read or derived, or whose name another file beside it has.
@@ -62,7 +59,7 @@ def regenerate(
     files = [find_model(model) for model in models] or _all_models()
     for file in files:
         _refuse_namesakes(file)
-    reports = [_one(file, check=check, notify=notify or (lambda _name: None)) for file in files]
+    reports = [_one(file, check=check) for file in files]
     return reports if models else [*reports, *_orphans(files)]
 
 
@@ -95,8 +92,7 @@ def _name(file: Path) -> object:
         return None
 
 
-def _one(file: Path, *, check: bool, notify: Callable[[str], None]) -> Report:
-    notify(file.stem)
+def _one(file: Path, *, check: bool) -> Report:
     try:
         artifacts = artifacts_of(file)
     except ArithmeticError as error:  # a derivation that contradicts itself, not a bad model
