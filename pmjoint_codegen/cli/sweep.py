@@ -228,7 +228,7 @@ def _account(store: Store, provided: Provided, files: tuple[Path, ...]) -> dict[
     request = store.request
     names = ("ise", "max_abs_e", "settling_s", "saturated_s", "max_abs_v")
     status = column(store.dataset, "status")
-    ends = (column(store.dataset, name) for name in ("final_e", "max_abs_e", "saturated_s"))
+    ends = (column(store.dataset, name) for name in ("final_e", "max_abs_e", "final_saturated"))
     good = holds(status, *ends)
     counts = {name: int(np.sum(status == value)) for value, name in status_meanings().items()}
     units = {item.name: item.unit for item in quantities(provided.manifest)}

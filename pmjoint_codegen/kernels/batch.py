@@ -34,7 +34,7 @@ FLAGS: Final = (
 )
 HEADER: Final = "pmjoint_batch.h"
 GENERATED: Final = ("lanes.c", "lanes.h")
-METRICS: Final = 10  # columns of `Outcome.metrics`: PMJ_METRICS
+METRICS: Final = 11  # columns of `Outcome.metrics`: PMJ_METRICS
 
 Controller = Literal["continuous", "sampled"]
 

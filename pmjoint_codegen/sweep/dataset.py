@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 FORMATS: Final = ("zarr", "netcdf", "parquet")
 MEMORY: Final = 2**26  # bytes of the variables that are written in one pass over the chunks
 PART: Final = 2**20  # numbers in one file of the dataset
-_INTEGERS: Final = (Column.STATUS, Column.STEPS, Column.SWITCHES)
+_INTEGERS: Final = (Column.STATUS, Column.STEPS, Column.SWITCHES, Column.FINAL_SATURATED)
 
 
 def require(formats: Iterable[str]) -> None:

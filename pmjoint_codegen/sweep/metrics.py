@@ -26,6 +26,7 @@ class Column(IntEnum):
     SATURATED_S = 7
     MAX_ABS_V = 8
     FINAL_E = 9
+    FINAL_SATURATED = 10
 
 
 INVALID = 8  # status of a run that was not made: its values break a rule of the design
@@ -61,6 +62,7 @@ def quantities(manifest: Manifest) -> tuple[Quantity, ...]:
         Quantity("saturated_s", "s", "time that u spends at a limit"),
         Quantity("max_abs_v", v, "largest |v|"),
         Quantity("final_e", y, "e at the end"),
+        Quantity("final_saturated", "1", "1 where u is at a limit at the end"),
     )
     states = (
         Quantity(f"final_{item.name}", item.unit, f"{item.name} at the end") for item in manifest.states

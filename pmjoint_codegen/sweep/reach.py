@@ -58,16 +58,15 @@ def border(manifest: Manifest, values: Mapping[str, float]) -> Border | None:
 
 def held(dataset: xr.Dataset) -> xr.DataArray:
     """Which runs of a dataset hold the joint; see `holds`."""
-    names = ("status", "final_e", "max_abs_e", "saturated_s")
+    names = ("status", "final_e", "max_abs_e", "final_saturated")
     return dataset["status"].copy(data=holds(*(dataset[name].values for name in names)))
 
 
-def holds(status: npt.NDArray[Any], final_e: Array, max_abs_e: Array, saturated_s: Array) -> Mask:
-    """Whether a run reached the horizon with an error that is not largest just there, as a lost joint's is.
+def holds(status: npt.NDArray[Any], final_e: Array, max_abs_e: Array, final_saturated: Array) -> Mask:
+    """Whether a run reached the horizon, and not with a lost joint's input and error there.
 
-    A run whose input never met its limit holds the joint wherever its error is largest: it may be small all
-    along, or 0. A run that is held may still be far from its reference: its settling time then is the
-    horizon.
+    A lost joint's input is at its limit to the end, and its error is largest there. A run that is held may
+    still be far from its reference: its settling time then is the horizon.
     """
-    bounded = (np.abs(final_e) < GROWING * max_abs_e) | (saturated_s == 0)
+    bounded = (np.abs(final_e) < GROWING * max_abs_e) | (final_saturated == 0)
     return np.asarray((status == int(Status.DONE)) & bounded)

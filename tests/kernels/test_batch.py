@@ -83,6 +83,9 @@ def test_continuous_runs_agree_with_single_ones(root: Path, cache: Path, model: 
         assert metrics[Column.STATUS] == Status.DONE
         bound = DEFECT * runs.tolerance * metrics[Column.STEPS]  # every step may add what the defect allows
         assert metrics[Column.SWITCHES] == len(run.switches)
+        assert metrics[Column.FINAL_SATURATED] == abs(
+            run.switches[-1][1] if run.switches else run.initial_mode
+        )
         assert metrics[Column.MAX_ABS_V] == pytest.approx(summary["max_abs_v"], rel=bound, abs=bound)
         assert metrics[Column.ISE] == pytest.approx(summary["ise"], rel=bound, abs=bound * summary["horizon"])
         assert metrics[Column.SATURATED_S] == pytest.approx(summary["saturated_s"], abs=bound)
@@ -113,6 +116,9 @@ def test_sampled_runs_agree_with_single_ones(paper: BatchLibrary, sample_time: f
         bound = DEFECT * runs.tolerance * metrics[Column.STEPS]
         assert metrics[Column.STATUS] == Status.DONE
         assert metrics[Column.SWITCHES] == len(run.switches)
+        assert metrics[Column.FINAL_SATURATED] == abs(
+            run.switches[-1][1] if run.switches else run.initial_mode
+        )
         assert metrics[Column.SATURATED_S] == pytest.approx(summary["saturated_s"], abs=1e-9)
         assert metrics[Column.ISE] == pytest.approx(summary["ise"], rel=bound)
         assert metrics[Column.MAX_ABS_E] == pytest.approx(run.peaks["e"][0], rel=bound)

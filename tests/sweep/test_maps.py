@@ -168,16 +168,20 @@ def test_captions_name_every_reason_for_a_gap(case: Case, tmp_path: Path) -> Non
     assert "break a rule of the design" in maps._absence(broken, "ise")
 
 
-def test_what_never_met_the_limit_is_held_even_at_its_largest_error(case: Case, tmp_path: Path) -> None:
+def test_what_ends_inside_its_limits_is_held_even_at_its_largest_error(case: Case, tmp_path: Path) -> None:
     done, beyond = np.array([1, 1, 1, 2]), np.array([5.0, 5.0, 1.0, 5.0])
     good = holds(done, beyond, np.full(4, 5.0), np.array([0.0, 1.0, 1.0, 0.0]))
     assert good.tolist() == [True, False, True, False]
     still = np.array([0.94, 0.96]) * 5.0  # an error that is largest just at the horizon is still growing
     assert holds(done[:2], still, np.full(2, 5.0), np.ones(2)).tolist() == [True, False]
     strong = {"u_max": 1e3}
-    data = made(case, tmp_path, ("c1=10,20",), x0=(0.0, 0.0), parameters=strong, horizon=0.001)
+    data = made(case, tmp_path / "strong", ("c1=10,20",), x0=(0.0, 0.0), parameters=strong, horizon=0.001)
     assert np.array_equal(np.abs(data["final_e"].values), data["max_abs_e"].values)
     assert np.all(held(data).values)
+    transient = made(case, tmp_path / "transient", ("x1=-9:9:31",), horizon=1.0)
+    assert np.any(transient["saturated_s"].values > 0)
+    assert np.any(np.abs(transient["final_e"].values) == transient["max_abs_e"].values)
+    assert np.all(held(transient).values)
 
 
 def test_a_logarithmic_scale_is_for_more_than_a_decade(case: Case, tmp_path: Path) -> None:

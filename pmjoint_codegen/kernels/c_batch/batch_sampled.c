@@ -108,6 +108,7 @@ static void finish(const pmj_sweep *sweep, const pmj_results *results, group *al
     metrics[PMJ_SATURATED] = all->metrics.saturated[w];
     metrics[PMJ_MAX_ABS_V] = all->metrics.max_v[w];
     metrics[PMJ_FINAL_E] = e;
+    metrics[PMJ_FINAL_SATURATED] = all->limited[w];
     for (int i = 0; i < PMJ_NS; ++i) {
         results->final[one->run * PMJ_NS + i] = all->X[i][w];
     }

@@ -85,6 +85,7 @@ void pmj_finish(const pmj_sweep *sweep, const pmj_results *results, pmj_group *a
     metrics[PMJ_SATURATED] = all->metrics.saturated[w];
     metrics[PMJ_MAX_ABS_V] = all->metrics.max_v[w];
     metrics[PMJ_FINAL_E] = status == PMJ_DONE || status == PMJ_DIVERGED ? c[E][w] : NAN;
+    metrics[PMJ_FINAL_SATURATED] = all->limited[w];
     for (int i = 0; i < PMJ_NS; ++i) {
         results->final[one->run * PMJ_NS + i] = all->X[i][w];
     }

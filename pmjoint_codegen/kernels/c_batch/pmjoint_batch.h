@@ -19,7 +19,8 @@
 #define PMJ_SATURATED 7
 #define PMJ_MAX_ABS_V 8
 #define PMJ_FINAL_E 9
-#define PMJ_METRICS 10
+#define PMJ_FINAL_SATURATED 10
+#define PMJ_METRICS 11
 
 /* The runs. Arrays are row-major, a row a run; sizes in brackets. */
 typedef struct {
