@@ -9,7 +9,7 @@
     trajectory.golden         the default run against the reviewed one
     trajectory.invariants     runs against what theory says of every run
     trajectory.certificate    V along the run against (35)
-    trajectory.independent    the default run against heyoka on the derivation's expressions
+    trajectory.independent    the default run and drawn ones against heyoka on the derivation's expressions
     compilers.gcc, .clang     the generated C against all warnings
     compilers.sanitizers      every kernel against memory errors and undefined behaviour
     compilers.valgrind        every kernel against uninitialised values
