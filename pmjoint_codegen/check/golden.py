@@ -51,9 +51,24 @@ class Trajectory:
     switches: Switches
 
 
-def default_run(evaluator: Evaluator, parameters: dict[str, float] | None = None) -> Run:
-    """The model's own run, as exactly as the integrator can."""
-    return run(evaluator, make_settings(evaluator.manifest, parameters=parameters, tolerance=TOLERANCE))
+def default_run(
+    evaluator: Evaluator, parameters: dict[str, float] | None = None, output_step: float | None = None
+) -> Run:
+    """The model's own run, as exactly as the integrator can; sampled where a kink allows no other.
+
+    Args:
+        evaluator: of the model's kernels.
+        parameters: other values of some parameters.
+        output_step: another than the model's, s.
+    """
+    settings = make_settings(
+        evaluator.manifest,
+        parameters=parameters,
+        output_step=output_step,
+        controller="continuous" if evaluator.manifest.analytic else "sampled",
+        tolerance=TOLERANCE,
+    )
+    return run(evaluator, settings)
 
 
 def trajectory_of(done: Run) -> Trajectory:
