@@ -211,8 +211,16 @@ def test_without_a_disturbance_bound_there_is_no_ultimate_bound(paper: Subject) 
 def test_names_stand_for_the_gates_they_begin() -> None:
     assert [gate.name for gate in select(["trajectory.golden", "proof"])] == ["proof", "trajectory.golden"]
     assert len(select(["compilers"])) == 6 and select([]) == GATES
-    with pytest.raises(UsageError, match="no gate is called 'proofs'"):
-        select(["proofs"])
+    for asked, meant in {
+        "prof": "proof",
+        "trajectry": "trajectory",
+        "golden": "trajectory.golden",
+        "compilers.gc": "compilers.gcc",
+    }.items():
+        with pytest.raises(UsageError, match=rf"no gate is called '{asked}'; did you mean {meant}\? gates: "):
+            select([asked])
+    with pytest.raises(UsageError, match="no gate is called 'xyz'; gates: current, "):
+        select(["xyz"])
 
 
 def bare(subject: Subject, tmp_path: Path, *tools: str) -> Subject:
