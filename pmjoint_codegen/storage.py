@@ -54,6 +54,21 @@ def ensure_folder(path: Path) -> None:
         probe.unlink()
 
 
+def ensure_file(path: Path) -> None:
+    """Prove that a file can be written at its place, before long work; what stands there stays as it is.
+
+    Raises:
+        UsageError: its folder is missing or not writable, or the path is a folder.
+    """
+    with explained(path):
+        target = Path(os.path.realpath(path))
+        if target.is_dir():
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+        probe = _sibling(target, "tmp")
+        probe.touch(exist_ok=False)
+        probe.unlink()
+
+
 @contextmanager
 def writing(path: Path) -> Iterator[BinaryIO]:
     """Open a file for writing that takes its place, atomically, when the block ends without an exception.

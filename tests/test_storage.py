@@ -66,6 +66,7 @@ def test_new_files_have_ordinary_permissions(tmp_path: Path) -> None:
         lambda path: storage.write_text(path, "x"),
         lambda path: storage.replace_folder(path, NEW),
         lambda path: storage.ensure_folder(path),
+        lambda path: storage.ensure_file(path),
     ],
 )
 def test_what_cannot_be_written_is_said_with_path_and_remedy(act: object, tmp_path: Path) -> None:
@@ -93,6 +94,16 @@ def test_a_full_disk_is_the_users_to_mend(tmp_path: Path) -> None:
 def test_ensure_folder_makes_parents_and_leaves_nothing_in_it(tmp_path: Path) -> None:
     storage.ensure_folder(tmp_path / "a" / "b")
     assert names(tmp_path / "a" / "b") == set()
+
+
+def test_ensure_file_leaves_everything_as_it_is(tmp_path: Path) -> None:
+    storage.ensure_file(tmp_path / "new")
+    assert names(tmp_path) == set()
+    (tmp_path / "old").write_text("precious")
+    storage.ensure_file(tmp_path / "old")
+    assert (tmp_path / "old").read_text() == "precious" and names(tmp_path) == {"old"}
+    with pytest.raises(UsageError, match="is a directory"):
+        storage.ensure_file(tmp_path)
 
 
 def test_a_folder_holds_exactly_the_new_files(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@
     trajectory.golden         the default run against the reviewed one
     trajectory.invariants     runs against what theory says of every run
     trajectory.certificate    V along the run against (35)
-    trajectory.independent    the default run against heyoka on the derivation's expressions
+    trajectory.independent    the default run and drawn ones against heyoka on the derivation's expressions
     compilers.gcc, .clang     the generated C against all warnings
     compilers.sanitizers      every kernel against memory errors and undefined behaviour
     compilers.valgrind        every kernel against uninitialised values
@@ -23,6 +23,7 @@ begins: ``trajectory`` for four.
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -42,7 +43,7 @@ from pmjoint_codegen.check import (
 )
 from pmjoint_codegen.check.result import GateResult, failed, not_run
 from pmjoint_codegen.check.subject import Subject
-from pmjoint_codegen.errors import PmjointError, StaleError, UsageError
+from pmjoint_codegen.errors import PmjointError, StaleError, UsageError, quoted
 
 
 @dataclass(frozen=True)
@@ -90,8 +91,17 @@ def select(names: Sequence[str]) -> tuple[Gate, ...]:
     for name in names:
         if not any(_stands_for(name, gate) for gate in GATES):
             known = ", ".join(gate.name for gate in GATES)
-            raise UsageError(f"no gate is called {name!r}", where="--gate", remedy=f"gates: {known}")
+            remedy = f"{_guess(name)}gates: {known}"
+            raise UsageError(f"no gate is called {quoted(name)}", where="--gate", remedy=remedy)
     return tuple(gate for gate in GATES if not names or any(_stands_for(name, gate) for name in names))
+
+
+def _guess(name: str) -> str:
+    """Ask whether the gate, or beginning of several, that a wrong name comes closest to was meant."""
+    meant = {gate.name.rpartition(".")[-1]: gate.name for gate in GATES}
+    meant |= {word: word for gate in GATES for word in (gate.name, gate.name.partition(".")[0])}
+    close = difflib.get_close_matches(name, meant, n=1)
+    return f"did you mean {meant[close[0]]}? " if close else ""
 
 
 def _stands_for(name: str, gate: Gate) -> bool:

@@ -51,18 +51,38 @@ class Trajectory:
     switches: Switches
 
 
-def default_run(evaluator: Evaluator, parameters: dict[str, float] | None = None) -> Run:
-    """The model's own run, as exactly as the integrator can."""
-    return run(evaluator, make_settings(evaluator.manifest, parameters=parameters, tolerance=TOLERANCE))
+def default_run(
+    evaluator: Evaluator, parameters: dict[str, float] | None = None, output_step: float | None = None
+) -> Run:
+    """The model's own run, as exactly as the integrator can; sampled where a kink allows no other.
+
+    Args:
+        evaluator: of the model's kernels.
+        parameters: other values of some parameters.
+        output_step: another than the model's, s.
+    """
+    settings = make_settings(
+        evaluator.manifest,
+        parameters=parameters,
+        output_step=output_step,
+        controller="continuous" if evaluator.manifest.analytic else "sampled",
+        tolerance=TOLERANCE,
+    )
+    return run(evaluator, settings)
 
 
 def trajectory_of(done: Run) -> Trajectory:
     """What a golden file keeps of a run."""
-    every = max(1, -(-(len(done.t) - 1) // (ROWS - 1)))
-    rows = sorted({*range(0, len(done.t), every), len(done.t) - 1})
+    rows = kept_rows(len(done.t))
     names = tuple(item.name for item in done.manifest.states)
     values = np.column_stack([done.states, done["v"]])
     return Trajectory((*names, "v"), done.t[rows], values[rows], done.switches)
+
+
+def kept_rows(count: int) -> list[int]:
+    """Which of a run's output rows are kept: evenly many, and the last one."""
+    every = max(1, -(-(count - 1) // (ROWS - 1)))
+    return sorted({*range(0, count, every), count - 1})
 
 
 def paths(subject: Subject) -> tuple[Path, Path]:
@@ -125,7 +145,9 @@ def check(subject: Subject) -> GateResult:
     return compare(NAME, golden, trajectory_of(done), "golden")
 
 
-def compare(name: str, expected: Trajectory, found: Trajectory, against: str) -> GateResult:
+def compare(
+    name: str, expected: Trajectory, found: Trajectory, against: str, scales: Array | None = None
+) -> GateResult:
     """Hold one trajectory against another, switching instants included.
 
     Args:
@@ -133,6 +155,7 @@ def compare(name: str, expected: Trajectory, found: Trajectory, against: str) ->
         expected: the reference.
         found: what the integrator gave.
         against: what the reference is, for people.
+        scales: what each entry is held relative to, shape (rows, columns); max(1, |value|) unless told.
     """
     if expected.names != found.names or not np.array_equal(expected.t, found.t):
         return failed(
@@ -145,7 +168,8 @@ def compare(name: str, expected: Trajectory, found: Trajectory, against: str) ->
             "run", "modes of saturation", "", str(expected.switches), str(found.switches), "", ""
         )
         return failed(name, f"other saturation switches than the {against} trajectory", difference=first)
-    error = np.abs(found.values - expected.values) / np.maximum(1.0, np.abs(expected.values))
+    relative_to = np.maximum(1.0, np.abs(expected.values)) if scales is None else scales
+    error = np.abs(found.values - expected.values) / relative_to
     error = np.where(np.isnan(error), np.inf, error)
     row, column = (int(i) for i in np.unravel_index(np.argmax(error), error.shape))
     late = [abs(a - b) for (a, _), (b, _) in zip(expected.switches, found.switches, strict=True)]

@@ -1,126 +1,134 @@
 """An independent solver: heyoka, with located events, on the derivation's own expressions.
 
 It shares nothing with what it checks but the symbolic derivation: no CasADi, no C of ours, no Taylor
-recurrence, no event search of ours.
+recurrence, no event search of ours. Held against it are the model's own run and runs with a drawn limit of u
+from drawn initial states. heyoka says which of these saturate and come back, so that a switch that our loop
+does not see keeps no run from being held.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+import dataclasses
+from itertools import islice
+from typing import Any, Final
 
 import numpy as np
-import sympy as sp
 
-from pmjoint_codegen.check.golden import Switches, Trajectory, compare, default_run, trajectory_of
-from pmjoint_codegen.check.program import compile_program
-from pmjoint_codegen.check.result import GateResult, failed, not_run
+from pmjoint_codegen.check.drawn import Draw, draws
+from pmjoint_codegen.check.golden import TOLERANCE, Trajectory, compare, default_run, kept_rows, trajectory_of
+from pmjoint_codegen.check.heyoka_loop import Loop
+from pmjoint_codegen.check.result import GateResult, Verdict, failed, not_run
 from pmjoint_codegen.check.subject import Subject
 from pmjoint_codegen.errors import installing
+from pmjoint_codegen.kernels.evaluator import Evaluator
 from pmjoint_codegen.simulate.modes import Actuator, make_actuator
+from pmjoint_codegen.simulate.run import Run, initial_state, run
+from pmjoint_codegen.simulate.settings import Settings, make_settings
 from pmjoint_codegen.simulate.status import Status
 
 NAME = "trajectory.independent"
-
-
-class Expressions:
-    """heyoka's expressions as an algebra for a program of named equations."""
-
-    def __init__(self, heyoka: Any) -> None:
-        self._heyoka = heyoka
-
-    def constant(self, value: sp.Expr) -> Any:
-        """The nearest double."""
-        return self._heyoka.expression(
-            float(sp.Rational(value).p / sp.Rational(value).q if value.is_Rational else value)
-        )
-
-    def add(self, a: Any, b: Any) -> Any:
-        """Sum."""
-        return a + b
-
-    def multiply(self, a: Any, b: Any) -> Any:
-        """Product."""
-        return a * b
-
-    def power(self, a: Any, exponent: sp.Rational) -> Any:
-        """Power."""
-        return a ** float(exponent)
-
-    def apply(self, function: str, *arguments: Any) -> Any:
-        """A named function."""
-        return getattr(self._heyoka, function)(*arguments)
+RUNS: Final = (2, 48)  # drawn runs that are held: at least, at most
+STEPS: Final = {"compiled": 500_000, "interpreted": 2_000}  # what they may take between them: some seconds
+TRIES: Final = 4  # draws for each of them at most: a limit may be too wide, or the joint lost
 
 
 def check(subject: Subject) -> GateResult:
-    """Integrate the default run a second time, with heyoka, and compare."""
+    """Integrate the default run and the drawn runs a second time, with heyoka, and compare."""
+    if not subject.manifest.analytic:
+        return not_run(NAME, "the disturbance has a kink (abs or sign), and heyoka locates no kinks")
     try:
         import heyoka
     except ImportError:
         return not_run(NAME, f"no heyoka; {installing('heyoka')}")
-    done = default_run(subject.compiled or subject.interpreted)
-    if done.status != Status.DONE:
-        return failed(NAME, f"the run ended early: {done.message}")
-    found = trajectory_of(done)
-    actuator = make_actuator(subject.interpreted.call("actuation", done.settings.p)[0])
-    expected = integrate(heyoka, subject, found, done.settings.parameters, actuator)
-    return compare(NAME, expected, found, "heyoka")
+    evaluator = subject.compiled or subject.interpreted
+    done = default_run(evaluator)
+    loop = Loop(heyoka, subject, done.settings.parameters)
+    result = hold(loop, subject, done)
+    if result.verdict is Verdict.FAILED:
+        return result
+    affordable = STEPS[evaluator.kind] // done.steps
+    return hold_drawn(loop, subject, evaluator, result, min(max(affordable, RUNS[0]), RUNS[1]))
 
 
-def integrate(
-    heyoka: Any, subject: Subject, like: Trajectory, parameters: Mapping[str, float], actuator: Actuator
-) -> Trajectory:
-    """The closed loop by heyoka, at the instants of another trajectory and from its first row.
+def hold(loop: Loop, subject: Subject, done: Run) -> GateResult:
+    """Hold a run against heyoka's from the same state, at the instants that a golden file keeps.
 
     Args:
-        heyoka: the module.
+        loop: heyoka's side.
         subject: the model.
-        like: gives instants and initial state.
-        parameters: value of every parameter and gain.
-        actuator: which values of v are thresholds, and what lies between them.
+        done: the run.
     """
-    kernel, v = subject.table["closed_loop"], subject.derivation.signals.v
-    symbols = [symbol for _, block in kernel.inputs for symbol in block]
-    rates = [sp.sympify(entry) for _, entries in kernel.outputs for entry in entries]
-    program = compile_program([*rates, v], symbols, subject.derivation.equations, kernel.given)
-    state = [name for name in like.names if name != "v"]
-    known: dict[sp.Symbol, Any] = {
-        symbol: heyoka.expression(symbol.name) for symbol in symbols if symbol.name in state
-    }
-    known |= {
-        symbol: heyoka.expression(parameters[symbol.name]) for symbol in symbols if symbol.name in parameters
-    }
-    known |= {symbol: heyoka.par[i] for i, symbol in enumerate(dict(kernel.inputs)["g"])}
-    known[subject.derivation.signals.t] = heyoka.time
-    *right, control = program.run(Expressions(heyoka), known)
-    system = [(heyoka.expression(name), rate) for name, rate in zip(state, right, strict=True)]
-    values, switches = _propagate(heyoka, system, control, actuator, like)
-    function = heyoka.cfunc([control], vars=[heyoka.expression(name) for name in state])
-    controls = np.asarray(function(np.ascontiguousarray(values.T), time=like.t))
-    return Trajectory(like.names, like.t, np.column_stack([values, controls[0]]), switches)
+    if done.status != Status.DONE:
+        return failed(NAME, f"the run ended early: {done.message}")
+    return _compare(loop, reference(loop, subject, done.settings), done)
 
 
-def _propagate(
-    heyoka: Any, system: list[Any], v: Any, actuator: Actuator, like: Trajectory
-) -> tuple[Any, Switches]:
-    """Integrate, changing the actuator's mode where v crosses a threshold."""
-    labels: list[tuple[float, int]] = []
+def hold_drawn(
+    loop: Loop, subject: Subject, evaluator: Evaluator, own: GateResult, wanted: int
+) -> GateResult:
+    """Hold drawn runs, and say the worst of all.
 
-    def crossing(place: int) -> Any:
-        def changed(solver: Any, direction: int) -> bool:
-            mode = place + 1 if direction > 0 else place
-            solver.pars[:] = actuator.modes[mode]
-            labels.append((float(solver.time), actuator.labels[mode]))
-            return True
+    Args:
+        loop: heyoka's side.
+        subject: the model.
+        evaluator: of our side.
+        own: what the model's own run gave.
+        wanted: how many runs.
+    """
+    worst, held, switches = own, 0, 0
+    for draw in islice(draws(subject.manifest), TRIES * wanted):
+        settings = drawn_settings(subject, draw)
+        expected = reference(loop, subject, settings)
+        if not saturates_and_returns(expected):
+            continue
+        held, switches = held + 1, switches + len(expected.switches)
+        done = run(evaluator, settings)
+        if done.status != Status.DONE:
+            return failed(NAME, f"a drawn run ended early, with {_said(subject, draw)}: {done.message}")
+        result = _compare(loop, expected, done)
+        if result.verdict is Verdict.FAILED:
+            return dataclasses.replace(result, detail=f"{result.detail}, with {_said(subject, draw)}")
+        if (result.figure or 0.0) > (worst.figure or 0.0):
+            worst = result
+        if held == wanted:
+            break
+    drawn = (
+        f"{held} drawn runs with {switches} switching instants"
+        if held
+        else "no drawn run that saturates and returns"
+    )
+    return dataclasses.replace(worst, detail=f"{own.detail}, and {drawn}")
 
-        return heyoka.t_event(v - float(actuator.thresholds[place]), callback=changed)
 
-    first = like.values[0]
-    mode = int(np.searchsorted(actuator.thresholds, first[-1]))
-    events = [crossing(place) for place in range(len(actuator.thresholds))]
-    start, pars = list(first[:-1]), list(actuator.modes[mode])
-    solver = heyoka.taylor_adaptive(system, start, pars=pars, t_events=events, time=float(like.t[0]))
-    outcome = solver.propagate_grid(np.ascontiguousarray(like.t))
-    before = [actuator.labels[mode], *(label for _, label in labels)]
-    switches = [found for found, earlier in zip(labels, before, strict=False) if found[1] != earlier]
-    return np.asarray(outcome[-1]), tuple(switches)
+def drawn_settings(subject: Subject, draw: Draw) -> Settings:
+    """The model's run with a drawn limit from a drawn state."""
+    limit = {subject.manifest.limit: draw.limit}
+    return make_settings(subject.manifest, parameters=limit, x0=draw.x0, tolerance=TOLERANCE)
+
+
+def reference(loop: Loop, subject: Subject, settings: Settings) -> Trajectory:
+    """What heyoka makes of some settings, at the instants that a golden file keeps."""
+    times = settings.times()
+    limit, start = settings.parameters[subject.manifest.limit], initial_state(subject.manifest, settings)
+    return loop.run(times[kept_rows(len(times))], start, limit, _actuator(subject, settings))
+
+
+def saturates_and_returns(found: Trajectory) -> bool:
+    """Whether u is at a limit for a while and inside at the end: a run that is lost stays at its limit."""
+    return bool(found.switches) and found.switches[-1][1] == 0 and bool(np.all(np.isfinite(found.values)))
+
+
+def _compare(loop: Loop, expected: Trajectory, done: Run) -> GateResult:
+    limit = done.settings.parameters[done.manifest.limit]
+    return compare(NAME, expected, trajectory_of(done), "heyoka", loop.scales(expected, limit))
+
+
+def _actuator(subject: Subject, settings: Settings) -> Actuator:
+    limits: Any = subject.interpreted.call("actuation", settings.p)[0]
+    return make_actuator(limits)
+
+
+def _said(subject: Subject, draw: Draw) -> str:
+    """The options of `pmjoint simulate` that make a drawn run again."""
+    x0 = ",".join(repr(value) for value in draw.x0.tolist())
+    return f"--set {subject.manifest.limit}={draw.limit!r} --x0={x0}"

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from pmjoint_codegen.cli.terminal import activity, document, message, result
+from pmjoint_codegen.errors import PmjointError
 
 if TYPE_CHECKING:
     from pmjoint_codegen.check.gates import Gate
@@ -50,12 +51,16 @@ def command(
     """Check generated/<name>/ of each MODEL (of all models if none is named).
 
     Every gate says what it measured and what that may be at most. The exit code is 1 if any gate failed; a
-    gate whose tool is missing says so and is not counted as passed.
+    gate whose tool is missing says so and is not counted as passed, and where no gate could look at anything,
+    the exit code is 3.
     """
     with activity("checking"):
         from pmjoint_codegen.check.gates import select
+        from pmjoint_codegen.storage import ensure_file
 
         gates = select(names)
+        if report is not None:
+            ensure_file(report)
         subjects = _subjects(models)
     results: dict[str, list[GateResult]] = {}
     for subject in subjects:
@@ -69,7 +74,22 @@ def command(
         write_text(report, junit(results))
     if as_json:
         document([_record(model, gate) for model, found in results.items() for gate in found])
-    return int(any(gate.verdict == "failed" for found in results.values() for gate in found))
+    return _conclude([gate for found in results.values() for gate in found])
+
+
+def _conclude(found: Sequence[GateResult]) -> int:
+    """Give the exit code.
+
+    Raises:
+        PmjointError: no gate could look at anything.
+    """
+    if all(gate.verdict == "not run" for gate in found):
+        names: dict[str, dict[str, None]] = {}  # reason -> gates, each once, in their order
+        for gate in found:
+            names.setdefault(gate.detail, {})[gate.name] = None
+        reasons = (f"{reason} ({', '.join(gates)})" for reason, gates in names.items())
+        raise PmjointError(f"nothing was checked: {'; '.join(reasons) or 'no model is known here'}")
+    return int(any(gate.verdict == "failed" for gate in found))
 
 
 def _subjects(models: Sequence[str]) -> list[Subject]:

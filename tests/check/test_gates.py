@@ -142,6 +142,29 @@ def test_a_disturbance_of_the_output_stays_within_the_bounds_of_its_certificate(
     assert sharp.eta in sharp.lines()[-1] and sharp.eta.endswith("D_1")
 
 
+@pytest.mark.parametrize("bound", ["", "disturbance_bound = 0.02"])
+def test_a_disturbance_with_a_kink_is_judged_by_its_sampled_run_where_that_says_something(
+    tmp_path: Path, bound: str
+) -> None:
+    file = other_model(tmp_path, 2, 2)
+    text = file.read_text().replace('"0.01*sin(t)"', '"0.03*sign(x2) + 0.01*abs(sin(t))"')
+    text = text.replace("[actuator]", f"{bound}\n[actuator]").replace(
+        "horizon     = 1.0", "horizon     = 0.995"
+    )
+    file.write_text(text)
+    regenerate([str(file)])
+    subject = load_subject(file, os.environ, silent)
+    golden.write(subject)
+    results = {result.name: result for result in run_gates(subject, select(["trajectory"]))}
+    assert results["trajectory.golden"].figure == 0
+    assert results["trajectory.invariants"].verdict is Verdict.PASSED, results["trajectory.invariants"]
+    assert len(results["trajectory.invariants"].findings) == 4
+    for name in ("trajectory.certificate", "trajectory.independent")[bool(bound) :]:
+        assert results[name].verdict is Verdict.NOT_RUN and "has a kink" in results[name].detail
+    if bound:
+        assert "exceeds" in results["trajectory.certificate"].detail
+
+
 def test_every_gate_passes_on_the_papers_model_or_says_which_tool_is_missing(paper: Subject) -> None:
     results = list(run_gates(paper))
     assert [result.name for result in results] == [gate.name for gate in GATES]
@@ -188,8 +211,16 @@ def test_without_a_disturbance_bound_there_is_no_ultimate_bound(paper: Subject) 
 def test_names_stand_for_the_gates_they_begin() -> None:
     assert [gate.name for gate in select(["trajectory.golden", "proof"])] == ["proof", "trajectory.golden"]
     assert len(select(["compilers"])) == 6 and select([]) == GATES
-    with pytest.raises(UsageError, match="no gate is called 'proofs'"):
-        select(["proofs"])
+    for asked, meant in {
+        "prof": "proof",
+        "trajectry": "trajectory",
+        "golden": "trajectory.golden",
+        "compilers.gc": "compilers.gcc",
+    }.items():
+        with pytest.raises(UsageError, match=rf"no gate is called '{asked}'; did you mean {meant}\? gates: "):
+            select([asked])
+    with pytest.raises(UsageError, match="no gate is called 'xyz'; gates: current, "):
+        select(["xyz"])
 
 
 def bare(subject: Subject, tmp_path: Path, *tools: str) -> Subject:

@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 import pytest
 from click.testing import CliRunner
 
+from pmjoint_codegen.cli import main
 from pmjoint_codegen.cli.check import command
 from pmjoint_codegen.emit.regenerate import regenerate
 
@@ -97,6 +98,33 @@ def test_junit_holds_failures_and_what_was_not_run(workshop: Path) -> None:
     assert (suite.get("tests"), suite.get("failures"), suite.get("skipped")) == ("3", "1", "1")
     kinds = [[child.tag for child in case] for case in suite]
     assert kinds == [["failure", "system-out"], ["system-out"], ["skipped", "system-out"]]
+
+
+def test_an_unwritable_report_is_said_before_any_gate_runs(
+    workshop: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = str(workshop / "models" / "paper.toml" / "out.xml")
+    assert main.run(["check", "models/paper.toml", "--gate", "proof", "--junit", out]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith(f"pmjoint: {out}: cannot be written")
+
+
+@pytest.mark.parametrize("extra", [[], ["--json"]])
+def test_where_no_gate_could_look_that_is_said_and_is_no_success(
+    workshop: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], extra: list[str]
+) -> None:
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.delenv("CC", raising=False)
+    gates = ["--gate", "symbolic", "--gate", "derivatives", "--gate", "compilers.gcc"]
+    assert main.run(["check", "models/paper.toml", *gates, *extra, "--junit", "out.xml"]) == 3
+    captured = capsys.readouterr()
+    assert captured.out.count("not run") == 3 and (workshop / "out.xml").exists()
+    lines = captured.err.splitlines()
+    assert lines == [
+        "pmjoint: nothing was checked: no C compiler (symbolic, derivatives); no gcc (compilers.gcc)"
+    ]
+    assert main.run(["check", "models/paper.toml", *gates, "--gate", "trajectory.golden"]) == 0
 
 
 def test_every_model_is_checked_when_none_is_named(workshop: Path, monkeypatch: pytest.MonkeyPatch) -> None:

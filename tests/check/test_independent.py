@@ -1,0 +1,124 @@
+"""Runs against heyoka: the model's own, drawn ones, and those of high gain."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Sequence
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pmjoint_codegen.check import golden, independent
+from pmjoint_codegen.check.drawn import draws
+from pmjoint_codegen.check.heyoka_loop import Loop, told_apart
+from pmjoint_codegen.check.result import Verdict
+from pmjoint_codegen.check.subject import Subject, load_subject
+from pmjoint_codegen.simulate import continuous
+from pmjoint_codegen.simulate.modes import Actuator, make_actuator
+
+MODELS = ("paper", "joint", "joint-damped", "joint-exact", "joint-lag", "third-order")
+
+
+@pytest.fixture(scope="module")
+def heyoka() -> Any:
+    """The module, where it is installed."""
+    return pytest.importorskip("heyoka")
+
+
+def subject_of(root: Path, model: str) -> Subject:
+    """A shipped model."""
+    return load_subject(root / "models" / f"{model}.toml", os.environ, lambda _line: None)
+
+
+@pytest.mark.usefixtures("heyoka")
+@pytest.mark.parametrize("model", MODELS)
+def test_every_shipped_model_is_held_where_u_saturates(root: Path, cache: Path, model: str) -> None:
+    subject = subject_of(root, model)
+    if subject.compiler is None:
+        pytest.skip("no C compiler")
+    result = independent.check(subject)
+    assert result.verdict is Verdict.PASSED, (result.detail, result.difference)
+    assert f"{independent.RUNS[1]} drawn runs with" in result.detail
+
+
+@pytest.mark.usefixtures("heyoka")
+def test_a_threshold_that_is_left_by_a_rounding_unseen_is_noticed(
+    root: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two limits of a joint round apart for most u_max, not for the model's own; v may stand between them."""
+
+    def exact_zeros_alone(q: Sequence[float], _h: float) -> int:
+        return next((k for k, value in enumerate(q) if value != 0.0), len(q) - 1)
+
+    subject = subject_of(root, "joint-damped")
+    interpreted = dataclasses.replace(subject, environment={**os.environ, "PATH": ""})
+    assert independent.check(interpreted).verdict is Verdict.PASSED
+    monkeypatch.setattr(continuous, "leading_zeros", exact_zeros_alone)
+    found = independent.check(interpreted)
+    assert found.verdict is Verdict.FAILED
+    assert "--set u_max=" in found.detail and "--x0=" in found.detail
+
+
+def test_equal_models_draw_equal_settings_within_their_ranges(paper: Subject) -> None:
+    first, second = (list(islice(draws(paper.manifest), 20)) for _ in range(2))
+    for one, other in zip(first, second, strict=True):
+        assert one.limit == other.limit and np.array_equal(one.x0, other.x0)
+        assert 2 <= one.limit <= 12 and np.all((np.abs(one.x0) >= 0.01) & (np.abs(one.x0) <= 1.5))
+    assert len({one.limit for one in first}) == 20
+
+
+def test_a_lost_run_and_one_without_saturation_are_not_held(paper: Subject) -> None:
+    still = golden.Trajectory(("x1", "v"), np.zeros(2), np.zeros((2, 2)), ())
+    assert not independent.saturates_and_returns(still)
+    assert not independent.saturates_and_returns(dataclasses.replace(still, switches=((0.1, 0), (0.2, 1))))
+    returned = dataclasses.replace(still, switches=((0.1, 1), (0.2, 0)))
+    assert independent.saturates_and_returns(returned)
+    assert not independent.saturates_and_returns(
+        dataclasses.replace(returned, values=np.full((2, 2), np.nan))
+    )
+
+
+def test_thresholds_that_round_apart_are_one_and_others_are_not() -> None:
+    u, pressure = [0.0, 1.0, -3.0, 3.0], [5.0, 2.0, -1.0, 11.0]
+    both = make_actuator(np.array([*u, *pressure]))
+    assert list(both.thresholds) == [-3.0, 3.0]
+    apart = np.nextafter(3.0, 4.0)
+    split = make_actuator(np.array([*u, *pressure[:2], 5 - 2 * apart, 5 + 2 * apart]))
+    assert len(split.thresholds) > 2
+    merged: Actuator = told_apart(split)
+    np.testing.assert_allclose(merged.thresholds, both.thresholds, rtol=1e-15)
+    np.testing.assert_allclose(merged.modes, both.modes, rtol=1e-15)
+    assert merged.labels == both.labels == (-1, 0, 1)
+    wide = make_actuator(np.array([*u, *pressure[:2], -1.1, 11.1]))
+    assert told_apart(wide).labels == wide.labels == (-1, -1, 0, 1, 1)
+
+
+def test_v_is_held_relative_to_its_law_s_slopes(heyoka: Any, paper: Subject) -> None:
+    """The paper's law is linear in the states: a slope is the difference that a state's whole size makes."""
+    done = golden.default_run(paper.compiled or paper.interpreted)
+    loop, found = Loop(heyoka, paper, done.settings.parameters), golden.trajectory_of(done)
+    states, sizes = found.values[:, :-1], np.maximum(1.0, np.abs(found.values))
+    scales, slopes = loop.scales(found, 10.0), loop.law(found.t, states, 10.0)[:, 1:]
+    for i in range(done.manifest.nX):
+        moved = loop.law(found.t, states + np.eye(done.manifest.nX)[i] * sizes[:, [i]], 10.0)[:, 0]
+        gap = moved - found.values[:, -1] - slopes[:, i] * sizes[:, i]
+        assert np.all(np.abs(gap) <= golden.ACCURACY * scales[:, -1])
+    np.testing.assert_array_equal(scales[:, :-1], sizes[:, :-1])
+    expected = sizes[:, -1] + np.sum(np.abs(slopes) * sizes[:, :-1], axis=1)
+    np.testing.assert_allclose(scales[:, -1], expected, rtol=1e-15)
+
+
+def test_at_high_gain_v_differs_by_more_than_the_states_do(heyoka: Any, paper: Subject) -> None:
+    done = golden.default_run(paper.compiled or paper.interpreted, {"c1": 500.0, "c2": 500.0})
+    loop = Loop(heyoka, paper, done.settings.parameters)
+    expected, found = independent.reference(loop, paper, done.settings), golden.trajectory_of(done)
+    assert golden.compare("x", expected, found, "heyoka").verdict is Verdict.FAILED
+    assert independent.hold(loop, paper, done).verdict is Verdict.PASSED
+    states = dataclasses.replace(found, values=found.values.copy())
+    states.values[5, 0] += 2e-9
+    scales = loop.scales(expected, 10.0)
+    assert golden.compare("x", expected, states, "heyoka", scales).verdict is Verdict.FAILED
