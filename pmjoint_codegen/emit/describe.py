@@ -13,6 +13,7 @@ from pmjoint_codegen.emit.table import Kernel, kernel_table, vocabulary
 from pmjoint_codegen.identity import Document, model_hash, structure_hash
 from pmjoint_codegen.manifest import EquationText, Function, Manifest, Parameter, Simulation, Variable
 from pmjoint_codegen.report.notation import latex_expression
+from pmjoint_codegen.values import Rule
 
 
 def tool_versions() -> dict[str, str]:
@@ -85,6 +86,7 @@ def describe(
         states=_states(derivation),
         blocks=_blocks(derivation),
         parameters=_parameters(derivation),
+        rules=_rules(derivation),
         signals=tuple(_signal(derivation, symbol) for symbol in words.signals),
         partials=tuple(symbol.name for symbol in words.partials),
         functions=functions,
@@ -161,6 +163,39 @@ def _parameters(derivation: Derivation) -> tuple[Parameter, ...]:
         if item.symbol in derivation.own_parameters
     ]
     return (*plant, *design, switch, *own)
+
+
+def _rules(derivation: Derivation) -> tuple[Rule, ...]:
+    """What the physics presumes, of the plant's own values too; then what the design asks of its input.
+
+    The design's rules leave the plant's own values alone: what the controller does not know, it may suffer.
+    """
+    model, own = derivation.model, dict(derivation.own_parameters)
+    found = [
+        _positive(item.parameter, item.expression, item.what, twins)
+        for twins in ({}, own)
+        for item in model.demands
+        if not twins or item.expression.free_symbols & own.keys()
+    ]
+    constants = {item.symbol: item.expression for item in model.constants}
+    b = tuple(_python(entry.xreplace(constants)) for entry in model.plant.b)
+    if len(b) == 1:
+        return (*found, Rule("b_m", "nonzero", b, "no input acts", "parameters for which it is not 0"))
+    what = "the zero dynamics are unstable: b_m s^m + ... + b_0"
+    return (*found, Rule("b_m ... b_0", "hurwitz", b, what, "roots with negative real parts only"))
+
+
+def _positive(
+    parameter: sp.Symbol, expression: sp.Expr, what: str, twins: Mapping[sp.Symbol, sp.Symbol]
+) -> Rule:
+    name = twins.get(parameter, parameter).name
+    allowed = f"{_python(expression.xreplace(twins))} greater than 0" if what else "a number greater than 0"
+    return Rule(name, "positive", (_python(expression.xreplace(twins)),), what, allowed)
+
+
+def _python(expression: sp.Expr) -> str:
+    """An expression of parameters in Python's notation, whole numbers exact."""
+    return str(sp.pycode(expression, fully_qualified_modules=False))
 
 
 def _signal(derivation: Derivation, symbol: sp.Symbol) -> Variable:

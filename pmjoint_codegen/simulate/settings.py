@@ -13,7 +13,7 @@ import numpy as np
 from pmjoint_codegen.errors import UsageError
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.values import COMPENSATOR, OWN_SUFFIX, check_values
+from pmjoint_codegen.values import COMPENSATOR, OWN_SUFFIX, check_rules, check_values
 
 Controller = Literal["continuous", "sampled"]
 
@@ -158,6 +158,7 @@ def _values(manifest: Manifest, overrides: Mapping[str, float], compensator: boo
         where="",
         error=UsageError,
     )
+    check_rules(values, manifest.rules, error=UsageError)
     return values
 
 
