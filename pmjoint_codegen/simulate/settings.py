@@ -83,7 +83,8 @@ def make_settings(
         manifest: the model.
         parameters: overrides of parameters and gains, by name; ``J`` sets what the controller believes and,
             unless ``J_plant`` is given too, what the plant has.
-        x0: initial plant states; the controller starts at 0.
+        x0: initial plant states, those beyond the design's given or left out together; the controller starts
+            at 0.
         horizon: s.
         output_step: s, at most the horizon.
         controller: ``continuous`` or ``sampled``.
@@ -193,14 +194,26 @@ def _initial(manifest: Manifest, x0: Sequence[float] | Array | None) -> Array:
     entries = (
         manifest.simulation.x0 if x0 is None else tuple(np.atleast_1d(np.asarray(x0, dtype=object)).tolist())
     )
+    if len(entries) == manifest.n:  # as the model file gives them; states beyond the design's start as there
+        entries = (*entries, *manifest.simulation.x0[manifest.n :])
     if len(entries) != manifest.nx:
-        names = ", ".join(state.name for state in manifest.states[: manifest.nx])
         raise UsageError(
-            f"has {len(entries)} entries",
+            f"has {len(entries)} {'entry' if len(entries) == 1 else 'entries'}",
             where="x0",
-            remedy=f"{manifest.name} has {manifest.nx} states: {names}",
+            remedy=_initial_rule(manifest),
         )
     return np.array([_number(f"x0, entry {i}", entry) for i, entry in enumerate(entries, start=1)])
+
+
+def _initial_rule(manifest: Manifest) -> str:
+    """Say how many initial states there are, with those beyond the design's and without."""
+    names = [state.name for state in manifest.states[: manifest.nx]]
+    extras = names[manifest.n :]
+    rule = f"{manifest.name} has {manifest.nx} states: {', '.join(names)}"
+    if not extras:
+        return rule
+    values = ", ".join(f"{value:g}" for value in manifest.simulation.x0[manifest.n :])
+    return f"{rule}; give {manifest.nx}, or {manifest.n} for {', '.join(extras)} = {values}"
 
 
 def _controller(name: str) -> Controller:

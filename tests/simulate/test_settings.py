@@ -80,10 +80,10 @@ def test_the_plant_is_as_believed_unless_it_is_set(
         ({"parameters": {"b0": 0.0}}, ("b0", "b_m = 0")),
         ({"parameters": {"k1": -6.0}}, ("k", "unstable")),
         ({"parameters": {"compensator": 0.5}}, ("compensator", "1 (on) or 0 (off)")),
-        ({"x0": [1.0]}, ("x0", "1 entries", "x1, x2")),
+        ({"x0": [1.0]}, ("x0: has 1 entry; paper has 2 states: x1, x2",)),
         ({"x0": [1.0, 2.0, 3.0]}, ("x0", "3 entries")),
         ({"x0": [1.0, float("nan")]}, ("x0, entry 2", "finite")),
-        ({"x0": 1.0}, ("x0", "1 entries")),
+        ({"x0": 1.0}, ("x0: has 1 entry;",)),
         ({"horizon": 0.0}, ("horizon", "greater than 0")),
         ({"horizon": -1.0}, ("horizon", "greater than 0")),
         ({"horizon": float("inf")}, ("horizon", "finite")),
@@ -197,3 +197,12 @@ def test_a_run_refuses_what_the_file_refuses_and_nothing_else(root: Path, model:
 def test_the_plant_may_be_what_no_design_presumes(root: Path) -> None:
     manifest = Manifest.read(root / "generated" / "third-order")
     assert make_settings(manifest, parameters={"T_z_plant": -0.05}).parameters["T_z_plant"] == -0.05
+
+
+def test_states_beyond_the_design_s_may_be_left_out_as_in_the_file(root: Path) -> None:
+    manifest = Manifest.read(root / "generated" / "joint-lag")
+    assert make_settings(manifest, x0=[0.1, 0.2, 0.3]).x0.tolist() == [0.1, 0.2, 0.3, 0.0]
+    assert make_settings(manifest, x0=[0.1, 0.2, 0.3, 4e4]).x0.tolist() == [0.1, 0.2, 0.3, 4e4]
+    line = "x0: has 2 entries; joint-lag has 4 states: x1, x2, x3, x4; give 4, or 3 for x4 = 0"
+    with pytest.raises(UsageError, match=f"^{line}$"):
+        make_settings(manifest, x0=[0.1, 0.2])
