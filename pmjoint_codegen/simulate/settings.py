@@ -88,7 +88,7 @@ def make_settings(
         horizon: s.
         output_step: s, at most the horizon.
         controller: ``continuous`` or ``sampled``.
-        sample_time: s.
+        sample_time: s; of the sampled controller, at most the horizon.
         compensator: False: r = 0, plain clipping.
         tolerance: local error.
 
@@ -108,6 +108,9 @@ def make_settings(
             where="controller",
             remedy="use the sampled controller, or a smooth disturbance such as tanh(x2/0.01)",
         )
+    period = _positive("sample time", defaults.sample_time if sample_time is None else sample_time, "s")
+    if chosen == "sampled":  # without a second sample, nothing of a sampled controller is seen
+        _at_most("sample time", period, length, "the horizon")
     settings = Settings(
         parameters=values,
         p=np.array(list(values.values())),
@@ -115,9 +118,7 @@ def make_settings(
         horizon=length,
         output_step=step,
         controller=chosen,
-        sample_time=_positive(
-            "sample time", defaults.sample_time if sample_time is None else sample_time, "s"
-        ),
+        sample_time=period,
         tolerance=_tolerance(tolerance),
     )
     wanted = length / step + 1  # infinite where the quotient is beyond floating point

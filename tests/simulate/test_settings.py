@@ -92,6 +92,11 @@ def test_the_plant_is_as_believed_unless_it_is_set(
         ({"output_step": 1e-6}, ("output step", "20000001 rows", "10000000")),
         ({"horizon": 1e308, "output_step": 1e-10}, ("output step", "inf rows", "10000000")),
         ({"sample_time": 0.0}, ("sample time", "greater than 0")),
+        (
+            {"controller": "sampled", "sample_time": 30.0},
+            ("sample time: is 30 s, longer than the horizon, 20 s; allowed: at most 20 s",),
+        ),
+        ({"controller": "sampled", "horizon": 0.0005}, ("sample time: is 0.001 s", "at most 0.0005 s")),
         ({"controller": "analog"}, ("controller", "continuous, sampled")),
         ({"tolerance": 1e-15}, ("tolerance", "1e-14", "0.001")),
         ({"tolerance": 0.1}, ("tolerance", "1e-14", "0.001")),
@@ -206,3 +211,11 @@ def test_states_beyond_the_design_s_may_be_left_out_as_in_the_file(root: Path) -
     line = "x0: has 2 entries; joint-lag has 4 states: x1, x2, x3, x4; give 4, or 3 for x4 = 0"
     with pytest.raises(UsageError, match=f"^{line}$"):
         make_settings(manifest, x0=[0.1, 0.2])
+
+
+def test_one_sample_may_last_the_whole_run_and_an_idle_sample_time_does_not_matter(
+    manifest: Manifest,
+) -> None:
+    asked: dict[str, Any] = {"horizon": 0.5, "sample_time": 0.5}
+    assert make_settings(manifest, controller="sampled", **asked).sample_time == 0.5
+    assert make_settings(manifest, controller="continuous", horizon=0.0005).sample_time == 0.001
