@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
+
+import numpy as np
 
 from pmjoint_codegen import ClosedLoop
 from pmjoint_codegen.cli.account import account
@@ -18,3 +21,13 @@ def test_many_switches_are_counted_rather_than_listed() -> None:
     ]
     assert lines[first + 9].strip() == "and 3 more switches, in summary.json"
     assert "more switches" not in account(replace(many, switches=many.switches[:8]), (), ())
+
+
+def test_what_a_failed_run_lost_is_told_in_words() -> None:
+    run = ClosedLoop.load("paper").simulate(horizon=0.1)
+    signals = np.full_like(run.signals, math.nan)
+    lines = account(replace(run, ise=math.inf, signals=signals), (), ()).splitlines()
+    for label in ("settling", "ISE", "max |e|", "final e"):
+        assert [line.split() for line in lines if line.startswith(f"  {label} ")] == [
+            [*label.split(), "beyond", "floating", "point"]
+        ]
