@@ -31,18 +31,16 @@ def account(run: Run, notes: Sequence[str], files: Sequence[Path]) -> str:
 
 
 def _head(run: Run, notes: Sequence[str]) -> Iterator[tuple[str, ...]]:
-    from pmjoint_codegen.simulate.assumptions import changes, settings_text, source_is_silent
+    from pmjoint_codegen.simulate.assumptions import assumed, changes, stated
 
     yield "run", f"{run.settings.controller} controller, {run.evaluator} kernels"
     yield "status", f"{run.summary['status']}: {run.message} ({run.steps} steps in {run.wall_s * 1e3:.3g} ms)"
-    silent = source_is_silent(run)
-    yield (
-        ("assumed" if silent else "settings"),
-        settings_text(run) + (" (not stated in the paper)" if silent else ""),
-    )
-    changed = [*changes(run), *notes]
-    if changed:
-        yield "changed", ", ".join(changed)
+    assumptions = assumed(run)
+    if assumptions:
+        yield "assumed", f"{', '.join(assumptions)} (not stated in the paper)"
+    for label, items in (("settings", stated(run)), ("changed", (*changes(run), *notes))):
+        if items:
+            yield label, ", ".join(items)
 
 
 def _saturation(run: Run) -> Iterator[tuple[str, ...]]:

@@ -31,3 +31,12 @@ def test_what_a_failed_run_lost_is_told_in_words() -> None:
         assert [line.split() for line in lines if line.startswith(f"  {label} ")] == [
             [*label.split(), "beyond", "floating", "point"]
         ]
+
+
+def test_what_is_given_for_a_run_is_not_told_as_an_assumption() -> None:
+    run = ClosedLoop.load("paper").simulate(horizon=0.1)
+    table = account(run, (), ())
+    assert "  assumed    y_r = sin(t) (not stated in the paper)\n  changed    horizon 0.1 s\n" in table
+    table = account(ClosedLoop.load("joint").simulate(horizon=0.1), (), ())
+    assert "  settings   y_r = 3/10 - 3*cos(t)/10, horizon 0.1 s\n" in table
+    assert "assumed" not in table
