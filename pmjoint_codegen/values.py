@@ -37,7 +37,7 @@ _OPERATORS: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = MappingProx
     }
 )
 _FUNCTIONS: Mapping[str, Callable[[Any], Any]] = MappingProxyType(
-    {name: getattr(np, name) for name in ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh")}
+    {name: getattr(np, name) for name in ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh", "abs")}
 )
 _CONSTANTS: Mapping[str, float] = MappingProxyType({"pi": math.pi, "e": math.e})
 
@@ -48,15 +48,16 @@ class Rule:
 
     Attributes:
         name: the parameter or coefficient that a message begins with.
-        kind: of the terms: one that is ``positive`` or ``nonzero``, or a polynomial's coefficients, highest
-            power first, which is ``hurwitz``: all its roots lie in the open left half plane.
+        kind: of the terms, which are always ``finite``: one that is ``positive`` or ``nonzero``, or a
+            polynomial's coefficients, highest power first, which is ``hurwitz``: all its roots lie in the
+            open left half plane.
         terms: expressions of parameters, in Python's notation.
         what: what is wrong where the rule is broken; empty where the value says so.
         allowed: what is allowed.
     """
 
     name: str
-    kind: Literal["positive", "nonzero", "hurwitz"]
+    kind: Literal["finite", "positive", "nonzero", "hurwitz"]
     terms: tuple[str, ...]
     what: str
     allowed: str
@@ -140,6 +141,8 @@ def obeys(rule: Rule, columns: Mapping[str, Numbers]) -> Mask:
     """
     terms = np.column_stack(_terms(rule, columns))
     good: Mask = np.all(np.isfinite(terms), axis=1)
+    if rule.kind == "finite":
+        return good
     if rule.kind == "hurwitz":
         good[good] = hurwitz_rows(terms[good])
         return good

@@ -116,7 +116,7 @@ def test_no_leading_coefficient_no_stability() -> None:
     assert is_hurwitz([-2.0])
 
 
-def rule(kind: Literal["positive", "nonzero", "hurwitz"], *terms: str) -> Rule:
+def rule(kind: Literal["finite", "positive", "nonzero", "hurwitz"], *terms: str) -> Rule:
     return Rule("it", kind, terms, "it is wrong", "what is right")
 
 
@@ -127,7 +127,10 @@ def rule(kind: Literal["positive", "nonzero", "hurwitz"], *terms: str) -> Rule:
         ("-a + 3*b", 7.0),
         ("(1/3)*a**2/b", 4 / 3 / 3),
         ("sqrt(a)*exp(b)*pi - e", math.sqrt(2) * math.exp(3) * math.pi - math.e),
-        ("tanh(a) + log(b) + sin(a)*cos(a)/tan(a)", math.tanh(2) + math.log(3) + math.cos(2) ** 2),
+        (
+            "abs(-a) + tanh(a) + log(b) + sin(a)*cos(a)/tan(a)",
+            2 + math.tanh(2) + math.log(3) + math.cos(2) ** 2,
+        ),
     ],
 )
 def test_terms_are_the_arithmetic_they_say(text: str, value: float) -> None:
@@ -146,6 +149,7 @@ def test_rules_hold_design_by_design() -> None:
     a = {"a": np.array([-1.0, 0.0, 1.0, math.nan, math.inf])}
     assert obeys(rule("positive", "a"), a).tolist() == [False, False, True, False, False]
     assert obeys(rule("nonzero", "a"), a).tolist() == [True, False, True, False, False]
+    assert obeys(rule("finite", "a", "1/a"), a).tolist() == [True, False, True, False, False]
     assert obeys(rule("nonzero", "1/a"), a).tolist() == [True, False, True, False, False]
     assert obeys(rule("hurwitz", "1", "a"), a).tolist() == [False, False, True, False, False]
 
