@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import sympy as sp
 
 from derive.equation import Equation
-from derive.model import Channel, ExtraState, OutsideClassError, Plant, parameter_symbol
+from derive.model import Channel, Demand, ExtraState, OutsideClassError, Plant, parameter_symbol
 from derive.units import parse_unit
 
 KEEP = ("damping", "quadratic_gain", "pressure_lag")
@@ -30,6 +30,8 @@ THETA, OMEGA, U, Y = (parameter_symbol(name) for name in ("theta", "theta_dot", 
 Q1, Q2, P1, P2 = (
     parameter_symbol(name) for name in ("q1", "q2", "p1", "p2")
 )  # pressures' distance from P_0, and their commands
+
+POSITIVE = ("J", "r", "l0", "k0", "u0", "k_u", "P_max", LAG)  # what (1)-(4) presume to be greater than 0
 
 # what no parameter of a joint may be called: physical states, commands, pressures, coefficients (8)
 TAKEN = ("theta", "theta_dot", "q1", "q2", "p1", "p2", "P1", "P2", "d1", "b0", "a", "kappa", "s")
@@ -45,6 +47,7 @@ class Joint:
         channels: what the actuator delivers: u, and the two pressures' distances from P_0.
         constants: the coefficients (8) as named equations.
         pressures: the muscle pressures P1 and P2 as named equations.
+        demands: what (1)-(4) presume of the parameters.
     """
 
     plant: Plant
@@ -52,6 +55,7 @@ class Joint:
     channels: tuple[Channel, ...]
     constants: tuple[Equation, ...]
     pressures: tuple[Equation, ...]
+    demands: tuple[Demand, ...]
 
 
 def force(pressure: sp.Expr, contraction: sp.Expr) -> sp.Expr:
@@ -118,7 +122,25 @@ def reduce_joint(keep: tuple[str, ...], *, lagged: bool, vartheta: sp.Expr, limi
         for state, form in extra_forms.items()
     )
     pressures = _pressures(back, lagged=lagged)
-    return Joint(replace(design, disturbance=left_out), extras, _channels(limit), _constants(keep), pressures)
+    return Joint(
+        replace(design, disturbance=left_out),
+        extras,
+        _channels(limit),
+        _constants(keep),
+        pressures,
+        demands(lagged=lagged),
+    )
+
+
+def demands(*, lagged: bool) -> tuple[Demand, ...]:
+    """What (1)-(4) presume: positive inertia, lengths and pressures, the base pressure below P_max."""
+    names = (name for name in POSITIVE if lagged or name != LAG)
+    symbols = (parameter_symbol(name) for name in names)
+    room = parameter_symbol("P_max") - base_pressure()
+    return (
+        *(Demand(symbol, symbol) for symbol in symbols),
+        Demand(parameter_symbol("u0"), room, "the base pressure k0*u0 is not below P_max"),
+    )
 
 
 def check_keep(keep: tuple[str, ...], *, lagged: bool) -> None:

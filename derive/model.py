@@ -234,6 +234,21 @@ class ExtraState:
 
 
 @dataclass(frozen=True)
+class Demand:
+    """What the physics presumes of its parameters: an expression of them that is greater than 0.
+
+    Attributes:
+        parameter: the parameter at fault where it is not.
+        expression: of parameters.
+        what: what is wrong where it is not; empty where the parameter's own value says so.
+    """
+
+    parameter: sp.Symbol
+    expression: sp.Expr
+    what: str = ""
+
+
+@dataclass(frozen=True)
 class Model:
     """All that a derivation needs.
 
@@ -255,6 +270,7 @@ class Model:
         extras: states of the simulated plant beyond the design's.
         channels: what the actuator delivers; the first is u. Empty: u alone, within ``limit``.
         reported: further named signals of the plant, such as muscle pressures.
+        demands: what the physics presumes of its parameters, the controller's and the plant's own.
     """
 
     name: str
@@ -274,6 +290,7 @@ class Model:
     extras: tuple[ExtraState, ...] = ()
     channels: tuple[Channel, ...] = ()
     reported: tuple[Equation, ...] = ()
+    demands: tuple[Demand, ...] = ()
 
     @property
     def actuator(self) -> tuple[Channel, ...]:

@@ -14,7 +14,7 @@ from typing import Any, Final
 
 from pmjoint_codegen.errors import OtherVersionError, StaleError
 from pmjoint_codegen.storage import sha256
-from pmjoint_codegen.values import OWN_SUFFIX
+from pmjoint_codegen.values import OWN_SUFFIX, Rule
 
 FILE_NAME: Final = "model.json"
 SCHEMA: Final = 1
@@ -147,6 +147,7 @@ class Manifest:
         states: entries of X.
         blocks: index range of x, xi, Xi, lambda, r in X.
         parameters: entries of p.
+        rules: what values of the parameters obey beyond the rules of every design.
         signals: entries of the ``signals`` kernel.
         partials: names of the ``partials`` kernel's entries.
         functions: all kernels.
@@ -175,6 +176,7 @@ class Manifest:
     states: tuple[Variable, ...]
     blocks: Mapping[str, tuple[int, int]]
     parameters: tuple[Parameter, ...]
+    rules: tuple[Rule, ...]
     signals: tuple[Variable, ...]
     partials: tuple[str, ...]
     functions: tuple[Function, ...]
@@ -277,6 +279,9 @@ class Manifest:
         }
         for key, record in records.items():
             contents[key] = tuple(record(**item) for item in contents[key])
+        contents["rules"] = tuple(
+            Rule(**{**item, "terms": tuple(item["terms"])}) for item in contents["rules"]
+        )
         contents["functions"] = tuple(_function(item) for item in contents["functions"])
         contents["blocks"] = {key: tuple(value) for key, value in contents["blocks"].items()}
         contents["partials"] = tuple(contents["partials"])

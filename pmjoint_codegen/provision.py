@@ -14,7 +14,13 @@ from pathlib import Path
 from typing import Any
 
 from pmjoint_codegen import __version__
-from pmjoint_codegen.errors import MissingToolError, StaleError, UsageError, installing
+from pmjoint_codegen.errors import (
+    MissingToolError,
+    ModelError,
+    StaleError,
+    UsageError,
+    installing,
+)
 from pmjoint_codegen.identity import canonical_hash, model_hash
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.spec.reader import read_document
@@ -57,7 +63,8 @@ def provide(
         notify: is told, in one line, what takes time or what the user should know.
 
     Raises:
-        ModelError: for a model that cannot be found, read or derived.
+        ModelError: for a model that cannot be found, read or derived; a fault in what was given in place of
+            the file's is told of the option.
         StaleError: when a committed file was edited by hand.
         MissingToolError: when something must be derived and the toolchain is not installed.
     """
@@ -67,7 +74,10 @@ def provide(
         committed = _committed(path, document, notify)
         if committed is not None:
             return committed
-    return _derived(path, _changed(document, reference, disturbance), environment, notify)
+    try:
+        return _derived(path, _changed(document, reference, disturbance), environment, notify)
+    except ModelError as error:
+        raise _of_option(error, reference, disturbance) from error
 
 
 def _committed(path: Path, document: Mapping[str, Any], notify: Notify) -> Provided | None:
@@ -106,6 +116,22 @@ def _changed(
     if disturbance is not None:
         changed |= _disturbed(changed, disturbance)
     return changed
+
+
+def _of_option(error: ModelError, reference: str | None, disturbance: Sequence[str] | None) -> ModelError:
+    """The error in an expression that was given in place of the file's, with the option for its place."""
+    options = {
+        "simulation.reference": ("--reference", reference),
+        "plant.disturbance": ("--disturbance", disturbance),
+        "joint.disturbance": ("--disturbance", disturbance),
+    }
+    place = error.where.rpartition(": ")[2]
+    key, comma, detail = place.partition(",")
+    option, given = options.get(key, ("", None))
+    if given is None:
+        return error
+    one = given == disturbance and len(given) == 1  # which a joint's plant holds in several entries
+    return ModelError(error.what, where=option if one else f"{option}{comma}{detail}", remedy=error.remedy)
 
 
 def _disturbed(document: Mapping[str, Any], disturbance: Sequence[str]) -> dict[str, Any]:

@@ -2,20 +2,65 @@
 
 The rules are the assumptions of the design: positive gains (23), (25), (29), a Hurwitz filter matrix
 ``A0 = A - k e1'`` (14), a positive actuator limit (10) and an input coefficient ``b_m`` other than zero (11).
+What one model adds, such as a joint's positive inertia, comes with its manifest as `Rule` over expressions.
 """
 
 from __future__ import annotations
 
+import ast
 import math
+import operator
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, Literal
 
 import numpy as np
+import numpy.typing as npt
 
 from pmjoint_codegen.errors import ModelError, PmjointError
 
 COMPENSATOR = "compensator"  # the switch between (23) and plain clipping
 OWN_SUFFIX = "_plant"  # of the simulated plant's own value of a parameter that the controller uses too
 _POSITIVE_GAINS = ("c", "e", "ck")
+
+Numbers = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+_OPERATORS: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = MappingProxyType(
+    {
+        ast.Add: operator.add,
+        ast.Sub: operator.sub,
+        ast.Mult: operator.mul,
+        ast.Div: operator.truediv,
+        ast.Pow: operator.pow,
+    }
+)
+_FUNCTIONS: Mapping[str, Callable[[Any], Any]] = MappingProxyType(
+    {name: getattr(np, name) for name in ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh", "abs")}
+)
+_CONSTANTS: Mapping[str, float] = MappingProxyType({"pi": math.pi, "e": math.e})
+
+
+@dataclass(frozen=True)
+class Rule:
+    """What one model's parameters obey, whoever sets them: its manifest holds it, so that a run can test it.
+
+    Attributes:
+        name: the parameter or coefficient that a message begins with.
+        kind: of the terms, which are always ``finite``: one that is ``positive`` or ``nonzero``, or a
+            polynomial's coefficients, highest power first, which is ``hurwitz``: all its roots lie in the
+            open left half plane.
+        terms: expressions of parameters, in Python's notation.
+        what: what is wrong where the rule is broken; empty where the value says so.
+        allowed: what is allowed.
+    """
+
+    name: str
+    kind: Literal["finite", "positive", "nonzero", "hurwitz"]
+    terms: tuple[str, ...]
+    what: str
+    allowed: str
 
 
 def check_values(
@@ -67,6 +112,80 @@ def check_values(
         )
 
 
+def check_rules(
+    values: Mapping[str, float], rules: Iterable[Rule], *, error: type[PmjointError] = ModelError
+) -> None:
+    """Check the rules that a model adds to those of every design.
+
+    Args:
+        values: name -> number.
+        rules: of the model.
+        error: kind of error to raise.
+
+    Raises:
+        PmjointError: of the kind `error`, for the first rule that is broken.
+    """
+    columns = {name: np.array([value]) for name, value in values.items()}
+    for rule in rules:
+        if not obeys(rule, columns)[0]:
+            found = [float(term[0]) for term in _terms(rule, columns)]
+            raise error(_broken(rule, found), where=rule.name, remedy=f"allowed: {rule.allowed}")
+
+
+def obeys(rule: Rule, columns: Mapping[str, Numbers]) -> Mask:
+    """Which of many designs keep a rule; a term without finite value keeps none.
+
+    Args:
+        rule: of the model.
+        columns: name -> numbers, one a design.
+    """
+    terms = np.column_stack(_terms(rule, columns))
+    good: Mask = np.all(np.isfinite(terms), axis=1)
+    if rule.kind == "finite":
+        return good
+    if rule.kind == "hurwitz":
+        good[good] = hurwitz_rows(terms[good])
+        return good
+    result: Mask = good & np.all(terms > 0 if rule.kind == "positive" else terms != 0, axis=1)
+    return result
+
+
+def _broken(rule: Rule, found: Sequence[float]) -> str:
+    """Say how a rule is broken, with the value that breaks it."""
+    if not all(math.isfinite(value) for value in found):
+        return "has no finite value at these parameters"
+    if rule.kind == "hurwitz":
+        return f"{rule.what} has the roots {roots_text(found) or 'of no polynomial'}"
+    return f"is {found[0]:g}" if not rule.what else f"{rule.what}: {rule.terms[0]} = {found[0]:g}"
+
+
+def _terms(rule: Rule, columns: Mapping[str, Numbers]) -> list[Numbers]:
+    size = len(next(iter(columns.values())))
+    with np.errstate(all="ignore"):  # what is not finite breaks the rule
+        return [np.broadcast_to(_term(text, columns), size) for text in rule.terms]
+
+
+def _term(text: str, columns: Mapping[str, Numbers]) -> Numbers:
+    tree = ast.Name(text) if text in columns else ast.parse(text, mode="eval").body
+    return np.asarray(_evaluate(tree, columns), dtype=np.float64)
+
+
+def _evaluate(node: ast.expr, columns: Mapping[str, Numbers]) -> Any:
+    """Evaluate the syntax that expressions of a model are made of, and nothing else."""
+    match node:
+        case ast.Constant(value=int() | float() as value):
+            return value
+        case ast.Name(id=name):
+            return columns[name] if name in columns else _CONSTANTS[name]
+        case ast.UnaryOp(op=ast.USub(), operand=operand):
+            return -_evaluate(operand, columns)
+        case ast.BinOp(left=left, op=op, right=right):
+            return _OPERATORS[type(op)](_evaluate(left, columns), _evaluate(right, columns))
+        case ast.Call(func=ast.Name(id=name), args=[argument]):
+            return _FUNCTIONS[name](_evaluate(argument, columns))
+    raise ValueError(f"not an expression of parameters: {ast.unparse(node)}")
+
+
 def of_plant(values: Mapping[str, float], name: str) -> float:
     """What the simulated plant has for a parameter, whatever the controller believes."""
     return values.get(f"{name}{OWN_SUFFIX}", values[name])
@@ -96,6 +215,13 @@ def is_hurwitz(coefficients: Sequence[float]) -> bool:
         divisor = math.gcd(*row) or 1  # positive, so it changes no sign; keeps the integers short
         upper, lower = lower, [entry // divisor for entry in row]
     return True
+
+
+def hurwitz_rows(polynomials: Numbers) -> Mask:
+    """`is_hurwitz` of many polynomials, shape (designs, coefficients); equal ones are looked at once."""
+    rows, which = np.unique(polynomials, axis=0, return_inverse=True)
+    verdicts = np.array([is_hurwitz(row) for row in rows.tolist()], dtype=bool)
+    return verdicts[which.reshape(-1)]
 
 
 def _integers(values: Sequence[float]) -> list[int]:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from pmjoint_codegen import provision
-from pmjoint_codegen.errors import StaleError
+from pmjoint_codegen.errors import ModelError, StaleError
 from pmjoint_codegen.storage import sha256_file
 
 
@@ -42,3 +43,36 @@ def test_the_remedy_for_an_edited_file_names_the_model_as_it_was_found(tmp_path:
     (generated / "kernels.c").write_text("")
     with pytest.raises(StaleError, match=r"pmjoint regenerate .*mine\.toml"):
         provision.provide(tmp_path / "mine.toml", environment={}, notify=lambda line: None)
+
+
+@pytest.mark.parametrize(
+    ("model", "given", "line"),
+    [
+        ("paper", {"reference": "q*t"}, r"--reference: 'q\*t': unknown symbol 'q'; "),
+        ("paper", {"reference": "sqrt(t)"}, r"--reference, derivative 1: .* no finite real value"),
+        ("paper", {"disturbance": ["0", "q"]}, r"--disturbance, entry 2: 'q': unknown symbol"),
+        ("paper", {"disturbance": ["0"]}, r"--disturbance: has 1 entry; allowed: 2 "),
+        ("joint", {"disturbance": ["q"]}, r"--disturbance: 'q': unknown symbol"),
+        ("joint", {"disturbance": ["1/t"]}, r"--disturbance: .* no finite real value"),
+    ],
+)
+def test_a_bad_expression_is_told_of_the_option_that_gave_it(
+    tmp_path: Path, model: str, given: dict[str, Any], line: str
+) -> None:
+    with pytest.raises(ModelError, match=f"^{line}"):
+        provision.provide(
+            model, **given, environment={"PMJOINT_CACHE": str(tmp_path)}, notify=lambda line: None
+        )
+
+
+def test_a_bad_expression_in_the_file_is_told_of_the_file(tmp_path: Path) -> None:
+    root = Path(__file__).resolve().parents[1]
+    text = (root / "models" / "paper.toml").read_text()
+    (tmp_path / "mine.toml").write_text(text.replace('"sin(t)"', '"q*t"'))
+    with pytest.raises(ModelError, match=r"mine\.toml: simulation\.reference: 'q\*t'"):
+        provision.provide(
+            tmp_path / "mine.toml",
+            disturbance=["0", "0"],
+            environment={"PMJOINT_CACHE": str(tmp_path)},
+            notify=lambda line: None,
+        )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pmjoint_codegen.errors import ModelError, UsageError
-from pmjoint_codegen.values import check_values, gain_names, is_hurwitz
+from pmjoint_codegen.values import Rule, check_rules, check_values, gain_names, is_hurwitz, obeys
 
 PAPER = {
     **{"d1": 0.2, "b0": 2.0, "u_max": 10.0, "c1": 15.0, "c2": 15.0, "e1": 0.1, "e2": 0.1},
@@ -113,3 +114,50 @@ def test_third_order_is_decided_exactly(k1: float, k2: float, k3: float) -> None
 def test_no_leading_coefficient_no_stability() -> None:
     assert not is_hurwitz([0.0, 1.0])
     assert is_hurwitz([-2.0])
+
+
+def rule(kind: Literal["finite", "positive", "nonzero", "hurwitz"], *terms: str) -> Rule:
+    return Rule("it", kind, terms, "it is wrong", "what is right")
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("a", 2.0),
+        ("-a + 3*b", 7.0),
+        ("(1/3)*a**2/b", 4 / 3 / 3),
+        ("sqrt(a)*exp(b)*pi - e", math.sqrt(2) * math.exp(3) * math.pi - math.e),
+        (
+            "abs(-a) + tanh(a) + log(b) + sin(a)*cos(a)/tan(a)",
+            2 + math.tanh(2) + math.log(3) + math.cos(2) ** 2,
+        ),
+    ],
+)
+def test_terms_are_the_arithmetic_they_say(text: str, value: float) -> None:
+    columns = {"a": np.array([2.0]), "b": np.array([3.0])}
+    assert obeys(rule("positive", f"{text} - {value - 1e-12!r}"), columns)[0]
+    assert not obeys(rule("positive", f"{text} - {value + 1e-12!r}"), columns)[0]
+
+
+@pytest.mark.parametrize("text", ["a.real", "a[0]", "__import__('os')", "a if a else b", "a < b", "'a'"])
+def test_terms_are_arithmetic_and_nothing_else(text: str) -> None:
+    with pytest.raises((ValueError, KeyError)):
+        obeys(rule("positive", text), {"a": np.array([2.0]), "b": np.array([3.0])})
+
+
+def test_rules_hold_design_by_design() -> None:
+    a = {"a": np.array([-1.0, 0.0, 1.0, math.nan, math.inf])}
+    assert obeys(rule("positive", "a"), a).tolist() == [False, False, True, False, False]
+    assert obeys(rule("nonzero", "a"), a).tolist() == [True, False, True, False, False]
+    assert obeys(rule("finite", "a", "1/a"), a).tolist() == [True, False, True, False, False]
+    assert obeys(rule("nonzero", "1/a"), a).tolist() == [True, False, True, False, False]
+    assert obeys(rule("hurwitz", "1", "a"), a).tolist() == [False, False, True, False, False]
+
+
+def test_a_broken_rule_is_told_with_the_value() -> None:
+    with pytest.raises(UsageError, match=r"^it: it is wrong: a - 3 = -1; allowed: what is right$"):
+        check_rules({"a": 2.0}, [rule("nonzero", "a"), rule("positive", "a - 3")], error=UsageError)
+    with pytest.raises(ModelError, match=r"^it: it is wrong has the roots 2; allowed: what is right$"):
+        check_rules({"a": 2.0}, [rule("hurwitz", "1", "-a")])
+    with pytest.raises(ModelError, match=r"^it: has no finite value at these parameters; allowed: "):
+        check_rules({"a": 0.0}, [rule("positive", "1/a")])

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from pmjoint_codegen.simulate.run import Run
 
 _SHOWN = 8  # switches in the table; summary.json holds all of them
+_BEYOND = "beyond floating point"  # of a run that failed
 _PASCALS = 1e5  # in a bar
 _MODES = {-1: "at -{limit}", 0: "inside its limits", 1: "at {limit}"}
 
@@ -30,18 +31,16 @@ def account(run: Run, notes: Sequence[str], files: Sequence[Path]) -> str:
 
 
 def _head(run: Run, notes: Sequence[str]) -> Iterator[tuple[str, ...]]:
-    from pmjoint_codegen.simulate.assumptions import changes, settings_text, source_is_silent
+    from pmjoint_codegen.simulate.assumptions import assumed, changes, stated
 
     yield "run", f"{run.settings.controller} controller, {run.evaluator} kernels"
     yield "status", f"{run.summary['status']}: {run.message} ({run.steps} steps in {run.wall_s * 1e3:.3g} ms)"
-    silent = source_is_silent(run)
-    yield (
-        ("assumed" if silent else "settings"),
-        settings_text(run) + (" (not stated in the paper)" if silent else ""),
-    )
-    changed = [*changes(run), *notes]
-    if changed:
-        yield "changed", ", ".join(changed)
+    assumptions = assumed(run)
+    if assumptions:
+        yield "assumed", f"{', '.join(assumptions)} (not stated in the paper)"
+    for label, items in (("settings", stated(run)), ("changed", (*changes(run), *notes))):
+        if items:
+            yield label, ", ".join(items)
 
 
 def _saturation(run: Run) -> Iterator[tuple[str, ...]]:
@@ -66,15 +65,15 @@ def _peaks(run: Run) -> Iterator[tuple[str, ...]]:
 def _tracking(run: Run) -> Iterator[tuple[str, ...]]:
     summary = run.summary
     unit = next((item.unit for item in run.manifest.signals if item.name == "y"), "")
-    yield "settling", _settling(summary["settling_s"], float(run.t[-1]))
-    yield "ISE", f"{summary['ise']:.6g} {unit}^2 s"
-    yield "max |e|", f"{summary['max_abs_e']:.6g} {unit}"
-    yield "final e", f"{summary['final_e']:.6g} {unit}"
+    yield "settling", _settling(summary["settling_s"], float(run["e"][0]), float(run.t[-1]))
+    for label, key, of in (("ISE", "ise", "^2 s"), ("max |e|", "max_abs_e", ""), ("final e", "final_e", "")):
+        value = summary[key]
+        yield label, _BEYOND if value is None else f"{value:.6g} {unit}{of}"
 
 
-def _settling(settled: float | None, end: float) -> str:
+def _settling(settled: float | None, initial: float, end: float) -> str:
     if settled is None:
-        return "e starts at 0"
+        return "e starts at 0" if initial == 0.0 else _BEYOND
     if settled >= end:
         return f"not by {end:.6g} s (|e| > 2 % of the initial |e|)"
     return f"{settled:.6g} s (last |e| > 2 % of the initial |e|)"
@@ -88,7 +87,7 @@ def _disturbance(run: Run) -> Iterator[tuple[str, ...]]:
         return
     of_joint = bool(summary["pressures"])
     what = "all that the design leaves out of the joint" if of_joint else "unknown to the controller"
-    size = "beyond floating point" if largest is None else f"{largest:.6g}"
+    size = _BEYOND if largest is None else f"{largest:.6g}"
     held = bound is None or (largest is not None and largest <= bound)
     presumed = "" if bound is None else f"; D_max = {bound:g}{'' if held else ' is exceeded'}"
     yield "max |D|", f"{size}: {what}{presumed}"

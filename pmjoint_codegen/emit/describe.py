@@ -7,12 +7,13 @@ from collections.abc import Mapping
 import casadi as ca
 import sympy as sp
 
-from derive import Derivation, Equation
+from derive import Derivation, Equation, Model, parameter_symbol
 from pmjoint_codegen import __version__
 from pmjoint_codegen.emit.table import Kernel, kernel_table, vocabulary
 from pmjoint_codegen.identity import Document, model_hash, structure_hash
 from pmjoint_codegen.manifest import EquationText, Function, Manifest, Parameter, Simulation, Variable
 from pmjoint_codegen.report.notation import latex_expression
+from pmjoint_codegen.values import Rule
 
 
 def tool_versions() -> dict[str, str]:
@@ -85,6 +86,7 @@ def describe(
         states=_states(derivation),
         blocks=_blocks(derivation),
         parameters=_parameters(derivation),
+        rules=rules_of(derivation),
         signals=tuple(_signal(derivation, symbol) for symbol in words.signals),
         partials=tuple(symbol.name for symbol in words.partials),
         functions=functions,
@@ -161,6 +163,49 @@ def _parameters(derivation: Derivation) -> tuple[Parameter, ...]:
         if item.symbol in derivation.own_parameters
     ]
     return (*plant, *design, switch, *own)
+
+
+def rules_of(derivation: Derivation) -> tuple[Rule, ...]:
+    """What the physics presumes, of the plant's own values too; then what the design does.
+
+    The design's rules leave the plant's own values alone: what the controller does not know, it may suffer.
+    """
+    model, own = derivation.model, dict(derivation.own_parameters)
+    found = [
+        _positive(item.parameter, item.expression, item.what, twins)
+        for twins in ({}, own)
+        for item in model.demands
+        if not twins or item.expression.free_symbols & own.keys()
+    ]
+    found += _reference_rule(model, derivation.plant.rho)
+    constants = {item.symbol: item.expression for item in model.constants}
+    b = tuple(_python(entry.xreplace(constants)) for entry in model.plant.b)
+    if len(b) == 1:
+        return (*found, Rule("b_m", "nonzero", b, "no input acts", "parameters for which it is not 0"))
+    what = "the zero dynamics are unstable: b_m s^m + ... + b_0"
+    return (*found, Rule("b_m ... b_0", "hurwitz", b, what, "roots with negative real parts only"))
+
+
+def _reference_rule(model: Model, rho: int) -> list[Rule]:
+    """Assumption 1 where a run starts, as far as parameters decide it; their polynomials are finite."""
+    t = parameter_symbol("t")
+    at_start = (sp.diff(model.reference, t, order).subs(t, 0) for order in range(rho + 1))
+    terms = tuple(_python(value) for value in at_start if not value.is_polynomial(*value.free_symbols))
+    allowed = f"parameters for which it and its derivatives up to {rho} are finite at t = 0"
+    return [Rule("reference", "finite", terms, "", allowed)] if terms else []
+
+
+def _positive(
+    parameter: sp.Symbol, expression: sp.Expr, what: str, twins: Mapping[sp.Symbol, sp.Symbol]
+) -> Rule:
+    name = twins.get(parameter, parameter).name
+    allowed = f"{_python(expression.xreplace(twins))} greater than 0" if what else "a number greater than 0"
+    return Rule(name, "positive", (_python(expression.xreplace(twins)),), what, allowed)
+
+
+def _python(expression: sp.Expr) -> str:
+    """An expression of parameters in Python's notation, whole numbers exact."""
+    return str(sp.pycode(expression, fully_qualified_modules=False))
 
 
 def _signal(derivation: Derivation, symbol: sp.Symbol) -> Variable:

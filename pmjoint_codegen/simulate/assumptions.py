@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from pmjoint_codegen.values import COMPENSATOR
@@ -10,29 +11,50 @@ from pmjoint_codegen.values import COMPENSATOR
 if TYPE_CHECKING:
     from pmjoint_codegen.simulate.record import Record
 
-_SILENT_SOURCES = (
-    "paper",
-)  # models whose source states neither the reference nor the horizon of its figures
+# Models whose source states neither the reference nor the horizon of its figures -> the reference assumed for
+# it: a run's own manifest holds whatever reference was given for it.
+_SILENT_SOURCES: Mapping[str, str] = MappingProxyType({"paper": "sin(t)"})
 
 
-def source_is_silent(run: Record) -> bool:
-    """Say whether reference and horizon are assumptions, since the model's source states neither."""
+def assumed(run: Record) -> tuple[str, ...]:
+    """List what stands in the model file alone, since the model's source is silent about it."""
+    return tuple(text for text, given in _settings(run) if not given) if _is_silent(run) else ()
+
+
+def stated(run: Record) -> tuple[str, ...]:
+    """List reference, horizon and sample time of a model whose source is not silent about them."""
+    return () if _is_silent(run) else tuple(text for text, _ in _settings(run))
+
+
+def _is_silent(run: Record) -> bool:
     return run.manifest.name in _SILENT_SOURCES
 
 
-def settings_text(run: Record) -> str:
-    """Give the reference, the horizon and, for a sampled controller, the sample time."""
-    settings = run.settings
-    text = f"y_r = {run.manifest.simulation.reference}, horizon {settings.horizon:g} s"
-    return f"{text}, sample time {settings.sample_time:g} s" if settings.controller == "sampled" else text
+def _settings(run: Record) -> tuple[tuple[str, bool], ...]:
+    """The reference, the horizon and a sampled controller's sample time; and whether each was given."""
+    settings, simulation = run.settings, run.manifest.simulation
+    assumption = _SILENT_SOURCES.get(run.manifest.name, simulation.reference)
+    found = [
+        (f"y_r = {simulation.reference}", simulation.reference != assumption),
+        (f"horizon {settings.horizon:g} s", settings.horizon != simulation.horizon),
+    ]
+    if settings.controller == "sampled":
+        period = settings.sample_time
+        found.append((f"sample time {period:g} s", period != simulation.sample_time))
+    return tuple(found)
 
 
 def changes(run: Record) -> tuple[str, ...]:
-    """List parameters, gains and initial states that differ from the model file's, such as ``c1 = 20``."""
+    """List what differs from the model file, such as ``c1 = 20``.
+
+    That is parameters, gains and initial states; and of a source that is silent, the settings that would
+    otherwise be assumed. `stated` has those of the others.
+    """
     manifest, settings = run.manifest, run.settings
     defaults = {item.name: item.value for item in manifest.parameters}
     stated = manifest.stated(settings.parameters)
-    found = [
+    found = [text for text, given in _settings(run) if given and _is_silent(run)]
+    found += [
         _said(name, value)
         for name, value in stated.items()
         if value != defaults[name] or name in manifest.own
@@ -55,6 +77,9 @@ def sentence(run: Record, notes: Sequence[str] = ()) -> str:
         run: what is captioned.
         notes: further changes that the run itself does not know to be changes.
     """
-    opening = "Assumed, not stated in the paper" if source_is_silent(run) else "Settings"
-    changed = [*changes(run), *notes]
-    return f"{opening}: {settings_text(run)}." + (f" Changed: {', '.join(changed)}." if changed else "")
+    parts = {
+        "Assumed, not stated in the paper": assumed(run),
+        "Settings": stated(run),
+        "Changed": (*changes(run), *notes),
+    }
+    return " ".join(f"{label}: {', '.join(items)}." for label, items in parts.items() if items)

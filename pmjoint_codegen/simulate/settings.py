@@ -13,7 +13,7 @@ import numpy as np
 from pmjoint_codegen.errors import UsageError
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.values import COMPENSATOR, OWN_SUFFIX, check_values
+from pmjoint_codegen.values import COMPENSATOR, OWN_SUFFIX, check_rules, check_values
 
 Controller = Literal["continuous", "sampled"]
 
@@ -83,11 +83,12 @@ def make_settings(
         manifest: the model.
         parameters: overrides of parameters and gains, by name; ``J`` sets what the controller believes and,
             unless ``J_plant`` is given too, what the plant has.
-        x0: initial plant states; the controller starts at 0.
+        x0: initial plant states, those beyond the design's given or left out together; the controller starts
+            at 0.
         horizon: s.
         output_step: s, at most the horizon.
         controller: ``continuous`` or ``sampled``.
-        sample_time: s.
+        sample_time: s; of the sampled controller, at most the horizon.
         compensator: False: r = 0, plain clipping.
         tolerance: local error.
 
@@ -107,6 +108,9 @@ def make_settings(
             where="controller",
             remedy="use the sampled controller, or a smooth disturbance such as tanh(x2/0.01)",
         )
+    period = _positive("sample time", defaults.sample_time if sample_time is None else sample_time, "s")
+    if chosen == "sampled":  # without a second sample, nothing of a sampled controller is seen
+        _at_most("sample time", period, length, "the horizon")
     settings = Settings(
         parameters=values,
         p=np.array(list(values.values())),
@@ -114,9 +118,7 @@ def make_settings(
         horizon=length,
         output_step=step,
         controller=chosen,
-        sample_time=_positive(
-            "sample time", defaults.sample_time if sample_time is None else sample_time, "s"
-        ),
+        sample_time=period,
         tolerance=_tolerance(tolerance),
     )
     wanted = length / step + 1  # infinite where the quotient is beyond floating point
@@ -158,6 +160,7 @@ def _values(manifest: Manifest, overrides: Mapping[str, float], compensator: boo
         where="",
         error=UsageError,
     )
+    check_rules(values, manifest.rules, error=UsageError)
     return values
 
 
@@ -192,14 +195,26 @@ def _initial(manifest: Manifest, x0: Sequence[float] | Array | None) -> Array:
     entries = (
         manifest.simulation.x0 if x0 is None else tuple(np.atleast_1d(np.asarray(x0, dtype=object)).tolist())
     )
+    if len(entries) == manifest.n:  # as the model file gives them; states beyond the design's start as there
+        entries = (*entries, *manifest.simulation.x0[manifest.n :])
     if len(entries) != manifest.nx:
-        names = ", ".join(state.name for state in manifest.states[: manifest.nx])
         raise UsageError(
-            f"has {len(entries)} entries",
+            f"has {len(entries)} {'entry' if len(entries) == 1 else 'entries'}",
             where="x0",
-            remedy=f"{manifest.name} has {manifest.nx} states: {names}",
+            remedy=_initial_rule(manifest),
         )
     return np.array([_number(f"x0, entry {i}", entry) for i, entry in enumerate(entries, start=1)])
+
+
+def _initial_rule(manifest: Manifest) -> str:
+    """Say how many initial states there are, with those beyond the design's and without."""
+    names = [state.name for state in manifest.states[: manifest.nx]]
+    extras = names[manifest.n :]
+    rule = f"{manifest.name} has {manifest.nx} states: {', '.join(names)}"
+    if not extras:
+        return rule
+    values = ", ".join(f"{value:g}" for value in manifest.simulation.x0[manifest.n :])
+    return f"{rule}; give {manifest.nx}, or {manifest.n} for {', '.join(extras)} = {values}"
 
 
 def _controller(name: str) -> Controller:

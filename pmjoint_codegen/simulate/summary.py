@@ -66,11 +66,10 @@ def saturated_time(run: Record) -> float:
 
 
 def settling_time(t: Array, e: Array) -> float | None:
-    """The last output instant at which |e| exceeds 2 % of its initial value, s; None where it starts at 0."""
+    """The last output instant at which |e| exceeds 2 % of its initial value, s; None where that is 0, nan."""
     size = np.abs(e)
-    if not size.size or size[0] == 0.0:
-        return None
-    return float(t[np.flatnonzero(size > SETTLED * size[0])[-1]])
+    beyond = np.flatnonzero(size > SETTLED * size[:1])  # none, too, where the initial |e| is no finite number
+    return float(t[beyond[-1]]) if beyond.size and size[0] else None
 
 
 def finite(value: float) -> float | None:

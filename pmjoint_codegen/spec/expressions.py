@@ -12,6 +12,7 @@ import ast
 import difflib
 import math
 import operator
+import re
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -45,6 +46,7 @@ _OPERATORS: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = MappingProx
     }
 )
 _NOT_REAL = (sp.zoo, sp.oo, -sp.oo, sp.nan, sp.I)
+_SIGNAL = re.compile(r"t|y|x\d+")  # what no parameter may be called
 _RULE = f"allowed: numbers, names, brackets, + - * / ** and {' '.join(FUNCTIONS)}"
 _KINKED: Mapping[str, tuple[Callable[..., Any], Callable[..., Any]]] = MappingProxyType(
     {"abs": (math.fabs, sp.Abs), "sign": (lambda value: float(value > 0) - float(value < 0), sp.sign)}
@@ -91,7 +93,8 @@ def parse(text: str, symbols: Mapping[str, sp.Symbol], where: str, *, kinks: boo
     """
     try:
         place = _Place(_source(text), symbols, (*FUNCTIONS, *_KINKED) if kinks else FUNCTIONS)
-        return _checked(_build(_tree(place.source), place, _DEEPEST).expression)
+        expression = _checked(_build(_tree(place.source), place, _DEEPEST).expression)
+        return expression if kinks else _smooth(expression)
     except _Refused as refused:
         raise ModelError(f"{quoted(text)}: {refused.what}", where=where, remedy=refused.allowed) from None
 
@@ -255,6 +258,18 @@ def _checked(expression: sp.Expr) -> sp.Expr:
     return expression
 
 
+def _smooth(expression: sp.Expr) -> sp.Expr:
+    """Refuse abs and sign of a signal in other words, such as sqrt(t*t); of a parameter they are numbers."""
+    for part in sorted(expression.atoms(sp.Abs, sp.sign), key=str):
+        if any(_SIGNAL.fullmatch(symbol.name) for symbol in part.free_symbols):
+            raise _kinked(str(part).lower().partition("(")[0])
+    return expression
+
+
+def _kinked(name: str) -> _Refused:
+    return _Refused(f"{name} has a kink", "allowed in a disturbance only, with the sampled controller")
+
+
 def _refused_node(node: ast.expr, place: _Place) -> _Refused:
     """Name what is not on the whitelist, in the words of whoever wrote it."""
     match node:
@@ -264,9 +279,7 @@ def _refused_node(node: ast.expr, place: _Place) -> _Refused:
             return _Refused(f"{name} is not a function", f"write {name}*(...) for a product")
         case ast.Call(func=ast.Name(id=name)):
             if name in _KINKED:
-                return _Refused(
-                    f"{name} has a kink", "allowed in a disturbance only, with the sampled controller"
-                )
+                return _kinked(name)
             close = difflib.get_close_matches(name, place.functions, n=1)
             guess = f"did you mean {close[0]!r}? " if close else ""
             return _Refused(

@@ -13,7 +13,7 @@ import sympy as sp
 from pydantic import BeforeValidator, Field
 
 from derive import OutsideClassError, Parameter, parameter_symbol
-from derive.joint import KEEP, LAG, Joint, check_keep, reduce_joint
+from derive.joint import KEEP, LAG, POSITIVE, Joint, check_keep, reduce_joint
 from pmjoint_codegen.errors import ModelError
 from pmjoint_codegen.spec.expressions import parse
 from pmjoint_codegen.spec.tables import Expression, ParameterSpec, Range, Table
@@ -35,7 +35,6 @@ SYMBOLS: Mapping[str, tuple[str, str]] = {
     "P_max": ("Pa", "supply pressure"),
     LAG: ("s", "time constant of the pressures"),
 }
-POSITIVE = ("J", "r", "l0", "k0", "u0", "k_u", "P_max", LAG)
 
 
 def _as_line(value: object) -> object:

@@ -77,6 +77,7 @@ def _physics(spec: ModelSpec, parameters: tuple[Parameter, ...], where: str) -> 
         "extras": joint.extras,
         "channels": joint.channels,
         "reported": joint.pressures,
+        "demands": joint.demands,
     }
 
 

@@ -62,10 +62,21 @@ def _check_range(model: Model, values: Point, where: str) -> None:
 
 
 def _check_reference(model: Model, start: Point, where: str) -> None:
-    """Hold the reference to Assumption 1 where a run starts: the law needs its derivatives up to rho."""
+    """Hold the reference to Assumption 1 where a run starts: the law needs its derivatives up to rho.
+
+    A Taylor step needs all of them, and a power that is not whole has not all of them where its base is 0.
+    """
+    t = parameter_symbol("t")
     for order in range(model.plant.rho + 1):
-        value = sp.diff(model.reference, parameter_symbol("t"), order)
+        value = sp.diff(model.reference, t, order)
         _finite(value, start, f"{where}, derivative {order}" if order else where)
+    for power in sorted(model.reference.atoms(sp.Pow), key=str):
+        if t in power.base.free_symbols and not power.exp.is_Integer and not value_at(power.base, start):
+            raise ModelError(
+                f"{quoted(str(power))} has derivatives that are not finite at t = 0; a Taylor step needs all",
+                where=where,
+                remedy="allowed: whole powers of what is 0 there",
+            )
 
 
 def _initial_point(model: Model) -> dict[sp.Symbol, float]:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.values import COMPENSATOR, gain_names, is_hurwitz
+from pmjoint_codegen.values import COMPENSATOR, gain_names, hurwitz_rows, obeys
 
 Mask = npt.NDArray[np.bool_]
 
@@ -34,6 +34,8 @@ def valid_rows(manifest: Manifest, p: Array, x0: Array) -> Mask:
     if manifest.leading in column:
         good &= column[manifest.leading] != 0
     good &= np.isin(column[COMPENSATOR], (0.0, 1.0))
+    for rule in manifest.rules:
+        good &= obeys(rule, column)
     k = np.column_stack([column[name] for name in gain_names(("k",), manifest.n)])
     result: Mask = good & _hurwitz(k, good)
     return result
@@ -42,12 +44,10 @@ def valid_rows(manifest: Manifest, p: Array, x0: Array) -> Mask:
 def _hurwitz(k: Array, among: Mask) -> Mask:
     """Whether ``s^n + k_1 s^(n-1) + ... + k_n`` is Hurwitz, row by row.
 
-    Positive coefficients are necessary, and up to n = 2 sufficient. Beyond, equal rows are looked at once.
+    Positive coefficients are necessary, and up to n = 2 sufficient.
     """
     result: Mask = among & np.all(k > 0, axis=1)
     if k.shape[1] <= 2:
         return result
-    rows, which = np.unique(k[result], axis=0, return_inverse=True)
-    verdicts = np.array([is_hurwitz([1.0, *row]) for row in rows.tolist()], dtype=bool)
-    result[result] = verdicts[which.reshape(-1)]
+    result[result] = hurwitz_rows(np.insert(k[result], 0, 1.0, axis=1))
     return result

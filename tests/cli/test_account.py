@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
+
+import numpy as np
 
 from pmjoint_codegen import ClosedLoop
 from pmjoint_codegen.cli.account import account
@@ -18,3 +21,22 @@ def test_many_switches_are_counted_rather_than_listed() -> None:
     ]
     assert lines[first + 9].strip() == "and 3 more switches, in summary.json"
     assert "more switches" not in account(replace(many, switches=many.switches[:8]), (), ())
+
+
+def test_what_a_failed_run_lost_is_told_in_words() -> None:
+    run = ClosedLoop.load("paper").simulate(horizon=0.1)
+    signals = np.full_like(run.signals, math.nan)
+    lines = account(replace(run, ise=math.inf, signals=signals), (), ()).splitlines()
+    for label in ("settling", "ISE", "max |e|", "final e"):
+        assert [line.split() for line in lines if line.startswith(f"  {label} ")] == [
+            [*label.split(), "beyond", "floating", "point"]
+        ]
+
+
+def test_what_is_given_for_a_run_is_not_told_as_an_assumption() -> None:
+    run = ClosedLoop.load("paper").simulate(horizon=0.1)
+    table = account(run, (), ())
+    assert "  assumed    y_r = sin(t) (not stated in the paper)\n  changed    horizon 0.1 s\n" in table
+    table = account(ClosedLoop.load("joint").simulate(horizon=0.1), (), ())
+    assert "  settings   y_r = 3/10 - 3*cos(t)/10, horizon 0.1 s\n" in table
+    assert "assumed" not in table

@@ -130,7 +130,7 @@ def test_another_disturbance_is_named_in_the_table(capsys: pytest.CaptureFixture
         "c1=20",
     ]
     assert run(arguments) == 0
-    assert "changed    c1 = 20, disturbance = (0, 0)" in capsys.readouterr().out
+    assert "c1 = 20, disturbance = (0, 0)" in capsys.readouterr().out
 
 
 def test_an_error_that_has_not_settled_is_not_given_a_settling_time(

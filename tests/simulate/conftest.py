@@ -183,6 +183,7 @@ def polynomial_manifest() -> Manifest:
         states=(Variable("x1", "", ""),),
         blocks={"x": (0, 1)},
         parameters=tuple(Parameter(name, 1.0, "", "", "plant") for name in names),
+        rules=(),
         signals=tuple(Variable(name, "", "") for name in ("y", "y_r", "e", "v", "u")),
         partials=(),
         functions=tuple(Function(name, *size, "", "", 0) for name, size in sizes.items()),

@@ -169,10 +169,10 @@ def test_without_a_short_transient_there_is_one_column(
 def test_captions_say_what_is_assumed_and_what_is_changed(run: Run, manifest: Manifest) -> None:
     settings = make_settings(manifest, parameters={"c1": 20.0}, x0=[1.0, 0.0], horizon=5.0)
     run = replace(run, settings=settings)
-    assert changes(run) == ("c1 = 20", "x(0) = (1, 0)")
+    assert changes(run) == ("horizon 5 s", "c1 = 20", "x(0) = (1, 0)")
     said = sentence(run, ["disturbance = (0, 0)"])
-    assert said.startswith("Assumed, not stated in the paper: y_r = sin(t), horizon 5 s.")
-    assert said.endswith("Changed: c1 = 20, x(0) = (1, 0), disturbance = (0, 0).")
+    assert said.startswith("Assumed, not stated in the paper: y_r = sin(t).")
+    assert said.endswith("Changed: horizon 5 s, c1 = 20, x(0) = (1, 0), disturbance = (0, 0).")
     for sheet in sheets(run):
         assert "Assumed, not stated in the paper" in caption(run, sheet, ())
     printed = " ".join(text.get_text() for text in overview(run).texts)

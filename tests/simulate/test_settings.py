@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pmjoint_codegen.errors import UsageError
+from pmjoint_codegen.errors import ModelError, UsageError
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.settings import make_settings
+from pmjoint_codegen.spec import model_of
+from pmjoint_codegen.spec.reader import read_document
 from pmjoint_codegen.values import of_plant
 
 
@@ -78,10 +80,10 @@ def test_the_plant_is_as_believed_unless_it_is_set(
         ({"parameters": {"b0": 0.0}}, ("b0", "b_m = 0")),
         ({"parameters": {"k1": -6.0}}, ("k", "unstable")),
         ({"parameters": {"compensator": 0.5}}, ("compensator", "1 (on) or 0 (off)")),
-        ({"x0": [1.0]}, ("x0", "1 entries", "x1, x2")),
+        ({"x0": [1.0]}, ("x0: has 1 entry; paper has 2 states: x1, x2",)),
         ({"x0": [1.0, 2.0, 3.0]}, ("x0", "3 entries")),
         ({"x0": [1.0, float("nan")]}, ("x0, entry 2", "finite")),
-        ({"x0": 1.0}, ("x0", "1 entries")),
+        ({"x0": 1.0}, ("x0: has 1 entry;",)),
         ({"horizon": 0.0}, ("horizon", "greater than 0")),
         ({"horizon": -1.0}, ("horizon", "greater than 0")),
         ({"horizon": float("inf")}, ("horizon", "finite")),
@@ -90,6 +92,11 @@ def test_the_plant_is_as_believed_unless_it_is_set(
         ({"output_step": 1e-6}, ("output step", "20000001 rows", "10000000")),
         ({"horizon": 1e308, "output_step": 1e-10}, ("output step", "inf rows", "10000000")),
         ({"sample_time": 0.0}, ("sample time", "greater than 0")),
+        (
+            {"controller": "sampled", "sample_time": 30.0},
+            ("sample time: is 30 s, longer than the horizon, 20 s; allowed: at most 20 s",),
+        ),
+        ({"controller": "sampled", "horizon": 0.0005}, ("sample time: is 0.001 s", "at most 0.0005 s")),
         ({"controller": "analog"}, ("controller", "continuous, sampled")),
         ({"tolerance": 1e-15}, ("tolerance", "1e-14", "0.001")),
         ({"tolerance": 0.1}, ("tolerance", "1e-14", "0.001")),
@@ -132,3 +139,83 @@ def test_a_short_horizon_shortens_the_default_step_only(manifest: Manifest) -> N
     assert make_settings(manifest, horizon=0.005).output_step == 0.005
     with pytest.raises(UsageError):
         make_settings(manifest, horizon=0.005, output_step=0.01)
+
+
+@pytest.mark.parametrize(
+    ("model", "asked", "said"),
+    [
+        ("joint", {"J": -0.05}, "J: is -0.05; allowed: a number greater than 0"),
+        ("joint", {"k_u": 0.0}, "k_u: is 0; allowed: a number greater than 0"),
+        ("joint", {"r": 0.0}, "r: is 0; allowed: a number greater than 0"),
+        ("joint", {"J_plant": 0.0}, "J_plant: is 0; allowed: a number greater than 0"),
+        ("joint", {"J": -0.05, "J_plant": 0.05}, "J: is -0.05; allowed: a number greater than 0"),
+        ("joint-lag", {"tau": -0.1}, "tau: is -0.1; allowed: a number greater than 0"),
+        (
+            "joint",
+            {"P_max": 1e5},
+            "u0: the base pressure k0*u0 is not below P_max: P_max - k0*u0 = -150000; allowed: P_max - k0*u0",
+        ),
+        (
+            "joint",
+            {"u0_plant": 20.0},
+            "u0_plant: the base pressure k0*u0 is not below P_max: P_max - k0_",
+        ),
+        (
+            "joint",
+            {"C1": 0.0, "C2": 0.0, "C3": 0.0},
+            "b_m: no input acts: 2*k_u*r*(C1*eps0**2 + C2",
+        ),
+        (
+            "third-order",
+            {"T_z": -0.05},
+            "zero dynamics are unstable: b_m s^m + ... + b_0 has the roots 20;",
+        ),
+        ("third-order", {"tau": 0.0}, "b_m ... b_0: has no finite value at these parameters; allowed: roots"),
+    ],
+)
+def test_values_set_for_a_run_obey_the_rules_of_the_file(
+    root: Path, model: str, asked: dict[str, float], said: str
+) -> None:
+    with pytest.raises(UsageError) as caught:
+        make_settings(Manifest.read(root / "generated" / model), parameters=asked)
+    assert said in str(caught.value)
+
+
+@pytest.mark.parametrize("factor", [-1.0, 0.0, 0.5, 3.0])
+@pytest.mark.parametrize("model", ["joint", "joint-lag"])
+def test_a_run_refuses_what_the_file_refuses_and_nothing_else(root: Path, model: str, factor: float) -> None:
+    manifest = Manifest.read(root / "generated" / model)
+    document = read_document(root / "models" / f"{model}.toml")
+    for name, line in document["joint"].items():
+        if isinstance(line, dict):
+            changed = {**line, "value": factor * line["value"]}
+            file = {**document, "joint": {**document["joint"], name: changed}}
+            try:
+                model_of(file, "file")
+            except ModelError:
+                with pytest.raises(UsageError):
+                    make_settings(manifest, parameters={name: changed["value"]})
+            else:
+                make_settings(manifest, parameters={name: changed["value"]})
+
+
+def test_the_plant_may_be_what_no_design_presumes(root: Path) -> None:
+    manifest = Manifest.read(root / "generated" / "third-order")
+    assert make_settings(manifest, parameters={"T_z_plant": -0.05}).parameters["T_z_plant"] == -0.05
+
+
+def test_states_beyond_the_design_s_may_be_left_out_as_in_the_file(root: Path) -> None:
+    manifest = Manifest.read(root / "generated" / "joint-lag")
+    assert make_settings(manifest, x0=[0.1, 0.2, 0.3]).x0.tolist() == [0.1, 0.2, 0.3, 0.0]
+    assert make_settings(manifest, x0=[0.1, 0.2, 0.3, 4e4]).x0.tolist() == [0.1, 0.2, 0.3, 4e4]
+    line = "x0: has 2 entries; joint-lag has 4 states: x1, x2, x3, x4; give 4, or 3 for x4 = 0"
+    with pytest.raises(UsageError, match=f"^{line}$"):
+        make_settings(manifest, x0=[0.1, 0.2])
+
+
+def test_one_sample_may_last_the_whole_run_and_an_idle_sample_time_does_not_matter(
+    manifest: Manifest,
+) -> None:
+    asked: dict[str, Any] = {"horizon": 0.5, "sample_time": 0.5}
+    assert make_settings(manifest, controller="sampled", **asked).sample_time == 0.5
+    assert make_settings(manifest, controller="continuous", horizon=0.0005).sample_time == 0.001

@@ -348,3 +348,19 @@ def test_any_text_is_read_or_refused_in_one_line(text: str) -> None:
         assert isinstance(read(text), sp.Expr)
     except ModelError as error:
         assert str(error).isprintable() and len(str(error)) < 500
+
+
+@pytest.mark.parametrize(
+    "text", ["sqrt(t*t)", "(y**2)**0.5", "exp(log(x1*x1)/2)", "sqrt(sin(t)**2)", "2 + ((t - 1)**2)**1.5"]
+)
+def test_abs_in_other_words_is_met_as_abs_itself(text: str) -> None:
+    """All of these are |.| to SymPy, whose derivatives no kernel could evaluate."""
+    symbols = {name: sp.Symbol(name, real=True) for name in ("t", "y", "x1")}
+    with pytest.raises(ModelError, match=r"abs has a kink; allowed in a disturbance only"):
+        parse(text, symbols, "here")
+    assert parse(text, symbols, "here", kinks=True).has(sp.Abs)
+
+
+def test_the_size_of_a_parameter_has_no_kink_in_time() -> None:
+    a = sp.Symbol("a", real=True)
+    assert parse("sqrt(a*a)", {"a": a}, "here") == sp.Abs(a)

@@ -55,3 +55,25 @@ def test_a_reference_whose_derivatives_are_not_finite_is_refused(reference: str,
         model_of(document, "m.toml")
     document["simulation"]["reference"] = "t**2"
     assert model_of(document, "m.toml").plant.rho == 2
+
+
+@pytest.mark.parametrize(
+    ("reference", "power"), [("t**2.5", r"t\*\*\(5/2\)"), ("1 + sin(t)**9.5", r"sin\(t\)\*\*\(19/2\)")]
+)
+def test_a_reference_without_a_taylor_series_where_the_run_starts_is_refused(
+    reference: str, power: str
+) -> None:
+    """Derivative 3 of t^(5/2) is a multiple of t^(-1/2): the law needs two, a Taylor step all."""
+    document = read_document(MODELS / "paper.toml")
+    document["simulation"]["reference"] = reference
+    with pytest.raises(ModelError, match=rf"simulation\.reference: '{power}' has derivatives that are not"):
+        model_of(document, "m.toml")
+
+
+@pytest.mark.parametrize(
+    "reference", ["(t + 1)**2.5", "cos(t)**2.5", "(sin(t) + d1)**0.5", "t**5", "2**0.5*t"]
+)
+def test_powers_that_have_a_taylor_series_there_are_taken(reference: str) -> None:
+    document = read_document(MODELS / "paper.toml")
+    document["simulation"]["reference"] = reference
+    assert model_of(document, "m.toml").plant.rho == 2

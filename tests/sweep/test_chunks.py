@@ -22,7 +22,7 @@ from pmjoint_codegen.sweep.plan import Axis, Plan, make_plan
 from pmjoint_codegen.sweep.request import make_request, varied_names
 from pmjoint_codegen.sweep.validity import valid_rows
 from pmjoint_codegen.tune.request import make_request as make_tuning
-from pmjoint_codegen.values import check_values
+from pmjoint_codegen.values import check_rules, check_values
 
 from .conftest import Case
 
@@ -86,11 +86,12 @@ def test_runs_outside_the_design_s_rules_are_marked_and_the_others_made(case: Ca
     assert set(result[~invalid, Column.STATUS].tolist()) == {float(Status.DONE), float(Status.DIVERGED)}
 
 
-@pytest.mark.parametrize("model", ["paper", "third-order"])
+@pytest.mark.parametrize("model", ["paper", "third-order", "joint", "joint-lag"])
 def test_rules_are_those_of_single_designs(root: Path, model: str) -> None:
     manifest, generator = Manifest.read(root / "generated" / model), np.random.default_rng(0)
     own = np.array([item.value for item in manifest.parameters])
-    p = own * generator.choice([1.0, 1.0, 1.0, 1.0, 1.0, -1.0, 0.0, 0.02], (400, len(own)))
+    factors = generator.choice([1.0] * 35 + [-1.0, 0.0, 0.02, 2.0], (400, len(own)))
+    p = own * factors
     p[5, 3] = np.nan
     found = valid_rows(manifest, p, np.zeros((400, manifest.nx)))
     assert 0 < np.sum(found) < 400
@@ -111,6 +112,8 @@ def is_valid(manifest: Manifest, row: list[float]) -> bool:
             where="",
             error=UsageError,
         )
+        values = dict(zip(manifest.parameter_names, row, strict=True))
+        check_rules(values, manifest.rules, error=UsageError)
     except UsageError:
         return False
     return True

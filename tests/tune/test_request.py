@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -46,3 +47,9 @@ def test_plants_follow_from_the_seed(paper: Manifest) -> None:
 def test_misuse_is_refused(paper: Manifest, settings: dict[str, Any], words: str) -> None:
     with pytest.raises(UsageError, match=words):
         make_request(paper, **settings)
+
+
+def test_plants_that_no_joint_can_be_are_refused(root: Path) -> None:
+    joint = Manifest.read(root / "generated" / "joint")
+    with pytest.raises(UsageError, match=r"--perturb: draws \d+ plants that break a rule"):
+        make_request(joint, perturb=("J~uniform(-0.05,0.05)",))

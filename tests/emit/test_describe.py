@@ -1,0 +1,65 @@
+"""The rules that a manifest hands to the runtime: they mean what the model's expressions mean."""
+
+from __future__ import annotations
+
+import copy
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from derive import derive
+from pmjoint_codegen.emit.describe import rules_of
+from pmjoint_codegen.errors import ModelError
+from pmjoint_codegen.spec import model_of
+from pmjoint_codegen.spec.reader import read_document
+from pmjoint_codegen.values import Rule, check_rules, obeys
+
+
+def rules(document: dict[str, Any], **changed: Any) -> tuple[Rule, ...]:
+    other = copy.deepcopy(document)
+    for key, value in changed.items():
+        table = other["simulation" if key == "reference" else "plant"]
+        table[key] = value
+    return rules_of(derive(model_of(other, "paper.toml")))
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("b0 - 1/3", 5 / 3),
+        ("sqrt(b0)*exp(-d1)*pi - 1e-300", math.sqrt(2) * math.exp(-0.2) * math.pi),
+        ("sin(b0)*cos(d1)/tan(u_max) + tanh(b0)", math.sin(2) * math.cos(0.2) / math.tan(10) + math.tanh(2)),
+        ("log(u_max)**3/b0**1.5 - exp(1)", math.log(10) ** 3 / 2**1.5 - math.e),
+        ("sqrt(d1*d1)", 0.2),
+        ("1e-310*b0 + 12345678901234567890123*d1", 0.2 * 12345678901234567890123),
+    ],
+)
+def test_b_m_means_to_the_runtime_what_it_means_to_the_model(
+    document: dict[str, Any], text: str, value: float
+) -> None:
+    (rule,) = rules(document, b=[text])
+    (term,) = rule.terms
+    columns = {"d1": np.array([0.2]), "b0": np.array([2.0]), "u_max": np.array([10.0])}
+    slack = 1e-13 * abs(value)
+    for bound, expected in ((value - slack, True), (value + slack, False)):
+        positive = Rule("b_m", "positive", (f"{term} - ({bound!r})",), "", "")
+        assert bool(obeys(positive, columns)[0]) == expected
+
+
+def test_a_reference_is_finite_at_the_start_as_far_as_parameters_decide(document: dict[str, Any]) -> None:
+    values = {"d1": 0.2, "b0": 2.0, "u_max": 10.0}
+    found = rules(document, reference="exp(-t/d1) + sin(b0*t)")
+    check_rules(values, found)
+    with pytest.raises(ModelError, match=r"^reference: has no finite value at these parameters; allowed: "):
+        check_rules(values | {"d1": 0.0}, found)
+    assert [item.name for item in rules(document, reference="d1*sin(b0*t)")] == ["b_m"]
+
+
+def test_twins_of_a_joint_s_values_obey_the_same(root: Path) -> None:
+    found = rules_of(derive(model_of(read_document(root / "models" / "joint-lag.toml"), "joint-lag.toml")))
+    named = [item.name for item in found if item.kind == "positive"]
+    assert {"J", "tau", "J_plant", "tau_plant"} <= set(named)
+    assert named.count("u0") == named.count("u0_plant") == 2
