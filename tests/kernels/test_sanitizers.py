@@ -22,7 +22,7 @@ for controller in ("continuous", "sampled"):
         {"horizon": 2.0},
         {"horizon": 1.0, "sample_time": 0.003, "output_step": 0.1},  # rows and samples that do not meet
         {"horizon": 0.3, "sample_time": 0.1},  # holds of several steps
-        {"horizon": 1e-9},
+        {"horizon": 1e-9, "sample_time": 1e-9},
         {"horizon": 0.1, "tolerance": 1e-14},
         {"horizon": 0.1, "x0": [1e9, 1e9]},
         {"horizon": 0.1, "x0": [1e200, 1e200]},
