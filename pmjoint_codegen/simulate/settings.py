@@ -160,7 +160,8 @@ def _values(manifest: Manifest, overrides: Mapping[str, float], compensator: boo
         where="",
         error=UsageError,
     )
-    check_rules(values, manifest.rules, error=UsageError)
+    if overrides:  # the model's own values keep its rules: they were read with its file
+        check_rules(values, manifest.rules, error=UsageError)
     return values
 
 
