@@ -187,6 +187,9 @@ def test_record_holds_every_equation_as_expressions_that_parse_back(derivation: 
         ("dalpha1_dXi21", r"\frac{\partial \alpha_1}{\partial \Xi_{21}}"),
         ("dalpha2_ddy_r", r"\frac{\partial \alpha_2}{\partial \dot{y}_r}"),
         ("x_hat2", r"\hat{x}_2"),
+        ("x2_dot", r"\dot{x}_2"),
+        ("x2_dot_plant", r"\dot{x}_{2,\mathrm{plant}}"),
+        ("Fr_11", r"\mathrm{Fr}_{11}"),
         ("d2y_r", r"\ddot{y}_r"),
         ("d3y_r", "y_r^{(3)}"),
         ("du", r"\Delta u"),
@@ -218,3 +221,20 @@ def test_minus_signs_come_after_plus_signs() -> None:
 def test_escaped_text_survives_latex() -> None:
     assert escape("50 % of θ & ϑ_1 ≤ 2²") == r"50 \% of $\theta$ \& ?\_1 $\le$ 2²"
     assert latex_prose("rate of x1 by y_r, a unit") == "rate of $x_1$ by $y_r$, a unit"
+
+
+@pytest.mark.parametrize(
+    ("text", "latex"),
+    [
+        ("52 N at most", "52 N at most"),
+        ("a 0-10 V, 0-5 bar pressure valve", "a 0-10 V, 0-5 bar pressure valve"),
+        ("0.05-0.2 s (bench)", "0.05-0.2 s (bench)"),
+        ("2 rad/s^2 and 3 N m", "2 rad/s$^{2}$ and 3 N m"),
+        ("20 1/s", "20 1/s"),
+        ("4 rad/(s^2 V)", "4 rad/(s$^{2}$ V)"),
+        ("order 2 m1 and J", "order 2 $m_1$ and $J$"),  # an index makes a symbol
+        ("by V, s and N", "by $V$, $s$ and $N$"),  # no number before it
+    ],
+)
+def test_units_in_prose_stand_upright(text: str, latex: str) -> None:
+    assert latex_prose(text) == latex
