@@ -20,7 +20,15 @@ _LOWER = (
 )
 _UPPER = "Gamma Delta Theta Lambda Xi Pi Sigma Upsilon Phi Psi Omega"
 _GREEK = frozenset(f"{_LOWER} {_UPPER}".split())
-_WORDS = {"du": r"\Delta u", "y_r": "y_r", "dy_r": r"\dot{y}_r", "d2y_r": r"\ddot{y}_r", "compensator": "s_r"}
+_WORDS = {
+    "du": r"\Delta u",
+    "y_r": "y_r",
+    "dy_r": r"\dot{y}_r",
+    "d2y_r": r"\ddot{y}_r",
+    "compensator": "s_r",
+    "f_minus": "f_-",
+    "f_plus": "f_+",
+}
 _SPECIAL = {
     "\\": r"\textbackslash{}",
     "^": r"\textasciicircum{}",
@@ -51,7 +59,7 @@ def _forms() -> tuple[tuple[str, Callable[..., str]], ...]:
             r"d([A-Za-z]+\d+)_d(.+)",
             lambda of, by: rf"\frac{{\partial {latex_name(of)}}}{{\partial {latex_name(by)}}}",
         ),
-        (r"(.+)_dot((?:_plant)?)", lambda base, owner: _accented("dot", base + owner)),
+        (r"(.+)_dot((?:_plant|_max)?)", lambda base, owner: _accented("dot", base + owner)),
         (r"(\w+?)_hat(\d*)", lambda stem, index: _accented("hat", stem + index)),
         (r"d(\d+)y_r", lambda order: f"y_r^{{({order})}}"),
         (r"ck(\d+)", lambda index: f"c_{{k{index}}}"),
@@ -90,6 +98,8 @@ def _stem(stem: str) -> str:
 
 def _word(word: str) -> str:
     if word in ("max", "min"):
+        return "\\" + word
+    if word in _GREEK:
         return "\\" + word
     return word if len(word) == 1 or word.isdigit() else rf"\mathrm{{{escape(word)}}}"
 
