@@ -26,15 +26,17 @@ def matrices(ground: Ground) -> Finding:
 def filters(ground: Ground) -> Finding:
     """(14)."""
     names = [f"{state}_dot" for state in ground.signals.controller_state[:6]]
+    standing = undefined(ground, "E_2", "E_2")
+    nowhere = standing[-1].value == "no display"
+    missing = ", and E_2, which nothing defines, is the second unit vector" if nowhere else ""
     return Case(
         ground,
         "(14)",
-        calm="the filters that are derived and generated; the third needs the applied input u, and E_2, which"
-        " nothing defines, is the second unit vector",
+        calm=f"the filters that are derived and generated; the third needs the applied input u{missing}",
         otherwise=Verdict.DEFINITION,
         derived=derived_text(ground, *names),
     ).judged(
-        *undefined(ground, "E_2", "E_2"),
+        *standing,
         Evidence("b_0 E_2 less the column of (12), with E_2 the second unit vector", _column_gap(ground)),
     )
 

@@ -91,6 +91,8 @@ def test_unit_vectors_are_used_before_anything_defines_them(ground: Ground, find
     defined = replace(ground.paper["(13)"], lines=("E_2 = [[0], [1]]",))
     told = filtering.filters(replace(ground, paper={**ground.paper, "(13)": defined}))
     assert fact({"(14)": told}, "(14)", "defined in") == "(13)"
+    assert "nothing defines" in findings["(14)"].summary
+    assert "nothing defines" not in told.summary
 
 
 def test_the_certificate_adds_different_units(ground: Ground, findings: Findings) -> None:
