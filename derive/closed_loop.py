@@ -10,6 +10,9 @@ from derive.model import Model, Plant, parameter_symbol
 from derive.signals import Signals, Units, derivative_name
 from derive.units import SECOND, parse_unit
 
+# the disturbance that the paper simulates, (37); any other is the D of (12)
+_EXAMPLE = sp.sin(parameter_symbol("x2")) * sp.cos(parameter_symbol("t")) / 10
+
 
 def disturbance_symbols(plant: Plant) -> tuple[sp.Symbol, ...]:
     """Symbols D1..Dn of the disturbance."""
@@ -40,7 +43,12 @@ def plant_equations(plant: Plant, signals: Signals, units: Units) -> list[Equati
     output = Equation(signals.y, signals.x[0], "Plant", "(7)", "measured output", units.of(signals.y))
     disturbances = [
         Equation(
-            symbol, value, "Plant", "(37)", "disturbance, unknown to the controller", units.of(state) / SECOND
+            symbol,
+            value,
+            "Plant",
+            "(37)" if value == _EXAMPLE else "(12)",
+            "disturbance, unknown to the controller",
+            units.of(state) / SECOND,
         )
         for symbol, value, state in zip(disturbance_symbols(plant), plant.disturbance, signals.x, strict=True)
     ]

@@ -12,6 +12,8 @@ import sympy as sp
 
 from derive.equation import Equation
 from derive.model import Plant, parameter_symbol
+from derive.signals import Signals, Units
+from derive.units import SECOND, Unit
 
 SECTION = "Plant"
 
@@ -29,19 +31,27 @@ class NamedPlant:
     equations: tuple[Equation, ...]
 
 
-def name_constants(plant: Plant) -> NamedPlant:
-    """Give names ``b_m ... b_0``, ``theta_1 ... theta_p`` to coefficients that are more than a parameter."""
+def name_constants(plant: Plant, signals: Signals, units: Units) -> NamedPlant:
+    """Give names ``b_m ... b_0``, ``theta_1 ... theta_p`` to coefficients that are more than a parameter.
+
+    They have no number: (8) is the paper's own pair. The unit of ``b_j`` follows from its place, the rate
+    of ``x_{n-j}``; that of a theta depends on its functions of y and is left open.
+    """
     equations: list[Equation] = []
 
-    def name(value: sp.Expr, stem: str, meaning: str) -> sp.Expr:
+    def name(value: sp.Expr, stem: str, meaning: str, unit: Unit | None) -> sp.Expr:
         if value.is_Symbol or value.is_number:
             return value
         symbol = parameter_symbol(stem)
-        equations.append(Equation(symbol, value, SECTION, "(8)", meaning, None))
+        equations.append(Equation(symbol, value, SECTION, "", meaning, unit))
         return symbol
 
-    b = tuple(name(value, f"b_{plant.m - i}", "input coefficient") for i, value in enumerate(plant.b))
+    driven = signals.x[plant.rho - 1 :]
+    b = tuple(
+        name(value, f"b_{plant.m - i}", "input coefficient", units.of(state) / SECOND / units.of(signals.u))
+        for i, (value, state) in enumerate(zip(plant.b, driven, strict=True))
+    )
     theta = tuple(
-        name(value, f"theta_{i}", "known coefficient") for i, value in enumerate(plant.theta, start=1)
+        name(value, f"theta_{i}", "known coefficient", None) for i, value in enumerate(plant.theta, start=1)
     )
     return NamedPlant(replace(plant, b=b, theta=theta), tuple(equations))

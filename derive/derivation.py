@@ -80,7 +80,7 @@ def derive(model: Model) -> Derivation:
             refused when the plant was made.
     """
     signals, units = Signals.of(model.plant), Units(model)
-    named = name_constants(model.plant)
+    named = name_constants(model.plant, signals, units)
     plant = named.plant
     constants = [*model.constants, *named.equations]
     physics = [*plant_equations(plant, signals, units), *extra_equations(model)]

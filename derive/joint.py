@@ -168,10 +168,10 @@ def check_keep(keep: tuple[str, ...], *, lagged: bool) -> None:
 
 def _constants(keep: tuple[str, ...]) -> tuple[Equation, ...]:
     about = {
-        "d1": ("1/s^2", "stiffness term"),
-        "b0": ("rad/(s^2 V)", "input gain, without the second k0 that (8) prints"),
-        "a": ("1/s", "damping b_v/J, which the paper moves into d"),
-        "kappa": ("1/rad^2", "quadratic part of the input gain, which (5) leaves out"),
+        "d1": ("(8)", "1/s^2", "stiffness term"),
+        "b0": ("(8)", "rad/(s^2 V)", "input gain, without the second k0 that (8) prints"),
+        "a": ("(5)", "1/s", "damping b_v/J, which the paper moves into d"),
+        "kappa": ("", "1/rad^2", "quadratic part of the input gain, which (5) leaves out"),
     }
     kept = (
         {"d1", "b0"}
@@ -179,9 +179,10 @@ def _constants(keep: tuple[str, ...]) -> tuple[Equation, ...]:
         | ({"kappa"} if "quadratic_gain" in keep else set())
     )
     return tuple(
-        Equation(parameter_symbol(name), value, "Plant", "(8)", about[name][1], parse_unit(about[name][0]))
+        Equation(parameter_symbol(name), value, "Plant", number, meaning, parse_unit(unit))
         for name, value in coefficients().items()
         if name in kept
+        for number, unit, meaning in (about[name],)
     )
 
 

@@ -75,7 +75,7 @@ def expand_to_zero(expression: sp.Expr, sigma: sp.Expr) -> sp.Expr:
 def lyapunov_matrix(signals: Signals) -> sp.ImmutableMatrix:
     """``P`` of ``P A0 + A0' P = -2 I`` (18), n x n, as rational functions of the gains k."""
     n = len(signals.k)
-    P = _symmetric_matrix(n)
+    P = symmetric_matrix(n)
     unknowns = sorted(P.free_symbols, key=str)
     residual = lyapunov_residual(P, signals)
     upper = [residual[i, j] for i in range(n) for j in range(i, n)]
@@ -90,7 +90,8 @@ def lyapunov_residual(P: sp.ImmutableMatrix, signals: Signals) -> sp.ImmutableMa
     return sp.ImmutableMatrix(P * A0 + A0.T * P + 2 * sp.eye(len(signals.k)))
 
 
-def _symmetric_matrix(n: int) -> sp.ImmutableMatrix:
+def symmetric_matrix(n: int) -> sp.ImmutableMatrix:
+    """``P`` as symbols ``P_11``, ``P_12``, ..., n x n."""
     return sp.ImmutableMatrix(n, n, lambda i, j: parameter_symbol(f"P_{min(i, j) + 1}{max(i, j) + 1}"))
 
 
@@ -273,14 +274,18 @@ def energy_identity(derivation: Derivation) -> Identity:
     )
 
 
-def squares(derivation: Derivation, P: sp.ImmutableMatrix, s_: tuple[sp.Expr, ...]) -> tuple[sp.Expr, ...]:
+def squares(derivation: Derivation, PD: sp.MatrixBase, s_: tuple[sp.Expr, ...]) -> tuple[sp.Expr, ...]:
     """What the certificate gives away: terms that are squares with positive factors, the braces of (32).
 
     With a disturbance of y', Young's inequality takes ``eta^2 <= 2 epsilon_2^2 + 2 D_1^2``, and what it gives
     away, ``(epsilon_2 - D_1)^2``, is one of the squares.
+
+    Args:
+        derivation: the design.
+        PD: ``P D``, n x 1.
+        s_: the sensitivities.
     """
     s, eta, D_1 = derivation.signals, unknown_rate(derivation), output_disturbance(derivation.plant)
-    PD = P * sp.Matrix(disturbance_symbols(derivation.plant))
     weight, share = (1, sp.Rational(1, 2)) if D_1 == 0 else (2, sp.Rational(1, 4))
     young = [e * (s_i * z + eta / (2 * e)) ** 2 for e, s_i, z in zip(s.e, s_, s.z, strict=True)]
     inputs = [share * entry**2 / e for e in s.e for entry in sp.Matrix(s.epsilon) - weight * PD]
@@ -289,20 +294,40 @@ def squares(derivation: Derivation, P: sp.ImmutableMatrix, s_: tuple[sp.Expr, ..
     return (*young, *inputs, *others, *apart)
 
 
+def error_weight(s: Signals) -> sp.Expr:
+    """``sum 1/(2 e_i)``, the weight of ``epsilon' P epsilon`` in V (30)."""
+    return sum((1 / (2 * e) for e in s.e), sp.Integer(0))
+
+
+def certified_rate(derivation: Derivation, PD: sp.MatrixBase) -> sp.Expr:
+    """The right-hand side of (32): what V' is at most, and is but for the squares.
+
+    Args:
+        derivation: the design.
+        PD: ``P D``, n x 1.
+    """
+    s, D_1, epsilon = (
+        derivation.signals,
+        output_disturbance(derivation.plant),
+        sp.Matrix(derivation.signals.epsilon),
+    )
+    residual = PD.dot(PD) if D_1 == 0 else 2 * PD.dot(PD) + D_1**2
+    damping = sum((c * z**2 for c, z in zip(s.c, s.z, strict=True)), sp.Integer(0))
+    return -damping + error_weight(s) * (-epsilon.dot(epsilon) / 2 + residual)
+
+
 def certificate_identity(derivation: Derivation) -> Identity:
     """(32) as an identity, modulo the Lyapunov equation: its residual multiplies the only term left."""
     s, n = derivation.signals, derivation.plant.order
     s_ = (sp.Integer(-1), *(parameter_symbol(f"s{i}") for i in range(2, derivation.plant.rho + 1)))
-    P, epsilon = _symmetric_matrix(n), sp.Matrix(s.epsilon)
+    P, epsilon = symmetric_matrix(n), sp.Matrix(s.epsilon)
     D = sp.Matrix(disturbance_symbols(derivation.plant))
-    weight = sum((1 / (2 * e) for e in s.e), sp.Integer(0))
+    weight = error_weight(s)
     epsilon_dot = filter_matrix(s) * epsilon + D
     V_dot = sum((z * rate for z, rate in zip(s.z, claimed_rates(derivation, s_), strict=True)), sp.Integer(0))
     V_dot += weight * (2 * epsilon.T * P * epsilon_dot)[0]
-    claim = -sum((c * z**2 for c, z in zip(s.c, s.z, strict=True)), sp.Integer(0))
     D_1 = output_disturbance(derivation.plant)
-    residual = (P * D).dot(P * D) if D_1 == 0 else 2 * (P * D).dot(P * D) + D_1**2
-    claim += weight * (-epsilon.dot(epsilon) / 2 + residual) - sum(squares(derivation, P, s_), sp.Integer(0))
+    claim = certified_rate(derivation, P * D) - sum(squares(derivation, P * D, s_), sp.Integer(0))
     left = weight * (epsilon.T * lyapunov_residual(P, s) * epsilon)[0]
     constant = "|P D|^2" if D_1 == 0 else "(2 |P D|^2 + D_1^2)"
     statement = f"V' = -sum c z^2 - sum |epsilon|^2/(4e) + sum {constant}/(2e) - squares"

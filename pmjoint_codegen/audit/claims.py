@@ -9,9 +9,9 @@ import sympy as sp
 
 from pmjoint_codegen.audit.findings import Evidence, Finding, derived_text, yes
 from pmjoint_codegen.audit.ground import Ground
-from pmjoint_codegen.audit.joint import equation_of_motion
+from pmjoint_codegen.audit.joint import MEASURED, equation_of_motion, measured_joint
 from pmjoint_codegen.audit.judgement import Verdict, difference, vanishes
-from pmjoint_codegen.audit.notation import chain, names, value
+from pmjoint_codegen.audit.notation import Scope, chain, names, value
 from pmjoint_codegen.audit.paper import DESIGN, JOINT
 from pmjoint_codegen.audit.runs import Experiments, error_norm, late_peak, peak
 from pmjoint_codegen.audit.stability import certificate
@@ -28,17 +28,21 @@ def bounded_disturbance(ground: Ground, made: Experiments) -> Finding:
     exact = vanishes(lumped - equation_of_motion(ground.paper, scope).xreplace(rest))
     mended = vanishes(value(_LUMPED, scope) - equation_of_motion(ground.paper, scope).xreplace(rest))
     run = made.undisturbed.beyond
+    poles = _damping(ground, scope)
+    decisive = _number(poles, "right-most") < 0 <= _number(poles, "without")
     return Finding(
         "d(t)",
         ground.paper["d(t)"].title,
         Verdict.ASSUMPTION,
         "d holds the damping, so its bound presumes that the speed is bounded, which Theorem 1 is to prove"
+        + ("; nor is b_v/J small: it is all the damping that a measured joint has" if decisive else "")
         if slope != 0
         else "d does not depend on the speed",
         ground.paper["d(t)"].lines,
         (f"d = {_LUMPED}",) if mended and not exact else (),
         evidence=(
             Evidence("dd/d(speed)", str(slope)),
+            *poles,
             Evidence(
                 f"largest |x_2| from x_1(0) = {run.settings.x0[0]:.7g}, where the run was stopped",
                 peak(run, "x2"),
@@ -179,6 +183,30 @@ def unknown_saturation(ground: Ground, made: Experiments) -> Finding:
     )
 
 
+def adaptive_title(ground: Ground, made: Experiments) -> Finding:
+    """The title of Section III: an update law is a controller state that a tracking error drives."""
+    s, equations = ground.signals, ground.derivation.equations
+    driven = [
+        state.name
+        for state in s.controller_state
+        if set(s.y_r) & ground.expand(equations[f"{state}_dot"].expression).free_symbols
+    ]
+    law = ground.expand(s.v, law=True).free_symbols
+    needed = [item.name for item in ground.derivation.model.parameters if item.symbol in law]
+    return Finding(
+        "Section III",
+        "design of adaptive controllers",
+        Verdict.FOLLOWS if driven else Verdict.CORRECTED,
+        "some controller state adapts"
+        if driven
+        else "nothing adapts: every parameter of the law is known, and no controller state estimates one",
+        evidence=(
+            Evidence("parameters that the law needs", ", ".join(needed)),
+            Evidence("controller states that the tracking error drives", ", ".join(driven) or "none"),
+        ),
+    )
+
+
 def smooth_reference(ground: Ground, made: Experiments) -> Finding:
     """Assumption 1: the law's need of the reference's derivatives."""
     law = ground.expand(ground.signals.v, law=True)
@@ -244,6 +272,36 @@ def one_name_two_meanings(ground: Ground, made: Experiments) -> Finding:
         else "every name has one meaning",
         evidence=tuple(facts),
     )
+
+
+def _damping(ground: Ground, scope: Scope) -> tuple[Evidence, ...]:
+    """``b_v/J`` of the measured joint beside the rates that it would have to be small against."""
+    numbers = measured_joint(scope)
+    rate = (scope["b_v"] / scope["J"]).xreplace(dict(numbers))
+    rest = equation_of_motion(ground.paper, scope).coeff(scope["u"], 0).coeff(scope["theta"], 1)
+    stiffness = rest.xreplace(dict(numbers))
+    example = value("d_1", ground.scope(DESIGN)).xreplace(dict(ground.numbers()))
+    where = f"measured joint (model {MEASURED})"
+    return tuple(
+        Evidence(label, float(sp.N(figure)), "1/s")
+        for label, figure in (
+            (f"{where}: b_v/J", rate),
+            (f"{where}: sqrt(|d_1|)", sp.sqrt(sp.Abs(stiffness))),
+            (f"{where}: right-most open-loop pole", _rightmost(rate, stiffness)),
+            (f"{where}: the same without the damping", _rightmost(sp.Integer(0), stiffness)),
+            ("sqrt(d_1) of the example", sp.sqrt(example)),
+        )
+    )
+
+
+def _number(facts: tuple[Evidence, ...], label: str) -> float:
+    return next(float(item.value) for item in facts if label in item.label)
+
+
+def _rightmost(damping: sp.Expr, stiffness: sp.Expr) -> sp.Expr:
+    """Largest real part of the roots of ``s^2 + damping s - stiffness``."""
+    root = sp.sqrt(damping**2 + 4 * stiffness)
+    return sp.Max(*(sp.re((sign * root - damping) / 2) for sign in (1, -1)))
 
 
 def _assumed(made: Experiments) -> str:

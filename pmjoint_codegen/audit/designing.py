@@ -2,10 +2,22 @@
 
 from __future__ import annotations
 
-from pmjoint_codegen.audit.findings import Case, Evidence, Finding, Remedy, derived_text, design
+import sympy as sp
+
+from pmjoint_codegen.audit.findings import (
+    Case,
+    Evidence,
+    Finding,
+    Remedy,
+    derived_text,
+    design,
+    one_unit,
+    undefined,
+    units_of,
+)
 from pmjoint_codegen.audit.ground import Ground
 from pmjoint_codegen.audit.judgement import Verdict
-from pmjoint_codegen.audit.notation import names
+from pmjoint_codegen.report.notation import text_expression
 
 _UNDEFINED = "v_0_3"
 
@@ -61,7 +73,11 @@ def virtual_control(ground: Ground) -> Finding:
 
 def first_function(ground: Ground) -> Finding:
     """(26)."""
-    return Case(ground, "(26)", calm="names a positive function", otherwise=Verdict.DEFINITION).judged()
+    terms = "z_1**2", "epsilon_1**2/e_1", "epsilon_2**2/e_1"
+    mixed = "" if one_unit(ground, *terms) else "; it adds different units, joined by weights of size one"
+    return Case(
+        ground, "(26)", calm=f"names a positive function{mixed}", otherwise=Verdict.DEFINITION
+    ).judged(units_of(ground, *terms))
 
 
 def first_function_rate(ground: Ground) -> Finding:
@@ -88,33 +104,48 @@ def second_rate(ground: Ground) -> Finding:
         calm="follows",
         corrected="follows with v_0,3 = 0; u and Delta u leave it together: the errors do not see saturation",
         remedy=Remedy(given=(f"{_UNDEFINED} = 0",)),
-    ).judged(*_undefined(ground))
+    ).judged(*undefined(ground, _UNDEFINED, "v_0,3"))
 
 
 def control_law(ground: Ground) -> Finding:
     """(29)."""
+    mixed = (
+        ""
+        if one_unit(ground, "v", "b_0*z_1")
+        else "; b_0 z_1 has not the unit of v: in other units the same gains are another law"
+    )
     return Case(
         ground,
         "(29)",
-        calm="equals the derived law, term by term",
-        corrected="equals the derived law, term by term, with v_0,3 = 0",
+        calm=f"equals the derived law, term by term{mixed}",
+        corrected=f"equals the derived law, term by term, with v_0,3 = 0{mixed}",
         setting=design(ground, law=True),
         remedy=Remedy(given=(f"{_UNDEFINED} = 0",)),
         derived=derived_text(
             ground, "dalpha1_dy", "dalpha1_dxi2", "dalpha1_dXi21", "dalpha1_dr1", "dalpha1_dy_r", "v"
         ),
-    ).judged()
+    ).judged(
+        units_of(ground, "v", "b_0*z_1"),
+        Evidence(
+            "with u counted in q-ths of its unit and every gain carried over, v/q is larger by",
+            _change_of_units(ground),
+        ),
+    )
 
 
-def _undefined(ground: Ground) -> tuple[Evidence, ...]:
-    """Where v_{0,3} is used, and that no display has it on its left."""
-    used, defined = [], []
-    for number, display in ground.paper.items():
-        if any(_UNDEFINED in names(line) for line in display.lines):
-            used.append(number)
-        if any(line.startswith(f"{_UNDEFINED} =") for line in display.lines):
-            defined.append(number)
+def _change_of_units(ground: Ground) -> str:
+    """What becomes of the derived law, gains carried over, when the input's unit is a q-th of what it was."""
+    units, input_unit = ground.derivation.units, ground.derivation.model.u_unit
+    q = sp.Symbol("q", positive=True)
+    law = ground.expand(ground.signals.v, law=True)
+    scaled = law.xreplace(
+        {symbol: symbol * q ** units.of(symbol).powers.get(input_unit, 0) for symbol in law.free_symbols}
+    )
+    z_1 = ground.expand(ground.signals.z[0])
+    change = sp.factor(sp.expand(scaled / q - law))
+    ratio = sp.cancel(change / z_1)
     return (
-        Evidence("v_0,3 is used in", ", ".join(used)),
-        Evidence("and defined in", ", ".join(defined) or "no display"),
+        f"z_1*({text_expression(sp.expand(ratio))})"
+        if not ratio.has(*z_1.free_symbols)
+        else text_expression(change)
     )

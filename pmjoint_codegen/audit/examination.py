@@ -72,6 +72,7 @@ COMPARISONS = (
 TRIALS = (
     claims.bounded_disturbance,
     claims.smooth_reference,
+    claims.adaptive_title,
     claims.unknown_saturation,
     claims.error_boundedness,
     claims.all_signals_bounded,

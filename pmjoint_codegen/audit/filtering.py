@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sympy as sp
 
-from pmjoint_codegen.audit.findings import Case, Evidence, Finding, Remedy, derived_text, yes
+from pmjoint_codegen.audit.findings import Case, Evidence, Finding, Remedy, derived_text, undefined, yes
 from pmjoint_codegen.audit.ground import Ground
 from pmjoint_codegen.audit.judgement import Verdict
 from pmjoint_codegen.audit.notation import value
@@ -26,13 +26,19 @@ def matrices(ground: Ground) -> Finding:
 def filters(ground: Ground) -> Finding:
     """(14)."""
     names = [f"{state}_dot" for state in ground.signals.controller_state[:6]]
+    standing = undefined(ground, "E_2", "E_2")
+    nowhere = standing[-1].value == "no display"
+    missing = ", and E_2, which nothing defines, is the second unit vector" if nowhere else ""
     return Case(
         ground,
         "(14)",
-        calm="the filters that are derived and generated; the third needs the applied input u",
+        calm=f"the filters that are derived and generated; the third needs the applied input u{missing}",
         otherwise=Verdict.DEFINITION,
         derived=derived_text(ground, *names),
-    ).judged()
+    ).judged(
+        *standing,
+        Evidence("b_0 E_2 less the column of (12), with E_2 the second unit vector", _column_gap(ground)),
+    )
 
 
 def lyapunov_equation(ground: Ground) -> Finding:
@@ -46,10 +52,16 @@ def lyapunov_equation(ground: Ground) -> Finding:
         calm="P exists, is unique, and is positive for the example's gains",
         derived=(f"P = {ground.P.tolist()}",),
     ).judged(
+        *undefined(ground, "E_1", "E_1"),
         Evidence("eigenvalues of A_0 for k = (6, 8)", str(sorted(poles)), "1/s"),
         Evidence("P", str([[float(entry) for entry in P.row(i)] for i in range(P.rows)])),
         Evidence("P is positive definite", yes(P.is_positive_definite)),
     )
+
+
+def _column_gap(ground: Ground) -> str:
+    """What (18) needs to be zero: the difference of the two ways in which u enters."""
+    return str(list(value("b_0*E_2 - [[0], [b_0]]", ground.scope(DESIGN))))
 
 
 def state_estimate(ground: Ground) -> Finding:

@@ -10,7 +10,7 @@ import sympy as sp
 
 from pmjoint_codegen.audit.ground import Ground
 from pmjoint_codegen.audit.judgement import Evaluate, Link, Proofs, Verdict, judge_lines, no_proofs, verdict
-from pmjoint_codegen.audit.notation import Scope, chain, value
+from pmjoint_codegen.audit.notation import Scope, chain, names, value
 from pmjoint_codegen.audit.paper import DESIGN, JOINT
 from pmjoint_codegen.report.notation import text_expression
 
@@ -186,6 +186,31 @@ def derived_text(ground: Ground, *names: str) -> tuple[str, ...]:
     """Equations of the derivation as text."""
     equations = ground.derivation.equations
     return tuple(f"{name} = {text_expression(equations[name].expression)}" for name in names)
+
+
+def undefined(ground: Ground, name: str, shown: str) -> tuple[Evidence, ...]:
+    """Where a symbol is used, and which displays have it on their left."""
+    used, defined = [], []
+    for number, display in ground.paper.items():
+        if any(name in names(line) for line in display.lines):
+            used.append(number)
+        if any(line.startswith(f"{name} =") for line in display.lines):
+            defined.append(number)
+    return (
+        Evidence(f"{shown} is used in", ", ".join(used)),
+        Evidence("and defined in", ", ".join(defined) or "no display"),
+    )
+
+
+def units_of(ground: Ground, *terms: str) -> Evidence:
+    """Units of terms that a display adds."""
+    listed = ", ".join(term.replace("**", "^") for term in terms)
+    return Evidence(f"units of {listed}", ", ".join(str(ground.unit(term)) for term in terms))
+
+
+def one_unit(ground: Ground, *terms: str) -> bool:
+    """Whether terms have one unit, so that their sum is independent of the units chosen."""
+    return len({frozenset(ground.unit(term).powers.items()) for term in terms}) == 1
 
 
 def yes(fact: object) -> str:

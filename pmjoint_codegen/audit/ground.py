@@ -12,6 +12,8 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import reduce
+from operator import mul
 from types import MappingProxyType
 from typing import Any
 
@@ -19,6 +21,7 @@ import sympy as sp
 
 from derive import Derivation, Signals, parameter_symbol
 from derive.filters import filter_matrix, shift_matrix
+from derive.units import Unit
 from pmjoint_codegen.audit.joint import joint_symbols
 from pmjoint_codegen.audit.notation import Scope, value
 from pmjoint_codegen.audit.paper import DESIGN, JOINT, Printed
@@ -98,6 +101,12 @@ class Ground:
             TypeError: sizes that do not fit.
         """
         return self.expand(value(text, self.scope(DESIGN)), law)
+
+    def unit(self, text: str) -> Unit:
+        """Unit of a printed product of powers of the design part, such as ``z_1**2``."""
+        powers = value(text, self.scope(DESIGN)).as_powers_dict()
+        factors = (self.derivation.units.of(base) ** int(power) for base, power in powers.items())
+        return reduce(mul, factors, Unit({}))
 
     def numbers(self) -> Mapping[sp.Symbol, sp.Rational]:
         """The example's parameters and gains."""

@@ -9,7 +9,17 @@ from itertools import product
 import numpy as np
 import sympy as sp
 
-from pmjoint_codegen.audit.findings import Case, Evidence, Finding, Remedy, Setting, design, yes
+from pmjoint_codegen.audit.findings import (
+    Case,
+    Evidence,
+    Finding,
+    Remedy,
+    Setting,
+    design,
+    one_unit,
+    units_of,
+    yes,
+)
 from pmjoint_codegen.audit.ground import Ground, disturbance_symbol, spectral_norm
 from pmjoint_codegen.audit.judgement import Evaluate, Verdict, vanishes
 from pmjoint_codegen.audit.notation import chain, value
@@ -71,12 +81,14 @@ def _constant(ground: Ground, line: str) -> sp.Expr:
 
 def lyapunov_function(ground: Ground) -> Finding:
     """(30)."""
+    terms = "z_1**2", "z_2**2"
+    mixed = "" if one_unit(ground, *terms) else "; it adds different units, joined by weights of size one"
     return Case(
         ground,
         "(30)",
-        calm="names a positive function of z and epsilon; x_1, r_1 and r_2 are not in it",
+        calm=f"names a positive function of z and epsilon; x_1, r_1 and r_2 are not in it{mixed}",
         otherwise=Verdict.DEFINITION,
-    ).judged()
+    ).judged(units_of(ground, *terms))
 
 
 def _printed_law(ground: Ground) -> Setting:

@@ -31,10 +31,12 @@ def command(model: str, form: str) -> None:
     """Print the derivation of MODEL, equation by equation.
 
     From the plant follow the filters, the compensator, each error, virtual control and partial derivative,
-    and the law v: named steps, each with its number in the paper, its meaning and its unit.
+    the law v, and the Lyapunov function V with its rate: named steps, each with its number in the paper, its
+    meaning and its unit.
     """
     with activity(f"deriving {model}"):
         from derive import derive
+        from derive.certificate import certificate_equations
         from pmjoint_codegen.report.latex import latex_report
         from pmjoint_codegen.report.record import derivation_record
         from pmjoint_codegen.report.text import text_report
@@ -44,7 +46,8 @@ def command(model: str, form: str) -> None:
 
         path = find_model(model)
         source = model_of(read_document(path), str(path))
-        equations = tuple(derive(source).equations.values())
+        derivation = derive(source)
+        equations = (*derivation.equations.values(), *certificate_equations(derivation))
     if form == "json":
         document(derivation_record(source, equations))
     else:

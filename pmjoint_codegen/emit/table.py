@@ -143,7 +143,7 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
             "disturbance",
             (t, x, w, p),
             (("D", disturbance_symbols(derivation.plant)),),
-            "(37)",
+            "(12)",
             "disturbance that the controller faces",
             {**faced, **delivered},
         ),

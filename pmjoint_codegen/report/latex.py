@@ -11,7 +11,14 @@ from derive.equation import Equation
 from derive.model import Model, Parameter
 from derive.sampling import SECTION as SAMPLED
 from derive.true_plant import SECTION as TRUE_PLANT
-from pmjoint_codegen.report.notation import escape, latex_expression, latex_name, latex_prose, scaled_sum
+from pmjoint_codegen.report.notation import (
+    escape,
+    latex_expression,
+    latex_name,
+    latex_prose,
+    latex_unit,
+    scaled_sum,
+)
 from pmjoint_codegen.report.sections import by_section, own_parameters
 
 _WIDTH = 62  # printed characters of a line of mathematics, about what 16 cm hold
@@ -157,9 +164,3 @@ def _length(latex: str) -> int:
     while fraction.search(symbols):
         symbols = fraction.sub(lambda halves: max(halves.groups(), key=len), symbols)
     return len(re.sub(r"[{}_^\s\\]", "", symbols)) + len(re.findall(r" [-+] ", symbols))
-
-
-def latex_unit(unit: str) -> str:
-    r"""Set a unit such as ``rad/(s^2 V)`` upright, with its powers raised."""
-    pieces = re.split(r"(\^-?\d+)", unit)
-    return "".join(f"$^{{{piece[1:]}}}$" if piece.startswith("^") else escape(piece) for piece in pieces)

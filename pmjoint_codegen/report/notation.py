@@ -20,7 +20,15 @@ _LOWER = (
 )
 _UPPER = "Gamma Delta Theta Lambda Xi Pi Sigma Upsilon Phi Psi Omega"
 _GREEK = frozenset(f"{_LOWER} {_UPPER}".split())
-_WORDS = {"du": r"\Delta u", "y_r": "y_r", "dy_r": r"\dot{y}_r", "d2y_r": r"\ddot{y}_r", "compensator": "s_r"}
+_WORDS = {
+    "du": r"\Delta u",
+    "y_r": "y_r",
+    "dy_r": r"\dot{y}_r",
+    "d2y_r": r"\ddot{y}_r",
+    "compensator": "s_r",
+    "f_minus": "f_-",
+    "f_plus": "f_+",
+}
 _SPECIAL = {
     "\\": r"\textbackslash{}",
     "^": r"\textasciicircum{}",
@@ -28,6 +36,8 @@ _SPECIAL = {
     **{character: "\\" + character for character in "&%$#_{}"},
 }
 _PARTIAL = re.compile(r"d[A-Za-z]+\d+_d.+")
+_UNIT = r"(?:kg|rad|deg|bar|Pa|kPa|MPa|Hz|mm|cm|ms|[NVAWJKms])(?:\^-?\d+)?"
+_QUANTITY = re.compile(rf"(?<=\d)([ /]\(?{_UNIT}(?:(?: |/\(?){_UNIT}\)?)*)(?!\w)")  # as in 2 rad/(s^2 V)
 _LATIN = 0x180  # LaTeX knows the letters below this code without being told
 
 
@@ -49,7 +59,7 @@ def _forms() -> tuple[tuple[str, Callable[..., str]], ...]:
             r"d([A-Za-z]+\d+)_d(.+)",
             lambda of, by: rf"\frac{{\partial {latex_name(of)}}}{{\partial {latex_name(by)}}}",
         ),
-        (r"(.+)_dot", lambda base: _accented("dot", base)),
+        (r"(.+)_dot((?:_plant|_max)?)", lambda base, owner: _accented("dot", base + owner)),
         (r"(\w+?)_hat(\d*)", lambda stem, index: _accented("hat", stem + index)),
         (r"d(\d+)y_r", lambda order: f"y_r^{{({order})}}"),
         (r"ck(\d+)", lambda index: f"c_{{k{index}}}"),
@@ -88,6 +98,8 @@ def _stem(stem: str) -> str:
 
 def _word(word: str) -> str:
     if word in ("max", "min"):
+        return "\\" + word
+    if word in _GREEK:
         return "\\" + word
     return word if len(word) == 1 or word.isdigit() else rf"\mathrm{{{escape(word)}}}"
 
@@ -161,9 +173,22 @@ def text_expression(expression: sp.Expr) -> str:
 def latex_prose(text: str) -> str:
     r"""Write a remark as LaTeX, with the symbols that it mentions set as mathematics.
 
-    A symbol is a word with an index (``alpha1``, ``y_r``), a Greek letter, or a letter that is no word.
+    A symbol is a word with an index (``alpha1``, ``y_r``), a Greek letter, or a letter that is no word and
+    no unit: units follow a number and are set upright, as in ``52 N``.
     """
-    return "".join(_prose(word) for word in re.split(r"([A-Za-z]\w*(?:\^\d+)?)", text))
+    words = []
+    for place, piece in enumerate(_QUANTITY.split(text)):  # every second piece is a unit
+        if place % 2:
+            words.append(latex_unit(piece))
+        else:
+            words += [_prose(word) for word in re.split(r"([A-Za-z]\w*(?:\^\d+)?)", piece)]
+    return "".join(words)
+
+
+def latex_unit(unit: str) -> str:
+    r"""Set a unit such as ``rad/(s^2 V)`` upright, with its powers raised."""
+    pieces = re.split(r"(\^-?\d+)", unit)
+    return "".join(f"$^{{{piece[1:]}}}$" if piece.startswith("^") else escape(piece) for piece in pieces)
 
 
 def _prose(word: str) -> str:

@@ -6,8 +6,11 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import pytest
+import sympy as sp
 
-from pmjoint_codegen.audit import claims
+from derive import derive, parameter_symbol
+from derive.equation import Equations
+from pmjoint_codegen.audit import claims, designing, filtering, stability
 from pmjoint_codegen.audit.examination import COMPARISONS
 from pmjoint_codegen.audit.findings import Finding
 from pmjoint_codegen.audit.ground import Ground
@@ -43,7 +46,7 @@ def test_verdicts_on_the_print(findings: Findings) -> None:
     assert by_verdict[Verdict.FAILS] == {"Theorem 1, all signals"}
     assert by_verdict[Verdict.CORRECTED] == {
         "(5)", "(8)", "(18)", "(21)", "below (22)", "(27)", "(28)", "(29)", "(31)", "(34)",
-        "u_M unknown", "compensation", "notation",
+        "u_M unknown", "compensation", "notation", "Section III",
     }  # fmt: skip
     assert {"(11)", "(12)", "(16)", "(20)", "(25)", "(32)", "(35)"} <= by_verdict[Verdict.FOLLOWS]
     assert {"(1)", "(2)", "(3)", "(4)", "(9)", "d(t)", "Assumption 1"} <= by_verdict[Verdict.ASSUMPTION]
@@ -78,6 +81,64 @@ def test_undefined_filter_entry_is_zero(findings: Findings) -> None:
     # with (29) as printed, v_0,3 leaves the last step of (31): the law takes it away again
     broken = [item.label for item in findings["(31)"].evidence if "does not hold" in item.label]
     assert broken == ["relation 1 of 3 does not hold", "relation 2 of 3 does not hold"]
+
+
+def test_unit_vectors_are_used_before_anything_defines_them(ground: Ground, findings: Findings) -> None:
+    assert str(fact(findings, "(14)", "E_2 is used in")).startswith("(14), (16)")
+    assert fact(findings, "A_0, P", "E_1 is used in") == "A_0, P, (18)"
+    assert fact(findings, "(14)", "defined in") == fact(findings, "A_0, P", "defined in") == "no display"
+    assert fact(findings, "(14)", "less the column of (12)") == "[0, 0]"
+    defined = replace(ground.paper["(13)"], lines=("E_2 = [[0], [1]]",))
+    told = filtering.filters(replace(ground, paper={**ground.paper, "(13)": defined}))
+    assert fact({"(14)": told}, "(14)", "defined in") == "(13)"
+    assert "nothing defines" in findings["(14)"].summary
+    assert "nothing defines" not in told.summary
+
+
+def test_the_certificate_adds_different_units(ground: Ground, findings: Findings) -> None:
+    assert fact(findings, "(26)", "units of") == "rad^2, s rad^2, rad^2/s"
+    assert fact(findings, "(30)", "units of") == "rad^2, V^2 s^2"
+    assert fact(findings, "(29)", "units of") == "V, rad^2/(s^2 V)"
+    assert all("different units" in findings[number].summary for number in ("(26)", "(30)"))
+    assert "another law" in findings["(29)"].summary
+    model = replace(ground.derivation.model, y_unit="V s")  # the unit of z_2
+    same = stability.lyapunov_function(replace(ground, derivation=derive(model)))
+    assert "different units" not in same.summary
+
+
+def test_in_other_units_the_law_gains_a_multiple_of_z1(ground: Ground, findings: Findings) -> None:
+    said = str(fact(findings, "(29)", "q-ths"))
+    q, b0, z_1 = (sp.Symbol(name) for name in ("q", "b0", "z_1"))
+    assert sp.expand(sp.sympify(said) - b0 * z_1 * (1 - 1 / q**2)) == 0  # b_0 z_1 counts as u^-1, v as u
+    law = ground.derivation.equations["v"]
+    uncoupled = replace(law, expression=law.expression + ground.signals.z[0] * parameter_symbol("b0"))
+    equations = Equations(
+        uncoupled if item.name == "v" else item for item in ground.derivation.equations.values()
+    )
+    other = designing.control_law(replace(ground, derivation=replace(ground.derivation, equations=equations)))
+    assert fact({"(29)": other}, "(29)", "q-ths") == "z_1*(0)"  # all other terms carry the unit of u
+
+
+def test_damping_is_not_small_on_the_measured_joint(findings: Findings) -> None:
+    assert round(figure(findings, "d(t)", "b_v/J"), 9) == 2.18
+    assert figure(findings, "d(t)", "b_v/J") > figure(findings, "d(t)", "sqrt(d_1) of the example")
+    assert round(figure(findings, "d(t)", "right-most"), 9) == -1.09  # -b_v/(2 J): complex poles
+    assert figure(findings, "d(t)", "without the damping") == 0.0
+    assert "all the damping" in findings["d(t)"].summary
+
+
+def test_nothing_adapts(ground: Ground, findings: Findings) -> None:
+    assert fact(findings, "Section III", "law needs") == "d1, b0"
+    assert fact(findings, "Section III", "tracking error drives") == "none"
+    law = ground.derivation.equations["Xi21_dot"]
+    adapting = replace(law, expression=law.expression + ground.signals.z[0])
+    equations = Equations(
+        adapting if item.name == "Xi21_dot" else item for item in ground.derivation.equations.values()
+    )
+    other = replace(ground, derivation=replace(ground.derivation, equations=equations))
+    nothing: object = None
+    finding = claims.adaptive_title(other, nothing)  # type: ignore[arg-type]
+    assert (finding.verdict, finding.evidence[-1].value) == (Verdict.FOLLOWS, "Xi21")
 
 
 def test_the_twice_printed_term_fails_only_for_unequal_gains(findings: Findings) -> None:

@@ -41,6 +41,10 @@ def test_json_is_one_document(capsys: pytest.CaptureFixture[str]) -> None:
     law = next(item for item in record["equations"] if item["name"] == "v")
     assert law["number"] == "(29)"
     assert law["unit"] == "V"
+    numbers = {item["name"]: item["number"] for item in record["equations"]}
+    assert [numbers[name] for name in ("V_epsilon", "V", "V_dot", "Y", "V_dot_max")] == [
+        "(19)", "(30)", "(32)", "(33)", "(35)"
+    ]  # fmt: skip
 
 
 def test_an_unknown_model_is_one_line_and_2(capsys: pytest.CaptureFixture[str]) -> None:

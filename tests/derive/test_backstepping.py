@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import random
+from dataclasses import replace
 
 import pytest
 import sympy as sp
 
-from derive import Derivation, parameter_symbol
+from derive import Derivation, derive, parameter_symbol
 from derive.compensator import compensator_rates
 from derive.filters import filter_rates
 
@@ -123,3 +124,10 @@ def test_every_step_bears_the_papers_number(paper: Derivation) -> None:
         "alpha1": "(25)", "dalpha1_dy": "(29)", "v": "(29)", "z1_dot": "(27)", "z2_dot": "(28)",
     }  # fmt: skip
     assert {name: paper.equations[name].number for name in numbers} == numbers
+
+
+def test_only_the_papers_own_disturbance_is_37(paper: Derivation) -> None:
+    model = paper.model
+    other = derive(replace(model, plant=replace(model.plant, disturbance=(sp.Integer(0), S("x2") / 10))))
+    assert [other.equations[name].number for name in ("D1", "D2")] == ["(12)", "(12)"]
+    assert paper.equations["D1"].number == "(12)"

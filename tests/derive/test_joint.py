@@ -108,6 +108,11 @@ def test_simulated_plant_is_the_full_physics(keep: tuple[str, ...], lagged: bool
     )
 
 
+def test_only_the_two_constants_of_8_bear_its_number() -> None:
+    numbers = {item.name: item.number for item in reduced(("damping", "quadratic_gain"), False).constants}
+    assert numbers == {"d1": "(8)", "b0": "(8)", "a": "(5)", "kappa": ""}
+
+
 def test_nothing_is_left_out_when_all_is_kept_and_nothing_clips() -> None:
     joint = reduced(("damping", "quadratic_gain"), lagged=False)
     k_u, u = S("k_u"), S("u")

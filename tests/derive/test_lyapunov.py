@@ -30,7 +30,8 @@ def test_the_papers_lyapunov_matrix(paper: Derivation) -> None:
 
 def test_what_the_certificate_gives_away_is_squares(paper: Derivation) -> None:
     s2 = S("dalpha1_dy")
-    for square in squares(paper, lyapunov_matrix(paper.signals), (sp.Integer(-1), s2)):
+    PD = lyapunov_matrix(paper.signals) * sp.Matrix([S("D1"), S("D2")])
+    for square in squares(paper, PD, (sp.Integer(-1), s2)):
         root = sp.sqrt(square.subs({S("e1"): 1, S("e2"): 1, S("k1"): 6, S("k2"): 8}))
         assert sp.expand(root**2 - square.subs({S("e1"): 1, S("e2"): 1, S("k1"): 6, S("k2"): 8})) == 0
         assert root.is_real
@@ -85,6 +86,6 @@ def test_the_residual_counts_a_disturbance_of_the_output_twice(
     s = derivation.signals
     P, D = lyapunov_matrix(s), sp.Matrix([S(f"D{i + 1}") for i in range(derivation.plant.order)])
     s_ = (sp.Integer(-1), S("s2"))[: derivation.plant.rho]
-    there = sum(squares(derivation, P, s_), sp.Integer(0)).subs(dict.fromkeys((*s.z, *s.epsilon), 0))
+    there = sum(squares(derivation, P * D, s_), sp.Integer(0)).subs(dict.fromkeys((*s.z, *s.epsilon), 0))
     residual = sum(((2 * (P * D).dot(P * D) + D[0] ** 2) / (2 * e) for e in s.e), sp.Integer(0))
     assert sp.simplify(there - residual) == 0

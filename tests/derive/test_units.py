@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+
 import pytest
 
-from derive import Derivation, parameter_symbol
+from derive import Derivation, Model, derive, parameter_symbol
 from derive.units import SECOND, Unit, parse_unit
 
 
@@ -58,3 +61,24 @@ def test_the_paper_s_signals(paper: Derivation) -> None:
     }
     assert str(paper.equations["v"].unit) == "V"
     assert str(paper.equations["dalpha1_dy"].unit) == "V s/rad"
+
+
+def test_a_composite_input_coefficient_has_the_unit_of_its_place(builder: Callable[..., Model]) -> None:
+    """``b_j u`` is a part of the rate of ``x_{n-j}``, whatever b_j is made of."""
+    model, b0, d1 = builder(3, 2), parameter_symbol("b0"), parameter_symbol("d1")
+    plant = replace(model.plant, b=(2 * b0, 3 * b0), theta=(d1, 2 * d1))
+    found = derive(replace(model, plant=plant))
+    u = found.units.of(found.signals.u)
+    for name, state in (
+        ("b_1", "x2_dot"),
+        ("b_0", "x3_dot"),
+        ("b_1_plant", "x2_dot"),
+        ("b_0_plant", "x3_dot"),
+    ):
+        unit, rate = (found.equations[key].unit for key in (name, state))
+        assert unit is not None
+        assert rate is not None
+        assert (unit * u).powers == rate.powers
+    assert str(found.equations["b_0"].unit) == "rad/(s^3 V)"
+    assert found.equations["theta_2"].unit is None  # nobody knows the unit of its function of y
+    assert {found.equations[name].number for name in ("b_1", "b_0", "theta_2")} == {""}  # not (8)

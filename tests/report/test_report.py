@@ -7,11 +7,14 @@ import random
 import shutil
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import pytest
 import sympy as sp
 
 from derive import Derivation, Gains, Model, Parameter, Plant, Simulation, derive, parameter_symbol
+from derive.certificate import certificate_equations
+from derive.equation import Equations
 from pmjoint_codegen.report.latex import latex_report
 from pmjoint_codegen.report.notation import escape, latex_expression, latex_name, latex_prose, text_expression
 from pmjoint_codegen.report.record import derivation_record
@@ -75,6 +78,32 @@ def test_every_line_of_the_text_runs_as_code_and_gives_the_law(derivation: Deriv
     }
     exec(compile(section, "derivation", "exec"), names)
     assert sp.expand(names["v"] - expanded.xreplace(point)) == 0  # exact: rational numbers, and sin of them
+
+
+def test_the_printed_certificate_runs_as_code_and_gives_the_rate_of_v(derivation: Derivation) -> None:
+    certificate = certificate_equations(derivation)
+    equations = (*derivation.equations.values(), *certificate)
+    text = text_report(derivation.model, equations)
+    section = text.partition("# Certificate\n")[2].partition("# Closed loop\n")[0]
+    given = {
+        name for item in equations if item.section == "Certificate" for name in item.expression.free_symbols
+    }
+    draw = random.Random(1)
+    point = {
+        symbol: sp.Rational(draw.randint(1, 99), 10)
+        for symbol in sorted(given, key=str)
+        if symbol.name not in {item.name for item in certificate}
+    }
+    names: dict[str, object] = {symbol.name: value for symbol, value in point.items()}
+    exec(compile(section, "certificate", "exec"), names)
+    rate = Equations(certificate).expand(parameter_symbol("V_dot")).xreplace(point)
+    assert names["V_dot"] == rate  # exact: rational numbers
+    record: Any = derivation_record(derivation.model, equations)
+    said = {item["name"]: item for item in record["equations"]}
+    assert (said["V"]["number"], said["V_dot"]["symbol"], said["V_epsilon"]["symbol"]) == (
+        "(30)", r"\dot{V}", r"V_{\epsilon}"
+    )  # fmt: skip
+    assert r"\dot{V} =" in latex_report(derivation.model, equations)
 
 
 def test_the_true_plants_own_values_are_defined_before_they_are_used(derivation: Derivation) -> None:
@@ -147,7 +176,8 @@ def test_latex_of_every_shipped_model_stays_within_the_page(file: Path, tmp_path
 
 def compile_latex(derivation: Derivation, tmp_path: Path) -> None:
     """Run LaTeX; nothing may be too wide or undefined."""
-    source = latex_report(derivation.model, derivation.equations.values())
+    equations = (*derivation.equations.values(), *certificate_equations(derivation))
+    source = latex_report(derivation.model, equations)
     (tmp_path / "derivation.tex").write_text(source, encoding="utf-8")
     run = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "derivation.tex"]
     done = subprocess.run(run, cwd=tmp_path, capture_output=True, text=True, errors="replace", check=False)
@@ -187,6 +217,12 @@ def test_record_holds_every_equation_as_expressions_that_parse_back(derivation: 
         ("dalpha1_dXi21", r"\frac{\partial \alpha_1}{\partial \Xi_{21}}"),
         ("dalpha2_ddy_r", r"\frac{\partial \alpha_2}{\partial \dot{y}_r}"),
         ("x_hat2", r"\hat{x}_2"),
+        ("x2_dot", r"\dot{x}_2"),
+        ("x2_dot_plant", r"\dot{x}_{2,\mathrm{plant}}"),
+        ("V_dot_max", r"\dot{V}_{\max}"),
+        ("lambda_P", r"\lambda_P"),
+        ("f_minus", "f_-"),
+        ("Fr_11", r"\mathrm{Fr}_{11}"),
         ("d2y_r", r"\ddot{y}_r"),
         ("d3y_r", "y_r^{(3)}"),
         ("du", r"\Delta u"),
@@ -218,3 +254,20 @@ def test_minus_signs_come_after_plus_signs() -> None:
 def test_escaped_text_survives_latex() -> None:
     assert escape("50 % of θ & ϑ_1 ≤ 2²") == r"50 \% of $\theta$ \& ?\_1 $\le$ 2²"
     assert latex_prose("rate of x1 by y_r, a unit") == "rate of $x_1$ by $y_r$, a unit"
+
+
+@pytest.mark.parametrize(
+    ("text", "latex"),
+    [
+        ("52 N at most", "52 N at most"),
+        ("a 0-10 V, 0-5 bar pressure valve", "a 0-10 V, 0-5 bar pressure valve"),
+        ("0.05-0.2 s (bench)", "0.05-0.2 s (bench)"),
+        ("2 rad/s^2 and 3 N m", "2 rad/s$^{2}$ and 3 N m"),
+        ("20 1/s", "20 1/s"),
+        ("4 rad/(s^2 V)", "4 rad/(s$^{2}$ V)"),
+        ("order 2 m1 and J", "order 2 $m_1$ and $J$"),  # an index makes a symbol
+        ("by V, s and N", "by $V$, $s$ and $N$"),  # no number before it
+    ],
+)
+def test_units_in_prose_stand_upright(text: str, latex: str) -> None:
+    assert latex_prose(text) == latex

@@ -1,0 +1,133 @@
+"""V, its rate and its bound (19), (30)-(35) as named equations, from the expressions of `derive.lyapunov`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import sympy as sp
+
+from derive.closed_loop import disturbance_symbols, output_disturbance
+from derive.derivation import Derivation
+from derive.equation import Equation
+from derive.lyapunov import (
+    certified_rate,
+    error_weight,
+    lyapunov_matrix,
+    sensitivities,
+    squares,
+    symmetric_matrix,
+)
+from derive.model import parameter_symbol
+
+_READABLE = 4  # order up to which P is written in the gains: its entries grow threefold with each order
+
+
+def certificate_equations(derivation: Derivation) -> tuple[Equation, ...]:
+    """(19), (30) and (32)-(35) as named equations, for a reader: no kernel is made of them.
+
+    P is given in the gains k, or in numbers where that would fill pages; its largest eigenvalue ``lambda_P``,
+    which is its norm, has no such form and is the number at the model's gains. Without a bound of the
+    disturbance there is no Y and no bound of V'. The terms of V have different units, so that nothing here
+    has one.
+    """
+    s, plant, bound = derivation.signals, derivation.plant, derivation.model.disturbance_bound
+    short = plant.order <= _READABLE
+    P, solved = symmetric_matrix(plant.order), lyapunov_matrix(s) if short else _at_gains(derivation)
+    symbols, epsilon = disturbance_symbols(plant), sp.Matrix(s.epsilon)
+    acting = [symbol if rate != 0 else rate for symbol, rate in zip(symbols, plant.disturbance, strict=True)]
+    PD = sp.Matrix([parameter_symbol(f"PD{i}") for i in range(1, plant.order + 1)])
+    lost = sum(squares(derivation, PD, sensitivities(derivation)), sp.Integer(0))
+    V_epsilon, V_lost = parameter_symbol("V_epsilon"), parameter_symbol("V_lost")
+    energy = sum((z**2 / 2 for z in s.z), sp.Integer(0)) + error_weight(s) * V_epsilon
+    rows = [
+        (
+            P[i, j].name,
+            solved[i, j],
+            "",
+            "entry of P of the Lyapunov equation below (14)"
+            + ("" if short else ", at the gains of the model"),
+        )
+        for i in range(plant.order)
+        for j in range(i, plant.order)
+    ]
+    rows += [
+        (
+            "V_epsilon",
+            sp.expand((epsilon.T * P * epsilon)[0]),
+            "(19)",
+            "Lyapunov function of the estimation error",
+        ),
+        ("V", energy, "(30)", "Lyapunov function"),
+        *(
+            (name.name, value, "", "entry of P D")
+            for name, value in zip(PD, P * sp.Matrix(acting), strict=True)
+        ),
+        ("V_lost", lost, "", "what (32) gives away: squares with positive factors"),
+        ("V_dot", certified_rate(derivation, PD) - V_lost, "(32)", "rate of V under the law, whatever u is"),
+        *_decay(derivation),
+    ]
+    if bound is not None:
+        rows += _residual(derivation, bound)
+    taken = {item.name for item in derivation.model.parameters} | set(derivation.equations)
+    free = {
+        parameter_symbol(name): parameter_symbol(f"{name}_of_V") for name, *_ in rows if name in taken
+    }  # nothing here speaks of the plant's parameters, so a name of theirs can only mean our own
+    return tuple(
+        Equation(
+            free.get(parameter_symbol(name), parameter_symbol(name)),
+            expression.xreplace(free),
+            "Certificate",
+            number,
+            meaning,
+            None,
+        )
+        for name, expression, number, meaning in rows
+    )
+
+
+def _decay(derivation: Derivation) -> list[tuple[str, sp.Expr, str, str]]:
+    """(34): name, expression, number and meaning of each constant."""
+    s, largest = derivation.signals, parameter_symbol("lambda_P")
+    least = sp.Min(*s.c, *(1 / (4 * e) for e in s.e))
+    greatest = sp.Max(sp.Rational(1, 2), *(largest / (2 * e) for e in s.e))
+    rate = parameter_symbol("f_minus") / parameter_symbol("f_plus")
+    return [
+        (
+            "lambda_P",
+            _largest_eigenvalue(_at_gains(derivation)),
+            "",
+            "largest eigenvalue of P, at the gains of the model",
+        ),
+        ("f_minus", least, "(34)", "least rate in (32), with every e, where (34) prints the first one twice"),
+        ("f_plus", greatest, "(34)", "greatest weight in (30)"),
+        ("f", rate, "(35)", "rate at which V decays at least"),
+    ]
+
+
+def _residual(derivation: Derivation, bound: float) -> list[tuple[str, sp.Expr, str, str]]:
+    """(33) and (35), likewise."""
+    V, Y, f, D_max = (parameter_symbol(name) for name in ("V", "Y", "f", "D_max"))
+    norm = parameter_symbol("lambda_P") ** 2
+    factor = norm if output_disturbance(derivation.plant) == 0 else 2 * norm + 1
+    return [
+        ("D_max", sp.Rational(repr(bound)), "(9)", "bound of the disturbance"),
+        (
+            "Y",
+            error_weight(derivation.signals) * factor * D_max**2,
+            "(33)",
+            "what the disturbance adds at most",
+        ),
+        ("V_dot_max", Y - f * V, "(35)", "V_dot is at most this"),
+    ]
+
+
+def _at_gains(derivation: Derivation) -> sp.ImmutableMatrix:
+    """P at the filter gains of the model, exactly."""
+    numbers = tuple(sp.Rational(repr(gain)) for gain in derivation.model.gains.k)
+    return lyapunov_matrix(replace(derivation.signals, k=numbers))
+
+
+def _largest_eigenvalue(P: sp.ImmutableMatrix) -> sp.Float:
+    """The largest eigenvalue of a symmetric matrix of numbers, to 15 digits."""
+    roots = sp.Poly(P.charpoly().as_expr()).nroots(n=30, maxsteps=200)
+    return sp.Float(max(sp.re(root) for root in roots), 15)
