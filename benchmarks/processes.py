@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import os
 import shutil
-import socket
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
 from benchmarks.clock import interleaved
+from benchmarks.cluster import Cluster, cluster
 from benchmarks.reference import ROOT
 from benchmarks.report import Row, Section
 
@@ -22,7 +20,6 @@ GIB: Final = 2.0**30
 PATIENCE_S: Final = 120  # with one process
 SAMPLED: Final = ("--controller", "sampled")
 SIDE: Final = 280  # of the grid: long enough that the start of a process does not matter
-WARM_S: Final = 20  # patience with a cluster that starts
 
 
 def process(*arguments: str, cwd: Path = ROOT) -> Callable[[], object]:
@@ -72,9 +69,9 @@ def sweeps(quick: bool, folder: Path) -> Section:
         "Sweeps from end to end",
         "`pmjoint sweep paper` over a grid of x1 and x2, dataset written, no figures, process start included."
         " Memory: largest resident set of the process, continuous controller. Threads and workers: sampled"
-        " controller, 20000 samples a run; a worker has one thread, on loopback. The yardstick is two"
-        " `pmjoint sweep` with one thread and half the grid each, started together: what this machine gave"
-        " two at once in the same rounds.",
+        " controller, 20000 samples a run; a worker has one thread, on loopback, and a cluster stands still"
+        " while others are timed. The yardstick is two `pmjoint sweep` of one thread and half the grid each,"
+        " started together: what this machine gave two at once in the same rounds.",
     )
     if missing := [name for name in ("xarray", "zarr") if find_spec(name) is None]:
         section.absent.append(f"sweeps: no {', '.join(missing)}")
@@ -102,23 +99,23 @@ def sweeps(quick: bool, folder: Path) -> Section:
 def _at_once(folder: Path, side: int, rounds: int, absent: list[str]) -> dict[str, float]:
     """Return the time of a sweep in one thread and two, in two commands, and with workers, s."""
 
-    def calls(side: int, clusters: Mapping[str, str]) -> dict[str, Callable[[], object]]:
+    def calls(side: int, clusters: Mapping[str, Cluster]) -> dict[str, Callable[[], object]]:
         threads = {
             str(n): _sweep(folder / f"threads-{n}", side, *SAMPLED, "--threads", str(n)) for n in (1, 2)
         }
         workers = {
-            name: _sweep(folder / name, side, *SAMPLED, "--scheduler", address)
-            for name, address in clusters.items()
+            name: made.awake(_sweep(folder / name, side, *SAMPLED, "--scheduler", made.address))
+            for name, made in clusters.items()
         }
         return threads | {"apart": lambda: _apart(folder, side)} | workers
 
     with ExitStack() as stack:
-        clusters: dict[str, str] = {}
+        clusters: dict[str, Cluster] = {}
         if find_spec("distributed") is None:
             absent.append("workers: no distributed")
         else:
             for n in (1, 2):
-                clusters[f"workers {n}"] = stack.enter_context(_cluster(folder, n))
+                clusters[f"workers {n}"] = stack.enter_context(cluster(folder / "cluster", n))
         for call in calls(20, clusters).values():  # builds, and the workers' imports
             call()
         return interleaved(calls(side, clusters), rounds, warm=True)
@@ -167,54 +164,3 @@ def _memory(folder: Path, side: int) -> float:
     done = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True)
     scale = 1 if sys.platform == "darwin" else 1024
     return float(done.stdout) * scale
-
-
-@contextmanager
-def _cluster(folder: Path, workers: int) -> Iterator[str]:
-    """Run a scheduler with single-threaded workers; gives its address."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    address = f"tcp://127.0.0.1:{port}"
-    started: list[subprocess.Popen[bytes]] = []
-
-    def start(*arguments: str) -> None:
-        command = [sys.executable, "-m", "distributed.cli.dask_" + arguments[0], *arguments[1:]]
-        place = folder / "cluster"
-        place.mkdir(exist_ok=True)
-        started.append(
-            subprocess.Popen(
-                command,
-                cwd=place,
-                env=os.environ | {"PYTHONPATH": str(ROOT)},
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL,
-            )
-        )
-
-    try:
-        start("scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard")
-        for _ in range(workers):
-            start("worker", address, "--nthreads", "1", "--no-dashboard", "--no-nanny")
-        _wait(address, workers)
-        yield address
-    finally:
-        for child in reversed(started):  # nothing is lost with them: no need to take leave
-            child.kill()
-        for child in started:
-            child.wait()
-
-
-def _wait(address: str, workers: int) -> None:
-    from importlib import import_module
-
-    distributed = import_module("distributed")  # untyped
-    begun = time.monotonic()
-    while time.monotonic() - begun < WARM_S:
-        try:
-            with distributed.Client(address, timeout=WARM_S, set_as_default=False) as client:
-                client.wait_for_workers(workers, timeout=WARM_S)
-                return
-        except OSError:
-            time.sleep(0.2)
-    raise SystemExit("benchmarks: the cluster does not start")
