@@ -76,11 +76,11 @@ def sweeps(quick: bool, folder: Path) -> Section:
     if missing := [name for name in ("xarray", "zarr") if find_spec(name) is None]:
         section.absent.append(f"sweeps: no {', '.join(missing)}")
         return section
-    sizes = (20, 40) if quick else (100, 1000)
-    for side in sizes:
-        peak = _memory(folder / f"memory-{side}", side)
+    sizes = ((20, 20), (40, 40)) if quick else ((100, 100), (1000, 1000), (4000, 2500))
+    for x1, x2 in sizes:
+        peak = _memory(folder / f"memory-{x1}", x1, x2)
         section.lines.append(
-            (f"{side * side} runs, memory", f"{peak / 2**20:.0f} MiB", "1 GiB", "1024 MiB",
+            (f"{x1 * x2} runs, memory", f"{peak / 2**20:.0f} MiB", "1 GiB", "1024 MiB",
              f"{peak / GIB:.3g}", "<= 1 " + ("holds" if peak <= GIB else "MISSED"))
         )  # fmt: skip
     side, rounds = (20, 1) if quick else (SIDE, 3)
@@ -141,14 +141,14 @@ def _sweep(folder: Path, side: int, *options: str) -> Callable[[], object]:
     return process("-m", "pmjoint_codegen", "sweep", "paper", *grid, *common, *options)
 
 
-def _memory(folder: Path, side: int) -> float:
+def _memory(folder: Path, x1: int, x2: int) -> float:
     """Return the largest resident set of a sweep's process, bytes."""
     watch = (
         "import resource, subprocess, sys; subprocess.run(sys.argv[1:], check=True, "
         "stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL); "
         "print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)"
     )
-    grid = ("--grid", f"x1=-60:60:{side}", "--grid", f"x2=-30:30:{side}")
+    grid = ("--grid", f"x1=-60:60:{x1}", "--grid", f"x2=-30:30:{x2}")
     sweep = (
         "-m",
         "pmjoint_codegen",

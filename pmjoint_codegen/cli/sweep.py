@@ -136,7 +136,7 @@ def command(
     on where it was when the same command is given again, and its result is the same.
     """
     from pmjoint_codegen.provision import provide
-    from pmjoint_codegen.sweep.dataset import require
+    from pmjoint_codegen.sweep.formats import require
     from pmjoint_codegen.sweep.plan import make_plan
     from pmjoint_codegen.sweep.request import make_request
     from pmjoint_codegen.sweep.store import Store
@@ -196,41 +196,35 @@ def _compute(
 
 
 def _write(store: Store, provided: Provided, formats: tuple[str, ...], *, figures: bool) -> tuple[Path, ...]:
-    from pmjoint_codegen.sweep.dataset import assemble, export, read
+    from pmjoint_codegen.sweep.dataset import assemble, read
 
     with activity("writing the dataset"):
         if not store.dataset.exists():
             assemble(store, provided.manifest)
     files = [store.dataset]
-    if not (formats or figures):
-        return tuple(files)
-    with activity("reading the dataset"):
-        dataset = read(store.dataset)
-        files += [export(dataset, store.folder, kind) for kind in formats]
+    if formats:
+        from pmjoint_codegen.sweep.formats import export
+
+        with activity(f"writing {' and '.join(formats)}"):
+            files += [export(store.dataset, kind) for kind in formats]
     if figures:
         from pmjoint_codegen.sweep.maps import write_maps
         from pmjoint_codegen.workspace import cache_dir
 
         os.environ.setdefault("MPLCONFIGDIR", str(cache_dir(os.environ) / "matplotlib"))
         with activity("drawing figures"):
-            files += write_maps(dataset, provided.manifest, store.folder)
+            files += write_maps(read(store.dataset), provided.manifest, store.folder)
     return tuple(files)
 
 
 def _account(store: Store, provided: Provided, files: tuple[Path, ...]) -> dict[str, Any]:
     """The sweep in a few numbers."""
-    import numpy as np
-
-    from pmjoint_codegen.sweep.dataset import column
-    from pmjoint_codegen.sweep.metrics import quantities, status_meanings
-    from pmjoint_codegen.sweep.reach import holds
+    from pmjoint_codegen.sweep.metrics import quantities
+    from pmjoint_codegen.sweep.totals import totals
 
     request = store.request
-    names = ("ise", "max_abs_e", "settling_s", "saturated_s", "max_abs_v")
-    status = column(store.dataset, "status")
-    ends = (column(store.dataset, name) for name in ("final_e", "max_abs_e", "final_saturated"))
-    good = holds(status, *ends)
-    counts = {name: int(np.sum(status == value)) for value, name in status_meanings().items()}
+    with activity("counting"):
+        ends = totals(store.dataset)
     units = {item.name: item.unit for item in quantities(provided.manifest)}
     return {
         "model": request.model,
@@ -239,23 +233,12 @@ def _account(store: Store, provided: Provided, files: tuple[Path, ...]) -> dict[
         "runs": request.plan.runs,
         "dimensions": request.plan.dimensions,
         "seed": request.plan.seed,
-        "status": {name: count for name, count in counts.items() if count},
-        "held": int(good.sum()),
-        "quantiles_of_held": {name: _quantiles(column(store.dataset, name)[good]) for name in names},
-        "units": {name: units[name] for name in names},
+        "status": ends.status,
+        "held": ends.held,
+        "quantiles_of_held": ends.quantiles,
+        "units": {name: units[name] for name in ends.quantiles},
         "files": files,
     }
-
-
-def _quantiles(values: Any) -> dict[str, float] | None:
-    import numpy as np
-
-    finite = values[np.isfinite(values)]
-    return (
-        dict(zip(("p5", "median", "p95"), np.percentile(finite, (5, 50, 95)).tolist(), strict=True))
-        if finite.size
-        else None
-    )
 
 
 def _text(account: Mapping[str, Any]) -> str:

@@ -23,7 +23,7 @@ from pmjoint_codegen.simulate.figures import png, wrapped
 from pmjoint_codegen.simulate.status import Status
 from pmjoint_codegen.sweep.metrics import INVALID
 from pmjoint_codegen.sweep.plan import DRAW
-from pmjoint_codegen.sweep.reach import Border, border, held
+from pmjoint_codegen.sweep.reach import Border, border, held, held_share
 from pmjoint_codegen.values import COMPENSATOR, OWN_SUFFIX, of_plant
 
 if TYPE_CHECKING:
@@ -47,6 +47,7 @@ METRICS: Final = {  # name -> words, whether a logarithmic scale suits it
     "max_abs_v": ("largest $|v|$", True),
     "saturated_s": ("time at a limit", False),
 }
+MOST_CELLS: Final = 1024  # drawn along an axis: more than there are pixels
 FOUR: Final = ("ise", "settling_s", "max_abs_e", "max_abs_v")
 _STYLE: Final = {
     "font.family": ["STIXGeneral", "DejaVu Serif"],
@@ -122,6 +123,14 @@ def _slice(dataset: xr.Dataset, names: Sequence[str]) -> tuple[xr.Dataset, str]:
     return sliced, ", ".join(f"{name} = {float(sliced[name]):g}" for name in names)
 
 
+def _thinned(dataset: xr.Dataset, *names: str) -> tuple[xr.Dataset, str]:
+    """Every second, third, … value of axes that are longer than a figure is wide, and the words for it."""
+    steps = {name: -(-dataset.sizes[name] // MOST_CELLS) for name in names}
+    words = ", ".join(f"1 in {step} values of {_symbol(name)}" for name, step in steps.items() if step > 1)
+    thinned = dataset.isel({name: slice(None, None, step) for name, step in steps.items()})
+    return thinned, f" Drawn: {words}." if words else ""
+
+
 def cases(dataset: xr.Dataset) -> tuple[Case, ...]:
     """The sweep with and without compensator, or as a whole where that is not varied."""
     if COMPENSATOR not in dataset.dims:
@@ -135,10 +144,12 @@ def cases(dataset: xr.Dataset) -> tuple[Case, ...]:
 
 def region(dataset: xr.Dataset, manifest: Manifest, x: str, y: str, note: str) -> Figure:
     """Region of attraction: settling time where the joint is held; grey where it is lost."""
+    shares = [100 * held_share(case.data) for case in cases(dataset)]
+    dataset, thinned = _thinned(dataset, x, y)
     columns = cases(dataset)
     figure, panels = _canvas(len(columns))
     line = border(manifest, _fixed(dataset)) if (x, y) == ("x1", "x2") else None
-    for case, panel in zip(columns, panels, strict=True):
+    for case, share, panel in zip(columns, shares, panels, strict=True):
         good = held(case.data)
         image = _image(
             panel, case.data["settling_s"].where(good), x, y, (0.0, float(dataset.attrs["horizon"]))
@@ -147,15 +158,15 @@ def region(dataset: xr.Dataset, manifest: Manifest, x: str, y: str, note: str) -
         _image(panel, undefined, x, y, (0.0, 1.0), colours="Greys_r")
         if line is not None:
             _draw_border(panel, case.data, line)
-        share = f"{100 * float(good.mean()):.1f} % held"
-        panel.set_title(f"{case.title}: {share}" if case.title else share)
+        words = f"{share:.1f} % held"
+        panel.set_title(f"{case.title}: {words}" if case.title else words)
         _labels(panel, dataset, x, y)
     figure.colorbar(image, ax=panels, label="settling (s)", fraction=0.05, pad=0.02)
     dashed = " Dashed: beyond it, no input within the limit withstands the worst disturbance." if line else ""
     _caption(
         figure,
         dataset,
-        f"Grey: {_absence(dataset)}. White: e(0) = 0, so no settling.{dashed}",
+        f"Grey: {_absence(dataset)}. White: e(0) = 0, so no settling.{dashed}{thinned}",
         note,
     )
     return figure
@@ -163,6 +174,7 @@ def region(dataset: xr.Dataset, manifest: Manifest, x: str, y: str, note: str) -
 
 def metric_map(dataset: xr.Dataset, name: str, x: str, y: str, note: str) -> Figure:
     """One metric over two axes."""
+    dataset, thinned = _thinned(dataset, x, y)
     columns = cases(dataset)
     figure, panels = _canvas(len(columns))
     words, logarithmic = METRICS[name]
@@ -179,7 +191,7 @@ def metric_map(dataset: xr.Dataset, name: str, x: str, y: str, note: str) -> Fig
     )
     if steep:
         _plain_ticks(bar, limits)
-    _caption(figure, dataset, f"Grey: {_absence(dataset, name)}.", note)
+    _caption(figure, dataset, f"Grey: {_absence(dataset, name)}.{thinned}", note)
     return figure
 
 

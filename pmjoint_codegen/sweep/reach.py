@@ -13,6 +13,7 @@ import numpy.typing as npt
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.status import Status
+from pmjoint_codegen.sweep.parts import parts
 from pmjoint_codegen.sweep.validity import Mask
 
 if TYPE_CHECKING:
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 GROWING: Final = (
     0.95  # of the largest |e|: a lost joint leaves exponentially, so its last error is its largest
 )
+
+ENDS: Final = ("status", "final_e", "max_abs_e", "final_saturated")  # arguments of `holds`, in the dataset
 
 
 @dataclass(frozen=True)
@@ -58,8 +61,17 @@ def border(manifest: Manifest, values: Mapping[str, float]) -> Border | None:
 
 def held(dataset: xr.Dataset) -> xr.DataArray:
     """Which runs of a dataset hold the joint; see `holds`."""
-    names = ("status", "final_e", "max_abs_e", "final_saturated")
-    return dataset["status"].copy(data=holds(*(dataset[name].values for name in names)))
+    return dataset["status"].copy(data=holds(*(dataset[name].values for name in ENDS)))
+
+
+def held_share(dataset: xr.Dataset) -> float:
+    """Share of a dataset's runs that hold the joint, from 0 to 1; read part by part."""
+    lengths = dataset["status"].sizes
+    held_runs = sum(
+        int(held(dataset.isel(dict(zip(lengths, part.selection, strict=True)))).sum())
+        for part in parts(tuple(lengths.values()))
+    )
+    return held_runs / dataset["status"].size
 
 
 def holds(status: npt.NDArray[Any], final_e: Array, max_abs_e: Array, final_saturated: Array) -> Mask:

@@ -15,7 +15,7 @@ import io
 import json
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -157,17 +157,29 @@ class Store:
             _write(self._trajectories(start), _npy(result.trajectories))
         _write(self._table(start), _npy(result.table))
 
-    def columns(self, first: int, count: int) -> Array:
-        """Some neighbouring columns of all chunks' tables, shape (count, runs)."""
-        result = np.empty((count, self.request.plan.runs))
-        for start in self.starts():
-            table = np.load(self._table(start))
-            result[:, start : start + len(table)] = table[:, first : first + count].T
-        return result
+    def table(self, start: int, stop: int) -> Array:
+        """Tables of the runs start..stop-1, shape (stop - start, METRICS + nX)."""
+        return self._rows(self._table, 1, METRICS + self.size, start, stop)
 
-    def trajectories(self) -> Array:
-        """All trajectories, shape (runs, instants, nX + 2)."""
-        return np.concatenate([np.load(self._trajectories(start)) for start in self.starts()])
+    def trajectories(self, start: int, stop: int) -> Array:
+        """Some rows of all trajectories, one after another: run i has rows i*instants..(i+1)*instants-1.
+
+        Returns:
+            Shape (stop - start, nX + 2): X, v, e.
+        """
+        return self._rows(self._trajectories, len(self.request.times()), self.size + 2, start, stop)
+
+    def _rows(self, path: Callable[[int], Path], each: int, width: int, start: int, stop: int) -> Array:
+        """Rows start..stop-1 of what all chunks hold, `each` rows a run; no more of a file is read."""
+        result = np.empty((stop - start, width))
+        for first in self.starts():
+            low, high = first * each, (first + self.length(first)) * each
+            if low < stop and high > start:
+                rows = np.load(path(first), mmap_mode="r").reshape(-1, width)
+                some = rows[max(start - low, 0) : stop - low]
+                at = max(low - start, 0)
+                result[at : at + len(some)] = some
+        return result
 
     def clear_chunks(self) -> None:
         """Remove the chunks."""

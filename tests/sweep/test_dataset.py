@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import errno
 import resource
+import shutil
+import tracemalloc
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from pmjoint_codegen.errors import MissingToolError, UsageError
-from pmjoint_codegen.kernels.batch import loops_hash
+from pmjoint_codegen.kernels.batch import METRICS, loops_hash
+from pmjoint_codegen.sweep.chunks import Result
 from pmjoint_codegen.sweep.drive import drive
 from pmjoint_codegen.sweep.plan import make_plan
 from pmjoint_codegen.sweep.request import make_request
@@ -24,7 +28,8 @@ from .conftest import Case, files, sweep
 pytest.importorskip("xarray")
 pytest.importorskip("zarr")
 
-from pmjoint_codegen.sweep import dataset
+from pmjoint_codegen.sweep import dataset, formats, parts
+from pmjoint_codegen.sweep.totals import totals
 
 
 def test_chunks_go_when_the_dataset_is_on_the_disk_and_stay_when_it_cannot_be(
@@ -49,7 +54,7 @@ def test_chunks_go_when_the_dataset_is_on_the_disk_and_stay_when_it_cannot_be(
 def test_an_absent_extra_is_named_with_the_line_that_installs_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(MissingToolError, match=r"pip install 'pmjoint-codegen\[sweep\]'"):
-        dataset.require(())
+        formats.require(())
 
 
 def test_the_dataset_says_what_it_is(case: Case, tmp_path: Path) -> None:
@@ -77,12 +82,75 @@ def test_the_dataset_says_what_it_is(case: Case, tmp_path: Path) -> None:
     }
 
 
+def test_the_parts_that_a_dataset_is_written_in_do_not_change_it(
+    case: Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A part here is less than a chunk, then more than one run's trajectory, then a piece of one."""
+    plan = make_plan(("x1=-2:2:5", "c1=-1,15", "x2=0:1:3"), (), None, 0, "sobol")
+    request = make_request(case.manifest, plan, horizon=1.0, output_step=0.01)
+    whole = dataset.read(sweep(replace(case, request=request), tmp_path / "whole").dataset)
+    for size in (7, 250, 60):
+        monkeypatch.setattr(parts, "PART", size)
+        store = sweep(replace(case, request=request), tmp_path / str(size))
+        assert dataset.read(store.dataset).identical(whole)
+
+
+def test_memory_to_write_a_dataset_does_not_grow_with_it(
+    case: Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At its most are a part's rows and copies of a few columns, beside what Zarr itself needs."""
+    monkeypatch.setattr(parts, "PART", 2**12)
+
+    def peak(runs: int) -> int:
+        plan = make_plan((f"x1=0:1:{runs}",), (), None, 0, "sobol")
+        store = Store(tmp_path / str(runs), make_request(case.manifest, plan), case.manifest.nX)
+        store.open()
+        for start in store.starts():
+            table = np.zeros((store.length(start), METRICS + store.size))
+            store.keep(start, Result(table, np.empty(0)))
+        tracemalloc.start()
+        try:
+            dataset.assemble(store, case.manifest)
+            totals(store.dataset)
+            return tracemalloc.get_traced_memory()[1]
+        finally:
+            tracemalloc.stop()
+
+    few, many = peak(2**13), peak(2**17)
+    part = 8 * 2**12 * (METRICS + case.manifest.nX)
+    axis_and_metric = 8 * 2**17 * 4  # the axis as asked for, as numbers; the one metric of those that hold
+    assert few > part
+    assert many < few + axis_and_metric < 8 * 2**17 * (METRICS + case.manifest.nX)
+
+
+@pytest.mark.parametrize("kind", ["netcdf", "parquet"])
+def test_a_format_is_the_same_in_however_many_parts(
+    case: Case, tmp_path: Path, kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip({"netcdf": "h5py", "parquet": "pyarrow"}[kind])
+    store = sweep(case, tmp_path, threads=2)
+    path = formats.export(store.dataset, kind)
+    whole = _opened(path, 1)
+    shutil.rmtree(store.dataset)
+    monkeypatch.setattr(parts, "PART", 700)
+    formats.export(sweep(case, tmp_path, threads=2).dataset, kind)
+    again = _opened(path, len(list(parts.parts(tuple(case.request.plan.dimensions.values())))))
+    assert again.equals(whole)
+    assert again.attrs == whole.attrs
+
+
+def _opened(path: Path, groups: int) -> Any:
+    if path.suffix == ".nc":
+        return import_module("xarray").load_dataset(path, engine="h5netcdf")
+    return import_module("pandas").read_parquet(path)
+
+
 @pytest.mark.parametrize("kind", ["netcdf", "parquet"])
 def test_other_formats_hold_the_same_numbers(case: Case, tmp_path: Path, kind: str) -> None:
     pytest.importorskip({"netcdf": "h5py", "parquet": "pyarrow"}[kind])
     store = sweep(case, tmp_path, threads=2)
     data = dataset.read(store.dataset)
-    path = dataset.export(data, tmp_path, kind)
+    path = formats.export(store.dataset, kind)
     if kind == "netcdf":
         import xarray as xr
 
@@ -102,10 +170,11 @@ def test_an_export_that_finds_no_room_is_said_so_and_leaves_nothing(
     case: Case, tmp_path: Path, kind: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip({"netcdf": "h5py", "parquet": "pyarrow"}[kind])
-    data = dataset.read(sweep(case, tmp_path, threads=2).dataset)
+    store = sweep(case, tmp_path, threads=2)
+    size = dataset.read(store.dataset).nbytes
     there = set(tmp_path.iterdir())
     if kind == "netcdf":  # HDF5 itself crashes where a disk is full
-        monkeypatch.setattr("shutil.disk_usage", lambda folder: SimpleNamespace(free=data.nbytes - 1))
+        monkeypatch.setattr("shutil.disk_usage", lambda folder: SimpleNamespace(free=size - 1))
         words = "sweep.nc: cannot be written .no space left"
     else:
         before = resource.getrlimit(resource.RLIMIT_FSIZE)
@@ -113,7 +182,7 @@ def test_an_export_that_finds_no_room_is_said_so_and_leaves_nothing(
         words = r"sweep.parquet: cannot be written \(.*file too large"
     try:
         with pytest.raises(UsageError, match=words):
-            dataset.export(data, tmp_path, kind)
+            formats.export(store.dataset, kind)
     finally:
         if kind == "parquet":
             resource.setrlimit(resource.RLIMIT_FSIZE, before)

@@ -137,6 +137,22 @@ def test_a_caption_stays_inside_its_figure(
     assert box.x1 <= figure.bbox.x1
 
 
+def test_a_map_of_more_cells_than_pixels_is_thinned_and_says_so(
+    case: Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data = made(case, tmp_path, ("x1=-90:90:7", "x2=-20:20:5"), horizon=30.0)
+    share = drawn(data, case, "region").axes[0].get_title()
+    monkeypatch.setattr(maps, "MOST_CELLS", 4)
+    figure = drawn(data, case, "region")
+    cells = figure.axes[0].collections[0].get_array()
+    settling = data["settling_s"].where(held(data)).transpose("x2", "x1").values[::2, ::2]
+    assert np.array_equal(cells.filled(np.nan), settling, equal_nan=True)
+    assert "Drawn: 1 in 2 values of $x_{1}$, 1 in 2 values of $x_{2}$." in " ".join(
+        figure.get_supxlabel().split()
+    )
+    assert figure.axes[0].get_title() == share  # of all runs
+
+
 def test_a_map_shows_every_run_where_it_stands_whatever_the_order_and_length_of_the_axes(
     case: Case, tmp_path: Path
 ) -> None:

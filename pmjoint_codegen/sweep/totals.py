@@ -1,0 +1,76 @@
+"""A finished sweep in a few numbers, read part by part: how runs ended, and quantiles of those that hold."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from pmjoint_codegen.sweep.metrics import status_meanings
+from pmjoint_codegen.sweep.parts import parts
+from pmjoint_codegen.sweep.reach import ENDS, holds
+from pmjoint_codegen.sweep.validity import Mask
+
+if TYPE_CHECKING:
+    import zarr
+
+REPORTED: Final = ("ise", "max_abs_e", "settling_s", "saturated_s", "max_abs_v")
+PERCENTS: Final = {"p5": 5.0, "median": 50.0, "p95": 95.0}
+
+
+@dataclass(frozen=True)
+class Totals:
+    """What became of all runs.
+
+    Attributes:
+        status: number of runs by how they ended, in words; only endings that occurred.
+        held: number of runs that hold the joint.
+        quantiles: of the runs that do, by metric and by quantile; None where no run has the metric.
+    """
+
+    status: Mapping[str, int]
+    held: int
+    quantiles: Mapping[str, Mapping[str, float] | None]
+
+
+def totals(dataset: Path) -> Totals:
+    """Count and sort; in memory at a time are a byte a run and one metric of the runs that hold.
+
+    Args:
+        dataset: folder of ``sweep.zarr``.
+    """
+    import zarr
+
+    arrays = {name: zarr.open_array(dataset / name, mode="r") for name in {*ENDS, *REPORTED}}
+    shape = arrays["status"].shape
+    held = np.zeros(arrays["status"].size, dtype=np.bool_)
+    counts: Counter[int] = Counter()
+    for part in parts(shape):
+        status, *ends = (np.asarray(arrays[name][part.selection]).reshape(-1) for name in ENDS)
+        held[part.start : part.stop] = holds(status, *ends)
+        values, numbers = np.unique(status, return_counts=True)
+        counts.update(dict(zip(values.tolist(), numbers.tolist(), strict=True)))
+    return Totals(
+        status={words: counts[value] for value, words in status_meanings().items() if counts[value]},
+        held=int(held.sum()),
+        quantiles={name: _quantiles(arrays[name], held) for name in REPORTED},
+    )
+
+
+def _quantiles(array: zarr.Array[Any], held: Mask) -> Mapping[str, float] | None:
+    """Of what is finite among the runs that hold."""
+    values = np.empty(int(held.sum()))
+    count = 0
+    for part in parts(array.shape):
+        piece = np.asarray(array[part.selection]).reshape(-1)[held[part.start : part.stop]]
+        piece = piece[np.isfinite(piece)]
+        values[count : count + len(piece)] = piece
+        count += len(piece)
+    if not count:
+        return None
+    found = np.percentile(values[:count], list(PERCENTS.values()), overwrite_input=True)
+    return dict(zip(PERCENTS, found.tolist(), strict=True))
