@@ -12,6 +12,7 @@ import math
 import operator
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -61,6 +62,21 @@ class Rule:
     terms: tuple[str, ...]
     what: str
     allowed: str
+
+    @cached_property
+    def trees(self) -> tuple[ast.expr, ...]:
+        """The terms' syntax; a name may be a word of Python, such as lambda."""
+        return tuple(
+            ast.Name(term) if term.isidentifier() else ast.parse(term, mode="eval").body
+            for term in self.terms
+        )
+
+    @cached_property
+    def names(self) -> frozenset[str]:
+        """Parameters that the rule is about, and functions."""
+        return frozenset(
+            node.id for tree in self.trees for node in ast.walk(tree) if isinstance(node, ast.Name)
+        )
 
 
 def check_values(
@@ -162,12 +178,8 @@ def _broken(rule: Rule, found: Sequence[float]) -> str:
 def _terms(rule: Rule, columns: Mapping[str, Numbers]) -> list[Numbers]:
     size = len(next(iter(columns.values())))
     with np.errstate(all="ignore"):  # what is not finite breaks the rule
-        return [np.broadcast_to(_term(text, columns), size) for text in rule.terms]
-
-
-def _term(text: str, columns: Mapping[str, Numbers]) -> Numbers:
-    tree = ast.Name(text) if text in columns else ast.parse(text, mode="eval").body
-    return np.asarray(_evaluate(tree, columns), dtype=np.float64)
+        found = (np.asarray(_evaluate(tree, columns), dtype=np.float64) for tree in rule.trees)
+        return [np.broadcast_to(term, size) for term in found]
 
 
 def _evaluate(node: ast.expr, columns: Mapping[str, Numbers]) -> Any:

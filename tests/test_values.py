@@ -145,6 +145,12 @@ def test_terms_are_arithmetic_and_nothing_else(text: str) -> None:
         obeys(rule("positive", text), {"a": np.array([2.0]), "b": np.array([3.0])})
 
 
+def test_a_rule_knows_its_parameters() -> None:
+    assert rule("finite", "a*sqrt(b)", "c_plant").names == {"a", "b", "sqrt", "c_plant"}
+    assert rule("positive", "lambda").names == {"lambda"}
+    assert obeys(rule("positive", "lambda"), {"lambda": np.array([1.0])})[0]
+
+
 def test_rules_hold_design_by_design() -> None:
     a = {"a": np.array([-1.0, 0.0, 1.0, math.nan, math.inf])}
     assert obeys(rule("positive", "a"), a).tolist() == [False, False, True, False, False]

@@ -160,8 +160,9 @@ def _values(manifest: Manifest, overrides: Mapping[str, float], compensator: boo
         where="",
         error=UsageError,
     )
-    if overrides:  # the model's own values keep its rules: they were read with its file
-        check_rules(values, manifest.rules, error=UsageError)
+    # The model's own values keep its rules: they were read with its file.
+    changed = {*overrides, *(own for own, name in manifest.own.items() if name in overrides)}
+    check_rules(values, (rule for rule in manifest.rules if rule.names & changed), error=UsageError)
     return values
 
 
