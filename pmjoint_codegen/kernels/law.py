@@ -20,7 +20,7 @@ class Law:
         v: (29), shape (1,).
     """
 
-    __slots__ = ("_run", "alpha", "s", "v", "y", "y_r", "z")
+    __slots__ = ("_places", "_run", "_value", "alpha", "s", "v", "y", "y_r", "z")
 
     def __init__(self, evaluator: PreparingEvaluator, p: Array) -> None:
         """Make the law ready.
@@ -34,6 +34,8 @@ class Law:
         own[:] = p
         self.z, self.alpha, self.v = prepared.outputs
         self._run = prepared.run
+        self._value = self.v.item
+        self._places = self.s.data, self.y_r.data
 
     def __call__(self, state: npt.ArrayLike, y: float, reference: npt.ArrayLike) -> float:
         """Evaluate.
@@ -46,6 +48,21 @@ class Law:
         Raises:
             UsageError: shapes that do not fit.
         """
+        s, y_r = self._places
+        try:
+            s[:], self.y[0], y_r[:] = state, y, reference  # type: ignore[assignment]  # of doubles: half the time
+        except (TypeError, ValueError):
+            self._write(state, y, reference)
+        self._run()
+        return self._value()
+
+    def evaluate(self) -> float:
+        """Evaluate at what has been written into `s`, `y` and `y_r`: the fastest way."""
+        self._run()
+        return self._value()
+
+    def _write(self, state: npt.ArrayLike, y: float, reference: npt.ArrayLike) -> None:
+        """Take lists and other kinds of numbers, too, and say what does not fit."""
         try:
             fits = len(state) == len(self.s) and len(reference) == len(self.y_r)  # type: ignore[arg-type]
             self.s[:], self.y[0], self.y_r[:] = state, y, reference
@@ -54,10 +71,3 @@ class Law:
         if not fits:
             rule = f"a state of length {len(self.s)}, a number, a reference of length {len(self.y_r)}"
             raise UsageError("takes other shapes", where="law", remedy=rule)
-        self._run()
-        return self.v.item()
-
-    def evaluate(self) -> float:
-        """Evaluate at what has been written into `s`, `y` and `y_r`: the fastest way."""
-        self._run()
-        return self.v.item()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from pmjoint_codegen import ClosedLoop
 from pmjoint_codegen.build.compiler import find_compiler
 from pmjoint_codegen.errors import BuildError, MissingToolError, SimulationError, UsageError
+from pmjoint_codegen.kernels.evaluator import Array
 
 
 @pytest.fixture(scope="module")
@@ -68,6 +70,22 @@ def test_a_prepared_law_is_control_one_state_at_a_time(
         assert law.v[0] == law.evaluate()
     assert type(law.evaluate()) is float
     assert (law.z.shape, law.alpha.shape) == ((2,), (1,))
+
+
+@pytest.mark.parametrize(
+    "kept",
+    [
+        lambda a: a.astype(np.float32),
+        lambda a: a.astype(int),
+        lambda a: np.repeat(a, 2)[::2],
+        lambda a: a.astype(">f8"),
+    ],
+)
+def test_a_prepared_law_takes_every_kind_of_numbers(loop: ClosedLoop, kept: Callable[[Array], Array]) -> None:
+    law = loop.law()
+    s, y_r = kept(np.linspace(-3.0, 4.0, 8)), kept(np.array([2.0, -1.0, 4.0]))
+    assert law(s, float(y_r[0]), y_r) == loop.control(s, y_r[0], y_r)
+    assert law.s.tolist() == s.tolist()
 
 
 def test_a_law_of_other_shapes_or_parameters_is_refused(loop: ClosedLoop) -> None:
