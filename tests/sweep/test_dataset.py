@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import json
 import resource
 import shutil
 import tracemalloc
@@ -142,7 +143,18 @@ def test_a_format_is_the_same_in_however_many_parts(
 def _opened(path: Path, groups: int) -> Any:
     if path.suffix == ".nc":
         return import_module("xarray").load_dataset(path, engine="h5netcdf")
+    assert import_module("pyarrow.parquet").ParquetFile(path).num_row_groups == groups
     return import_module("pandas").read_parquet(path)
+
+
+def test_variables_stand_in_one_order_however_they_are_found(case: Case, tmp_path: Path) -> None:
+    samples = [f"{name}~uniform(1,2)" for name in ("x2", "c1", "x1", "b0", "k1", "ck2", "e1")]
+    plan = make_plan(("compensator=0,1",), tuple(samples), 2, 0, "sobol")
+    store = sweep(replace(case, request=make_request(case.manifest, plan, horizon=0.1)), tmp_path)
+    names = [str(name) for name in dataset.read(store.dataset).variables]
+    results = json.loads(dataset.read(store.dataset).attrs["variables"])
+    assert names == [*results, *sorted({*names} - {*results})]
+    assert len(names) == len(results) + len(samples) + 2
 
 
 @pytest.mark.parametrize("kind", ["netcdf", "parquet"])
@@ -163,6 +175,7 @@ def test_other_formats_hold_the_same_numbers(case: Case, tmp_path: Path, kind: s
         assert np.array_equal(frame["ise"].values, data["ise"].values.ravel(), equal_nan=True)
         assert frame.attrs["units"]["ise"] == "rad^2 s"
         assert frame.attrs["units"]["x1"] == "rad"
+        assert import_module("pyarrow.parquet").read_table(path).to_pandas().attrs == frame.attrs
 
 
 @pytest.mark.parametrize("kind", ["netcdf", "parquet"])
