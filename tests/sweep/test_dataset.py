@@ -58,6 +58,31 @@ def test_an_absent_extra_is_named_with_the_line_that_installs_it(monkeypatch: py
         formats.require(())
 
 
+def test_each_format_needs_its_own_packages(monkeypatch: pytest.MonkeyPatch) -> None:
+    there = {"xarray", "zarr", "h5netcdf", "h5py", "pandas"}
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: name if name in there else None)
+    formats.require(())
+    for kind, absent in {"netcdf": "dask", "parquet": "pyarrow", "dask": "distributed"}.items():
+        with pytest.raises(MissingToolError, match=f"^{absent} is needed"):
+            formats.require((kind,))
+
+
+def test_numbers_of_things_are_whole_and_trajectories_are_no_rows(case: Case, tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow")
+    plan = make_plan(("x1=-2:2:5", "c1=-1,15"), (), None, 0, "sobol")
+    request = make_request(case.manifest, plan, horizon=1.0, output_step=0.1)
+    store = sweep(replace(case, request=request), tmp_path)
+    data, streamed = dataset.read(store.dataset), dataset.read(store.dataset, streamed=True)
+    whole = {name for name, item in data.data_vars.items() if item.dtype == np.int64}
+    assert whole == {"status", "steps", "switches", "final_saturated"}
+    assert data["trajectory_e"].shape == (5, 2, 11)
+    frame = import_module("pandas").read_parquet(formats.export(store.dataset, "parquet"))
+    assert len(frame) == plan.runs
+    assert list(frame.columns) == json.loads(data.attrs["variables"])
+    assert streamed["trajectory_e"].chunks is not None
+    assert streamed.identical(data)
+
+
 def test_the_dataset_says_what_it_is(case: Case, tmp_path: Path) -> None:
     store = sweep(case, tmp_path, threads=2)
     data = dataset.read(store.dataset)
