@@ -114,7 +114,7 @@ def read(path: Path, *, streamed: bool = False) -> xr.Dataset:
     chunks: dict[str, int] | None = {} if streamed else None
     dataset = xr.open_dataset(path, engine="zarr", consolidated=False, cache=False, chunks=chunks)
     order = json.loads(dataset.attrs["variables"])
-    more = sorted(str(name) for name in dataset.data_vars if str(name) not in order)
+    more = sorted(str(name) for name in dataset.variables if str(name) not in order)  # found in any order
     ordered: xr.Dataset = dataset[[*order, *more]]
     return ordered
 

@@ -74,13 +74,14 @@ def _netcdf(dataset: Path, path: Path) -> None:
 
 
 def _parquet(dataset: Path, path: Path) -> None:
-    """A row a run, a group of rows a part; the attributes, and every unit, where pandas looks for them."""
+    """A row a run, a group of rows a part; the attributes, and every unit, where pandas and Arrow look."""
     arrow, parquet = import_module("pyarrow"), import_module("pyarrow.parquet")  # untyped
     runs = read(dataset).drop_dims("t", errors="ignore")
     lengths = runs["status"].sizes
-    schema = arrow.Table.from_pandas(_rows(runs, [slice(1)] * len(lengths))).schema
-    attributes = {b"PANDAS_ATTRS": json.dumps({**runs.attrs, "units": _units(runs)}).encode()}
-    schema = schema.with_metadata({**schema.metadata, **attributes})
+    head = _rows(runs, [slice(1)] * len(lengths))
+    head.attrs = {**runs.attrs, "units": _units(runs)}
+    schema = arrow.Table.from_pandas(head).schema  # where Arrow looks for attributes; pandas looks elsewhere
+    schema = schema.with_metadata({**schema.metadata, b"PANDAS_ATTRS": json.dumps(head.attrs).encode()})
     with parquet.ParquetWriter(path, schema) as writer:
         for part in parts(tuple(lengths.values())):
             writer.write_table(arrow.Table.from_pandas(_rows(runs, part.selection), schema=schema))

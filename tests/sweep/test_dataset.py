@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import json
 import resource
 import shutil
 import tracemalloc
@@ -55,6 +56,31 @@ def test_an_absent_extra_is_named_with_the_line_that_installs_it(monkeypatch: py
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(MissingToolError, match=r"pip install 'pmjoint-codegen\[sweep\]'"):
         formats.require(())
+
+
+def test_each_format_needs_its_own_packages(monkeypatch: pytest.MonkeyPatch) -> None:
+    there = {"xarray", "zarr", "h5netcdf", "h5py", "pandas"}
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: name if name in there else None)
+    formats.require(())
+    for kind, absent in {"netcdf": "dask", "parquet": "pyarrow", "dask": "distributed"}.items():
+        with pytest.raises(MissingToolError, match=f"^{absent} is needed"):
+            formats.require((kind,))
+
+
+def test_numbers_of_things_are_whole_and_trajectories_are_no_rows(case: Case, tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow")
+    plan = make_plan(("x1=-2:2:5", "c1=-1,15"), (), None, 0, "sobol")
+    request = make_request(case.manifest, plan, horizon=1.0, output_step=0.1)
+    store = sweep(replace(case, request=request), tmp_path)
+    data, streamed = dataset.read(store.dataset), dataset.read(store.dataset, streamed=True)
+    whole = {name for name, item in data.data_vars.items() if item.dtype == np.int64}
+    assert whole == {"status", "steps", "switches", "final_saturated"}
+    assert data["trajectory_e"].shape == (5, 2, 11)
+    frame = import_module("pandas").read_parquet(formats.export(store.dataset, "parquet"))
+    assert len(frame) == plan.runs
+    assert list(frame.columns) == json.loads(data.attrs["variables"])
+    assert streamed["trajectory_e"].chunks is not None
+    assert streamed.identical(data)
 
 
 def test_the_dataset_says_what_it_is(case: Case, tmp_path: Path) -> None:
@@ -142,7 +168,18 @@ def test_a_format_is_the_same_in_however_many_parts(
 def _opened(path: Path, groups: int) -> Any:
     if path.suffix == ".nc":
         return import_module("xarray").load_dataset(path, engine="h5netcdf")
+    assert import_module("pyarrow.parquet").ParquetFile(path).num_row_groups == groups
     return import_module("pandas").read_parquet(path)
+
+
+def test_variables_stand_in_one_order_however_they_are_found(case: Case, tmp_path: Path) -> None:
+    samples = [f"{name}~uniform(1,2)" for name in ("x2", "c1", "x1", "b0", "k1", "ck2", "e1")]
+    plan = make_plan(("compensator=0,1",), tuple(samples), 2, 0, "sobol")
+    store = sweep(replace(case, request=make_request(case.manifest, plan, horizon=0.1)), tmp_path)
+    names = [str(name) for name in dataset.read(store.dataset).variables]
+    results = json.loads(dataset.read(store.dataset).attrs["variables"])
+    assert names == [*results, *sorted({*names} - {*results})]
+    assert len(names) == len(results) + len(samples) + 2
 
 
 @pytest.mark.parametrize("kind", ["netcdf", "parquet"])
@@ -163,6 +200,7 @@ def test_other_formats_hold_the_same_numbers(case: Case, tmp_path: Path, kind: s
         assert np.array_equal(frame["ise"].values, data["ise"].values.ravel(), equal_nan=True)
         assert frame.attrs["units"]["ise"] == "rad^2 s"
         assert frame.attrs["units"]["x1"] == "rad"
+        assert import_module("pyarrow.parquet").read_table(path).to_pandas().attrs == frame.attrs
 
 
 @pytest.mark.parametrize("kind", ["netcdf", "parquet"])

@@ -151,6 +151,11 @@ def test_a_map_of_more_cells_than_pixels_is_thinned_and_says_so(
         figure.get_supxlabel().split()
     )
     assert figure.axes[0].get_title() == share  # of all runs
+    monkeypatch.setattr(maps, "MOST_CELLS", 5)  # as many as there are of x2
+    for name in ("region", "map_ise"):
+        figure = drawn(data, case, name)
+        assert figure.axes[0].collections[0].get_array().shape == (5, 4)
+        assert "Drawn: 1 in 2 values of $x_{1}$." in " ".join(figure.get_supxlabel().split())
 
 
 def test_a_map_shows_every_run_where_it_stands_whatever_the_order_and_length_of_the_axes(
