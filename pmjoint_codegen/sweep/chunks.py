@@ -40,7 +40,7 @@ def simulate_chunk(library: BatchLibrary, request: Request, columns: Mapping[str
     """
     manifest = library.manifest
     x0, p = fill_in(manifest, request, columns)
-    count, rows = len(p), len(request.times())
+    count, rows = len(p), request.instants
     table = np.full((count, METRICS + manifest.nX), np.nan)
     trajectories = np.full((count, rows, manifest.nX + 2), np.nan)
     table[:, Column.STATUS] = INVALID

@@ -158,7 +158,7 @@ def _coordinates(
     for name, values in plan.drawn.items():
         yield name, _Variable(draws, units[name]), values
     if request.output_step:
-        yield "t", _Variable({"t": len(request.times())}, {"units": "s"}), request.times()
+        yield "t", _Variable({"t": request.instants}, {"units": "s"}), request.times()
 
 
 def _attributes(request: Request, manifest: Manifest) -> dict[str, Any]:
@@ -215,7 +215,7 @@ def _metrics(request: Request, manifest: Manifest) -> Iterator[tuple[str, _Varia
 
 def _trajectories(request: Request, manifest: Manifest) -> Iterator[tuple[str, _Variable]]:
     """One variable a signal, over the sweep's dimensions and t."""
-    lengths = {**request.plan.dimensions, "t": len(request.times())}
+    lengths = {**request.plan.dimensions, "t": request.instants}
     units = {item.name: item.unit for item in (*manifest.states, *manifest.signals)}
     for name in trajectory_names(manifest):
         yield f"trajectory_{name}", _Variable(lengths, {"units": units[name]})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
@@ -86,12 +87,16 @@ class Request:
 
     def times(self) -> Array:
         """Instants of the trajectories, s; none where none are kept."""
-        if not self.output_step:
-            return np.empty(0)
-        count = int(np.ceil(self.horizon / self.output_step * (1 - 1e-12)))
-        times = np.arange(count + 1, dtype=np.float64) * self.output_step
-        times[-1] = self.horizon
+        times = np.arange(self.instants, dtype=np.float64) * self.output_step
+        times[-1:] = self.horizon
         return times
+
+    @property
+    def instants(self) -> int:
+        """Number of instants of the trajectories."""
+        if not self.output_step:
+            return 0
+        return 1 + math.ceil(self.horizon / self.output_step * (1 - 1e-12))
 
 
 def make_request(
@@ -141,7 +146,7 @@ def make_request(
     _check_names(manifest, plan, (*(parameters or {}), *(() if compensator is None else (COMPENSATOR,))))
     own = tuple(name for name in manifest.own if name in (parameters or {}))
     request = _request(manifest, plan, replace(settings, divergence=_positive(divergence)), own, output_step)
-    size = 8 * plan.runs * len(request.times()) * (manifest.nX + 2)
+    size = 8 * plan.runs * request.instants * (manifest.nX + 2)
     if size > MAX_TRAJECTORIES:
         raise UsageError(
             f"would keep {size / 2**30:.1f} GiB of trajectories",

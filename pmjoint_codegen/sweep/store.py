@@ -167,7 +167,7 @@ class Store:
         Returns:
             Shape (stop - start, nX + 2): X, v, e.
         """
-        return self._rows(self._trajectories, len(self.request.times()), self.size + 2, start, stop)
+        return self._rows(self._trajectories, self.request.instants, self.size + 2, start, stop)
 
     def _rows(self, path: Callable[[int], Path], each: int, width: int, start: int, stop: int) -> Array:
         """Rows start..stop-1 of what all chunks hold, `each` rows a run; no more of a file is read."""
