@@ -28,8 +28,8 @@ _POSITIVE_GAINS = ("c", "e", "ck")
 Numbers = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
-_OPERATORS: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = MappingProxyType(
-    {
+OPERATORS: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = MappingProxyType(
+    {  # of every expression, in model files and in rules
         ast.Add: operator.add,
         ast.Sub: operator.sub,
         ast.Mult: operator.mul,
@@ -192,7 +192,7 @@ def _evaluate(node: ast.expr, columns: Mapping[str, Numbers]) -> Any:
         case ast.UnaryOp(op=ast.USub(), operand=operand):
             return -_evaluate(operand, columns)
         case ast.BinOp(left=left, op=op, right=right):
-            return _OPERATORS[type(op)](_evaluate(left, columns), _evaluate(right, columns))
+            return OPERATORS[type(op)](_evaluate(left, columns), _evaluate(right, columns))
         case ast.Call(func=ast.Name(id=name), args=[argument]):
             return _FUNCTIONS[name](_evaluate(argument, columns))
     raise ValueError(f"not an expression of parameters: {ast.unparse(node)}")

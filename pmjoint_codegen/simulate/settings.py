@@ -56,13 +56,23 @@ class Settings:
     @property
     def rows(self) -> int:
         """Number of output instants: every multiple of the step before the horizon, and the horizon."""
-        return 1 + math.ceil(self.horizon / self.output_step * (1 - 1e-12))
+        return count_instants(self.horizon, self.output_step)
 
     def times(self) -> Array:
         """Output instants, s: multiples of the step; the last one is the horizon, multiple or not."""
-        times = np.arange(self.rows, dtype=np.float64) * self.output_step
-        times[-1] = self.horizon
-        return times
+        return instants(self.horizon, self.output_step)
+
+
+def count_instants(horizon: float, step: float) -> int:
+    """Number of multiples of the step before the horizon, and one for the horizon."""
+    return 1 + math.ceil(horizon / step * (1 - 1e-12))
+
+
+def instants(horizon: float, step: float) -> Array:
+    """Multiples of the step before the horizon, and the horizon, s; shape (count_instants(...),)."""
+    times = np.arange(count_instants(horizon, step), dtype=np.float64) * step
+    times[-1] = horizon
+    return times
 
 
 def make_settings(

@@ -31,20 +31,12 @@ from pmjoint_codegen.spec.bounds import (
 )
 from pmjoint_codegen.spec.names import FUNCTIONS
 from pmjoint_codegen.spec.points import NotFiniteError, value_at
+from pmjoint_codegen.values import OPERATORS
 
 _LONGEST = 2000  # characters
 _DEEPEST = 60  # brackets or operators inside each other
 _MOST_NODES = 2000
 
-_OPERATORS: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = MappingProxyType(
-    {
-        ast.Add: operator.add,
-        ast.Sub: operator.sub,
-        ast.Mult: operator.mul,
-        ast.Div: operator.truediv,
-        ast.Pow: operator.pow,
-    }
-)
 _NOT_REAL = (sp.zoo, sp.oo, -sp.oo, sp.nan, sp.I)
 _SIGNAL = re.compile(r"t|y|x\d+")  # what no parameter may be called
 _RULE = f"allowed: numbers, names, brackets, + - * / ** and {' '.join(FUNCTIONS)}"
@@ -160,8 +152,8 @@ def _build(node: ast.expr, place: _Place, depth: int) -> _Term:
             return build(operand)
         case ast.BinOp(left=left, op=ast.Pow(), right=right):
             return _power(build(left), build(right))
-        case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATORS:
-            combine = _OPERATORS[type(op)]
+        case ast.BinOp(left=left, op=op, right=right) if type(op) in OPERATORS:
+            combine = OPERATORS[type(op)]
             return _apply(combine, combine, build(left), build(right))
         case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]) if name in place.functions:
             return _call(name, build(argument))

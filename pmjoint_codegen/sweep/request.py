@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
@@ -16,7 +15,7 @@ from pmjoint_codegen.identity import canonical_hash
 from pmjoint_codegen.kernels.batch import loops_hash
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.simulate.settings import Settings, make_settings
+from pmjoint_codegen.simulate.settings import Settings, count_instants, instants, make_settings
 from pmjoint_codegen.sweep.metrics import quantities
 from pmjoint_codegen.sweep.plan import DRAW, Plan
 from pmjoint_codegen.values import COMPENSATOR
@@ -87,16 +86,12 @@ class Request:
 
     def times(self) -> Array:
         """Instants of the trajectories, s; none where none are kept."""
-        times = np.arange(self.instants, dtype=np.float64) * self.output_step
-        times[-1:] = self.horizon
-        return times
+        return instants(self.horizon, self.output_step) if self.output_step else np.empty(0)
 
     @property
     def instants(self) -> int:
         """Number of instants of the trajectories."""
-        if not self.output_step:
-            return 0
-        return 1 + math.ceil(self.horizon / self.output_step * (1 - 1e-12))
+        return count_instants(self.horizon, self.output_step) if self.output_step else 0
 
 
 def make_request(
