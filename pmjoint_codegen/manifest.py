@@ -17,7 +17,7 @@ from pmjoint_codegen.storage import sha256
 from pmjoint_codegen.values import OWN_SUFFIX, Rule
 
 FILE_NAME: Final = "model.json"
-SCHEMA: Final = 1
+SCHEMA: Final = 2
 
 
 @dataclass(frozen=True)
@@ -100,6 +100,21 @@ class EquationText:
 
 
 @dataclass(frozen=True)
+class GuardRule:
+    """How far a step's polynomials are compared with the right-hand side, and what that leaves open.
+
+    Attributes:
+        inside: points n_j inside the step, as parts of it; its end is compared as well.
+        lebesgue: L, factor on the largest defect found at these points.
+        remainder: W of the remainder ``W / (s^N prod_j (s - n_j)) s/(s - 1)``, with the end among the n_j.
+    """
+
+    inside: tuple[float, ...]
+    lebesgue: float
+    remainder: float
+
+
+@dataclass(frozen=True)
 class Simulation:
     """Default run.
 
@@ -143,7 +158,8 @@ class Manifest:
         limit: name of the parameter that bounds the actuator.
         leading: expression of b_m.
         disturbance_bound: D_max, or None.
-        analytic: whether the plant has no kinks (abs, sign), so that the continuous integrator may take it.
+        kinks: arguments of abs and sign in the plant's rates, inner ones first; each has its zeros located.
+        guards: the rule of the steps of ``taylor`` and of ``plant_taylor``.
         states: entries of X.
         blocks: index range of x, xi, Xi, lambda, r in X.
         parameters: entries of p.
@@ -172,7 +188,8 @@ class Manifest:
     limit: str
     leading: str
     disturbance_bound: float | None
-    analytic: bool
+    kinks: tuple[str, ...]
+    guards: Mapping[str, GuardRule]
     states: tuple[Variable, ...]
     blocks: Mapping[str, tuple[int, int]]
     parameters: tuple[Parameter, ...]
@@ -188,6 +205,11 @@ class Manifest:
     def nX(self) -> int:  # noqa: N802 - X is the closed loop's state, as in the table of kernels
         """Number of states of the closed loop."""
         return len(self.states)
+
+    @property
+    def analytic(self) -> bool:
+        """Whether the plant has no kinks."""
+        return not self.kinks
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
@@ -219,7 +241,7 @@ class Manifest:
         return self._order("plant_taylor")
 
     def _order(self, name: str) -> int:
-        return dict(self.function(name).outputs)["c"] // (self.nx + 1) - 1
+        return dict(self.function(name).outputs)["c"] // (self.nx + 1 + len(self.kinks)) - 1
 
     def function(self, name: str) -> Function:
         """The kernel of that name.
@@ -285,6 +307,11 @@ class Manifest:
         contents["functions"] = tuple(_function(item) for item in contents["functions"])
         contents["blocks"] = {key: tuple(value) for key, value in contents["blocks"].items()}
         contents["partials"] = tuple(contents["partials"])
+        contents["kinks"] = tuple(contents["kinks"])
+        contents["guards"] = {
+            key: GuardRule(**{**item, "inside": tuple(item["inside"])})
+            for key, item in contents["guards"].items()
+        }
         simulation = contents["simulation"]
         contents["simulation"] = Simulation(
             **{**simulation, "x0": tuple(simulation["x0"]), "disturbance": tuple(simulation["disturbance"])}

@@ -11,6 +11,7 @@
 #define PMJ_NW 3
 #define PMJ_NP 34
 #define PMJ_NH 16
+#define PMJ_NK 0
 #define PMJ_HOLD_ORDER 5
 
 static inline double pmj_fmin(double a, double b)
@@ -26,6 +27,68 @@ static inline double pmj_fmax(double a, double b)
 static inline double pmj_sign(double a)
 {
     return a < 0.0 ? -1.0 : a > 0.0 ? 1.0 : a;
+}
+
+static inline void pmj_plant(const double *t, const double *x, const double *w, const double *p,
+                             double *restrict x_dot, double *restrict e)
+{
+    const double a0 = p[24] / p[23];
+    const double a1 = a0 * x[0];
+    const double a2 = x[1] - a1;
+    x_dot[0] = a2;
+    const double a4 = w[1] * p[25];
+    const double a5 = p[27] * p[27];
+    const double a6 = p[28] * a5;
+    const double a7 = p[26] * p[26];
+    const double a8 = a6 * a7;
+    const double a9 = p[28] + p[28];
+    const double a10 = a9 * p[27];
+    const double a11 = a10 * p[26];
+    const double a12 = a11 * p[25];
+    const double a13 = a12 * x[0];
+    const double a14 = a8 + a13;
+    const double a15 = p[25] * p[25];
+    const double a16 = p[28] * a15;
+    const double a17 = x[0] * x[0];
+    const double a18 = a16 * a17;
+    const double a19 = a14 + a18;
+    const double a20 = p[29] * p[27];
+    const double a21 = a20 * a7;
+    const double a22 = a19 + a21;
+    const double a23 = p[29] * p[26];
+    const double a24 = a23 * p[25];
+    const double a25 = a24 * x[0];
+    const double a26 = a22 + a25;
+    const double a27 = p[30] * a7;
+    const double a28 = a26 + a27;
+    const double a29 = a4 * a28;
+    const double a30 = p[23] * a7;
+    const double a31 = a29 / a30;
+    const double a32 = w[2] * p[25];
+    const double a33 = a8 + a18;
+    const double a34 = a33 + a21;
+    const double a35 = a34 + a27;
+    const double a36 = a35 - a13;
+    const double a37 = a36 - a25;
+    const double a38 = a32 * a37;
+    const double a39 = a38 / a30;
+    const double a40 = a31 + a39;
+    const double a41 = p[31] + p[31];
+    const double a42 = a41 * a15;
+    const double a43 = a42 * p[32];
+    const double a44 = a10 + p[29];
+    const double a45 = a43 * a44;
+    const double a46 = p[23] * p[26];
+    const double a47 = a45 / a46;
+    const double a48 = a47 * x[0];
+    const double a49 = a40 + a48;
+    x_dot[1] = a49;
+    const double a51 = cos(t[0]);
+    const double a52 = 3.0 * a51;
+    const double a53 = a52 / 10.0;
+    const double a54 = 0.3 - a53;
+    const double a55 = x[0] - a54;
+    e[0] = a55;
 }
 
 static inline void pmj_plant_taylor(const double *t, const double *x, const double *w, const double *p,
@@ -270,6 +333,50 @@ static inline void pmj_plant_taylor(const double *t, const double *x, const doub
     const double a236 = 8.267195767195766e-08 * a2;
     const double a237 = a219 - a236;
     c[32] = a237;
+}
+
+static inline void pmj_plant_guard(const double *t, const double *x, const double *w, const double *p, const double *R,
+                                   const double *P, double *restrict rest)
+{
+    rest[0] = 0.0;
+    const double a1 = fabs(x[0]);
+    const double a2 = a1 + a1;
+    const double a3 = a2 + P[0];
+    const double a4 = a3 * P[0];
+    const double a5 = p[25] * p[25];
+    const double a6 = a5 * p[28];
+    const double a7 = fabs(a6);
+    const double a8 = a4 * a7;
+    const double a9 = p[25] * w[1];
+    const double a10 = fabs(a9);
+    const double a11 = a8 * a10;
+    const double a12 = p[26] * p[26];
+    const double a13 = a12 * p[23];
+    const double a14 = 1.0 / a13;
+    const double a15 = fabs(a14);
+    const double a16 = a11 * a15;
+    const double a17 = p[25] * w[2];
+    const double a18 = fabs(a17);
+    const double a19 = a8 * a18;
+    const double a20 = a19 * a15;
+    const double a21 = a16 + a20;
+    rest[1] = a21;
+    const double a23 = sin(t[0]);
+    const double a24 = fabs(a23);
+    const double a25 = exp(R[0]);
+    const double a26 = 1.0 / a25;
+    const double a27 = a25 - a26;
+    const double a28 = 0.5 * a27;
+    const double a29 = a24 * a28;
+    const double a30 = cos(t[0]);
+    const double a31 = fabs(a30);
+    const double a32 = a25 + a26;
+    const double a33 = 0.5 * a32;
+    const double a34 = a33 - 1.0;
+    const double a35 = a31 * a34;
+    const double a36 = a29 + a35;
+    const double a37 = 0.30000000000000004 * a36;
+    rest[2] = a37;
 }
 
 static inline void pmj_sample(const double *t, const double *X, const double *h, const double *p, double *restrict v,

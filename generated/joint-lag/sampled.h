@@ -11,6 +11,7 @@
 #define PMJ_NW 3
 #define PMJ_NP 40
 #define PMJ_NH 36
+#define PMJ_NK 0
 #define PMJ_HOLD_ORDER 5
 
 static inline double pmj_fmin(double a, double b)
@@ -26,6 +27,112 @@ static inline double pmj_fmax(double a, double b)
 static inline double pmj_sign(double a)
 {
     return a < 0.0 ? -1.0 : a > 0.0 ? 1.0 : a;
+}
+
+static inline void pmj_plant(const double *t, const double *x, const double *w, const double *p,
+                             double *restrict x_dot, double *restrict e)
+{
+    const double a0 = p[29] / p[28];
+    const double a1 = 1.0 / p[39];
+    const double a2 = a0 + a1;
+    const double a3 = x[0] * a2;
+    const double a4 = x[1] - a3;
+    x_dot[0] = a4;
+    const double a6 = p[38] + p[38];
+    const double a7 = a6 * p[30];
+    const double a8 = p[32] * p[32];
+    const double a9 = p[33] * a8;
+    const double a10 = p[34] * p[32];
+    const double a11 = a9 + a10;
+    const double a12 = a11 + p[35];
+    const double a13 = a7 * a12;
+    const double a14 = a13 / p[28];
+    const double a15 = p[39] * p[39];
+    const double a16 = a14 * a15;
+    const double a17 = a16 * x[3];
+    const double a18 = a6 * a15;
+    const double a19 = a18 * x[2];
+    const double a20 = a17 + a19;
+    const double a21 = a6 * x[0];
+    const double a22 = a20 + a21;
+    const double a23 = a6 * p[39];
+    const double a24 = a23 * x[1];
+    const double a25 = a22 - a24;
+    const double a26 = a14 + a14;
+    const double a27 = a26 * a15;
+    const double a28 = a25 / a27;
+    const double a29 = p[30] * p[30];
+    const double a30 = a28 * a29;
+    const double a31 = a30 * x[0];
+    const double a32 = p[33] + p[33];
+    const double a33 = a32 * p[32];
+    const double a34 = a33 * p[31];
+    const double a35 = p[33] * p[30];
+    const double a36 = a35 * x[0];
+    const double a37 = a34 + a36;
+    const double a38 = p[34] * p[31];
+    const double a39 = a37 + a38;
+    const double a40 = a31 * a39;
+    const double a41 = p[31] * p[31];
+    const double a42 = p[28] * a41;
+    const double a43 = a40 / a42;
+    const double a44 = a19 + a21;
+    const double a45 = a44 - a17;
+    const double a46 = a45 - a24;
+    const double a47 = a46 / a27;
+    const double a48 = a47 * a29;
+    const double a49 = a48 * x[0];
+    const double a50 = a36 - a34;
+    const double a51 = a50 - a38;
+    const double a52 = a49 * a51;
+    const double a53 = a52 / a42;
+    const double a54 = a43 + a53;
+    const double a55 = a54 + x[2];
+    const double a56 = p[36] + p[36];
+    const double a57 = a56 * a29;
+    const double a58 = a57 * p[37];
+    const double a59 = a33 + p[34];
+    const double a60 = a58 * a59;
+    const double a61 = p[28] * p[31];
+    const double a62 = a60 / a61;
+    const double a63 = a0 / p[39];
+    const double a64 = a62 - a63;
+    const double a65 = x[0] * a64;
+    const double a66 = a55 + a65;
+    x_dot[1] = a66;
+    const double a68 = w[1] * p[30];
+    const double a69 = a68 * a12;
+    const double a70 = p[28] * p[39];
+    const double a71 = a69 / a70;
+    const double a72 = w[2] * p[30];
+    const double a73 = a72 * a12;
+    const double a74 = a73 / a70;
+    const double a75 = a71 + a74;
+    const double a76 = a42 * p[39];
+    const double a77 = a40 / a76;
+    const double a78 = a75 + a77;
+    const double a79 = a52 / a76;
+    const double a80 = a78 + a79;
+    const double a81 = a14 * w[0];
+    const double a82 = a81 / p[39];
+    const double a83 = a80 - a82;
+    const double a84 = a14 / p[39];
+    const double a85 = a84 * w[0];
+    const double a86 = a83 + a85;
+    const double a87 = a62 * x[0];
+    const double a88 = a87 / p[39];
+    const double a89 = a86 + a88;
+    x_dot[2] = a89;
+    const double a91 = w[1] - w[2];
+    const double a92 = a91 - x[3];
+    const double a93 = a92 / p[39];
+    x_dot[3] = a93;
+    const double a95 = cos(t[0]);
+    const double a96 = 3.0 * a95;
+    const double a97 = a96 / 10.0;
+    const double a98 = 0.3 - a97;
+    const double a99 = x[0] - a98;
+    e[0] = a99;
 }
 
 static inline void pmj_plant_taylor(const double *t, const double *x, const double *w, const double *p,
@@ -885,6 +992,136 @@ static inline void pmj_plant_taylor(const double *t, const double *x, const doub
     const double a851 = 8.267195767195766e-08 * a4;
     const double a852 = a741 - a851;
     c[54] = a852;
+}
+
+static inline void pmj_plant_guard(const double *t, const double *x, const double *w, const double *p, const double *R,
+                                   const double *P, double *restrict rest)
+{
+    (void)w;
+    rest[0] = 0.0;
+    const double a1 = p[39] * p[39];
+    const double a2 = p[32] * p[32];
+    const double a3 = a2 * p[33];
+    const double a4 = p[32] * p[34];
+    const double a5 = a3 + a4;
+    const double a6 = a5 + p[35];
+    const double a7 = p[38] + p[38];
+    const double a8 = p[30] * a7;
+    const double a9 = a6 * a8;
+    const double a10 = a9 / p[28];
+    const double a11 = a1 * a10;
+    const double a12 = x[3] * a11;
+    const double a13 = a1 * a7;
+    const double a14 = x[2] * a13;
+    const double a15 = a12 + a14;
+    const double a16 = x[0] * a7;
+    const double a17 = a15 + a16;
+    const double a18 = p[39] * a7;
+    const double a19 = x[1] * a18;
+    const double a20 = a17 - a19;
+    const double a21 = a10 + a10;
+    const double a22 = a1 * a21;
+    const double a23 = a20 / a22;
+    const double a24 = p[30] * p[30];
+    const double a25 = a23 * a24;
+    const double a26 = a25 * x[0];
+    const double a27 = fabs(a26);
+    const double a28 = p[30] * p[33];
+    const double a29 = fabs(a28);
+    const double a30 = P[0] * a29;
+    const double a31 = a27 * a30;
+    const double a32 = p[33] + p[33];
+    const double a33 = p[32] * a32;
+    const double a34 = p[31] * a33;
+    const double a35 = x[0] * a28;
+    const double a36 = a34 + a35;
+    const double a37 = p[31] * p[34];
+    const double a38 = a36 + a37;
+    const double a39 = fabs(a38);
+    const double a40 = fabs(a25);
+    const double a41 = a40 * P[0];
+    const double a42 = fabs(x[0]);
+    const double a43 = fabs(a11);
+    const double a44 = P[3] * a43;
+    const double a45 = fabs(a13);
+    const double a46 = P[2] * a45;
+    const double a47 = a44 + a46;
+    const double a48 = fabs(a7);
+    const double a49 = P[0] * a48;
+    const double a50 = a47 + a49;
+    const double a51 = fabs(a18);
+    const double a52 = P[1] * a51;
+    const double a53 = a50 + a52;
+    const double a54 = 1.0 / a22;
+    const double a55 = fabs(a54);
+    const double a56 = a53 * a55;
+    const double a57 = a56 * a24;
+    const double a58 = a42 * a57;
+    const double a59 = a41 + a58;
+    const double a60 = a57 * P[0];
+    const double a61 = a59 + a60;
+    const double a62 = a39 * a61;
+    const double a63 = a31 + a62;
+    const double a64 = a61 * a30;
+    const double a65 = a63 + a64;
+    const double a66 = p[31] * p[31];
+    const double a67 = a66 * p[28];
+    const double a68 = 1.0 / a67;
+    const double a69 = fabs(a68);
+    const double a70 = a65 * a69;
+    const double a71 = a14 + a16;
+    const double a72 = a71 - a12;
+    const double a73 = a72 - a19;
+    const double a74 = a73 / a22;
+    const double a75 = a74 * a24;
+    const double a76 = a75 * x[0];
+    const double a77 = fabs(a76);
+    const double a78 = a77 * a30;
+    const double a79 = a35 - a34;
+    const double a80 = a79 - a37;
+    const double a81 = fabs(a80);
+    const double a82 = fabs(a75);
+    const double a83 = a82 * P[0];
+    const double a84 = a46 + a49;
+    const double a85 = a84 + a44;
+    const double a86 = a85 + a52;
+    const double a87 = a86 * a55;
+    const double a88 = a87 * a24;
+    const double a89 = a42 * a88;
+    const double a90 = a83 + a89;
+    const double a91 = a88 * P[0];
+    const double a92 = a90 + a91;
+    const double a93 = a81 * a92;
+    const double a94 = a78 + a93;
+    const double a95 = a92 * a30;
+    const double a96 = a94 + a95;
+    const double a97 = a96 * a69;
+    const double a98 = a70 + a97;
+    rest[1] = a98;
+    const double a100 = p[39] * a67;
+    const double a101 = 1.0 / a100;
+    const double a102 = fabs(a101);
+    const double a103 = a65 * a102;
+    const double a104 = a96 * a102;
+    const double a105 = a103 + a104;
+    rest[2] = a105;
+    rest[3] = 0.0;
+    const double a108 = sin(t[0]);
+    const double a109 = fabs(a108);
+    const double a110 = exp(R[0]);
+    const double a111 = 1.0 / a110;
+    const double a112 = a110 - a111;
+    const double a113 = 0.5 * a112;
+    const double a114 = a109 * a113;
+    const double a115 = cos(t[0]);
+    const double a116 = fabs(a115);
+    const double a117 = a110 + a111;
+    const double a118 = 0.5 * a117;
+    const double a119 = a118 - 1.0;
+    const double a120 = a116 * a119;
+    const double a121 = a114 + a120;
+    const double a122 = 0.30000000000000004 * a121;
+    rest[4] = a122;
 }
 
 static inline void pmj_sample(const double *t, const double *X, const double *h, const double *p, double *restrict v,

@@ -11,6 +11,7 @@
 #define PMJ_NW 3
 #define PMJ_NP 33
 #define PMJ_NH 16
+#define PMJ_NK 0
 #define PMJ_HOLD_ORDER 5
 
 static inline double pmj_fmin(double a, double b)
@@ -26,6 +27,77 @@ static inline double pmj_fmax(double a, double b)
 static inline double pmj_sign(double a)
 {
     return a < 0.0 ? -1.0 : a > 0.0 ? 1.0 : a;
+}
+
+static inline void pmj_plant(const double *t, const double *x, const double *w, const double *p,
+                             double *restrict x_dot, double *restrict e)
+{
+    x_dot[0] = x[1];
+    const double a1 = w[1] * p[24];
+    const double a2 = p[26] * p[26];
+    const double a3 = p[27] * a2;
+    const double a4 = p[25] * p[25];
+    const double a5 = a3 * a4;
+    const double a6 = p[27] + p[27];
+    const double a7 = a6 * p[26];
+    const double a8 = a7 * p[25];
+    const double a9 = a8 * p[24];
+    const double a10 = a9 * x[0];
+    const double a11 = a5 + a10;
+    const double a12 = p[24] * p[24];
+    const double a13 = p[27] * a12;
+    const double a14 = x[0] * x[0];
+    const double a15 = a13 * a14;
+    const double a16 = a11 + a15;
+    const double a17 = p[28] * p[26];
+    const double a18 = a17 * a4;
+    const double a19 = a16 + a18;
+    const double a20 = p[28] * p[25];
+    const double a21 = a20 * p[24];
+    const double a22 = a21 * x[0];
+    const double a23 = a19 + a22;
+    const double a24 = p[29] * a4;
+    const double a25 = a23 + a24;
+    const double a26 = a1 * a25;
+    const double a27 = p[23] * a4;
+    const double a28 = a26 / a27;
+    const double a29 = w[2] * p[24];
+    const double a30 = a5 + a15;
+    const double a31 = a30 + a18;
+    const double a32 = a31 + a24;
+    const double a33 = a32 - a10;
+    const double a34 = a33 - a22;
+    const double a35 = a29 * a34;
+    const double a36 = a35 / a27;
+    const double a37 = a28 + a36;
+    const double a38 = p[32] + p[32];
+    const double a39 = a38 * p[24];
+    const double a40 = a3 + a17;
+    const double a41 = a40 + p[29];
+    const double a42 = a39 * a41;
+    const double a43 = a42 / p[23];
+    const double a44 = a43 * w[0];
+    const double a45 = a37 - a44;
+    const double a46 = p[1] * x[1];
+    const double a47 = a46 / p[23];
+    const double a48 = a45 - a47;
+    const double a49 = a48 + a44;
+    const double a50 = p[30] + p[30];
+    const double a51 = a50 * a12;
+    const double a52 = a51 * p[31];
+    const double a53 = a7 + p[28];
+    const double a54 = a52 * a53;
+    const double a55 = p[23] * p[25];
+    const double a56 = a54 / a55;
+    const double a57 = a56 * x[0];
+    const double a58 = a49 + a57;
+    x_dot[1] = a58;
+    const double a60 = cos(t[0]);
+    const double a61 = 3.0 * a60;
+    const double a62 = a61 / 10.0;
+    const double a63 = 0.3 - a62;
+    const double a64 = x[0] - a63;
+    e[0] = a64;
 }
 
 static inline void pmj_plant_taylor(const double *t, const double *x, const double *w, const double *p,
@@ -280,6 +352,50 @@ static inline void pmj_plant_taylor(const double *t, const double *x, const doub
     const double a246 = 8.267195767195766e-08 * a2;
     const double a247 = a227 - a246;
     c[32] = a247;
+}
+
+static inline void pmj_plant_guard(const double *t, const double *x, const double *w, const double *p, const double *R,
+                                   const double *P, double *restrict rest)
+{
+    rest[0] = 0.0;
+    const double a1 = fabs(x[0]);
+    const double a2 = a1 + a1;
+    const double a3 = a2 + P[0];
+    const double a4 = a3 * P[0];
+    const double a5 = p[24] * p[24];
+    const double a6 = a5 * p[27];
+    const double a7 = fabs(a6);
+    const double a8 = a4 * a7;
+    const double a9 = p[24] * w[1];
+    const double a10 = fabs(a9);
+    const double a11 = a8 * a10;
+    const double a12 = p[25] * p[25];
+    const double a13 = a12 * p[23];
+    const double a14 = 1.0 / a13;
+    const double a15 = fabs(a14);
+    const double a16 = a11 * a15;
+    const double a17 = p[24] * w[2];
+    const double a18 = fabs(a17);
+    const double a19 = a8 * a18;
+    const double a20 = a19 * a15;
+    const double a21 = a16 + a20;
+    rest[1] = a21;
+    const double a23 = sin(t[0]);
+    const double a24 = fabs(a23);
+    const double a25 = exp(R[0]);
+    const double a26 = 1.0 / a25;
+    const double a27 = a25 - a26;
+    const double a28 = 0.5 * a27;
+    const double a29 = a24 * a28;
+    const double a30 = cos(t[0]);
+    const double a31 = fabs(a30);
+    const double a32 = a25 + a26;
+    const double a33 = 0.5 * a32;
+    const double a34 = a33 - 1.0;
+    const double a35 = a31 * a34;
+    const double a36 = a29 + a35;
+    const double a37 = 0.30000000000000004 * a36;
+    rest[2] = a37;
 }
 
 static inline void pmj_sample(const double *t, const double *X, const double *h, const double *p, double *restrict v,

@@ -11,6 +11,7 @@
 #define PMJ_NW 1
 #define PMJ_NP 14
 #define PMJ_NH 16
+#define PMJ_NK 0
 #define PMJ_HOLD_ORDER 5
 
 static inline double pmj_fmin(double a, double b)
@@ -26,6 +27,24 @@ static inline double pmj_fmax(double a, double b)
 static inline double pmj_sign(double a)
 {
     return a < 0.0 ? -1.0 : a > 0.0 ? 1.0 : a;
+}
+
+static inline void pmj_plant(const double *t, const double *x, const double *w, const double *p,
+                             double *restrict x_dot, double *restrict e)
+{
+    x_dot[0] = x[1];
+    const double a1 = sin(x[1]);
+    const double a2 = cos(t[0]);
+    const double a3 = a1 * a2;
+    const double a4 = a3 / 10.0;
+    const double a5 = p[13] * w[0];
+    const double a6 = a4 + a5;
+    const double a7 = p[12] * x[0];
+    const double a8 = a6 + a7;
+    x_dot[1] = a8;
+    const double a10 = sin(t[0]);
+    const double a11 = x[0] - a10;
+    e[0] = a11;
 }
 
 static inline void pmj_plant_taylor(const double *t, const double *x, const double *w, const double *p,
@@ -406,6 +425,53 @@ static inline void pmj_plant_taylor(const double *t, const double *x, const doub
     const double a372 = 2.7557319223985883e-07 * a2;
     const double a373 = a311 + a372;
     c[32] = a373;
+}
+
+static inline void pmj_plant_guard(const double *t, const double *x, const double *w, const double *p, const double *R,
+                                   const double *P, double *restrict rest)
+{
+    (void)w;
+    (void)p;
+    rest[0] = 0.0;
+    const double a1 = sin(x[1]);
+    const double a2 = fabs(a1);
+    const double a3 = sin(t[0]);
+    const double a4 = fabs(a3);
+    const double a5 = exp(R[0]);
+    const double a6 = 1.0 / a5;
+    const double a7 = a5 - a6;
+    const double a8 = 0.5 * a7;
+    const double a9 = a4 * a8;
+    const double a10 = cos(t[0]);
+    const double a11 = fabs(a10);
+    const double a12 = a5 + a6;
+    const double a13 = 0.5 * a12;
+    const double a14 = a13 - 1.0;
+    const double a15 = a11 * a14;
+    const double a16 = a9 + a15;
+    const double a17 = a2 * a16;
+    const double a18 = cos(x[1]);
+    const double a19 = fabs(a18);
+    const double a20 = exp(P[1]);
+    const double a21 = 1.0 / a20;
+    const double a22 = a20 - a21;
+    const double a23 = 0.5 * a22;
+    const double a24 = a19 * a23;
+    const double a25 = a20 + a21;
+    const double a26 = 0.5 * a25;
+    const double a27 = a26 - 1.0;
+    const double a28 = a2 * a27;
+    const double a29 = a24 + a28;
+    const double a30 = a11 * a29;
+    const double a31 = a17 + a30;
+    const double a32 = a29 * a16;
+    const double a33 = a31 + a32;
+    const double a34 = 0.1 * a33;
+    rest[1] = a34;
+    const double a36 = a11 * a8;
+    const double a37 = a4 * a14;
+    const double a38 = a36 + a37;
+    rest[2] = a38;
 }
 
 static inline void pmj_sample(const double *t, const double *X, const double *h, const double *p, double *restrict v,

@@ -11,6 +11,7 @@
 #define PMJ_NW 1
 #define PMJ_NP 21
 #define PMJ_NH 26
+#define PMJ_NK 0
 #define PMJ_HOLD_ORDER 5
 
 static inline double pmj_fmin(double a, double b)
@@ -26,6 +27,41 @@ static inline double pmj_fmax(double a, double b)
 static inline double pmj_sign(double a)
 {
     return a < 0.0 ? -1.0 : a > 0.0 ? 1.0 : a;
+}
+
+static inline void pmj_plant(const double *t, const double *x, const double *w, const double *p,
+                             double *restrict x_dot, double *restrict e)
+{
+    const double a0 = 1.0 / p[19];
+    const double a1 = p[18] + a0;
+    const double a2 = x[0] * a1;
+    const double a3 = x[1] - a2;
+    x_dot[0] = a3;
+    const double a5 = 3.0 * t[0];
+    const double a6 = sin(a5);
+    const double a7 = a6 / 2.0;
+    const double a8 = p[20] * p[17];
+    const double a9 = a8 / p[19];
+    const double a10 = a9 * w[0];
+    const double a11 = a7 + a10;
+    const double a12 = a11 + x[2];
+    const double a13 = p[18] / p[19];
+    const double a14 = p[16] - a13;
+    const double a15 = x[0] * a14;
+    const double a16 = a12 + a15;
+    x_dot[1] = a16;
+    const double a18 = p[17] / p[19];
+    const double a19 = a18 * w[0];
+    const double a20 = p[16] * x[0];
+    const double a21 = a20 / p[19];
+    const double a22 = a19 + a21;
+    x_dot[2] = a22;
+    const double a24 = cos(t[0]);
+    const double a25 = 3.0 * a24;
+    const double a26 = a25 / 10.0;
+    const double a27 = 0.3 - a26;
+    const double a28 = x[0] - a27;
+    e[0] = a28;
 }
 
 static inline void pmj_plant_taylor(const double *t, const double *x, const double *w, const double *p,
@@ -214,6 +250,51 @@ static inline void pmj_plant_taylor(const double *t, const double *x, const doub
     const double a180 = 8.267195767195766e-08 * a3;
     const double a181 = a169 - a180;
     c[43] = a181;
+}
+
+static inline void pmj_plant_guard(const double *t, const double *x, const double *w, const double *p, const double *R,
+                                   const double *P, double *restrict rest)
+{
+    (void)x;
+    (void)w;
+    (void)p;
+    (void)P;
+    rest[0] = 0.0;
+    const double a1 = 3.0 * t[0];
+    const double a2 = cos(a1);
+    const double a3 = fabs(a2);
+    const double a4 = 3.0 * R[0];
+    const double a5 = exp(a4);
+    const double a6 = 1.0 / a5;
+    const double a7 = a5 - a6;
+    const double a8 = 0.5 * a7;
+    const double a9 = a3 * a8;
+    const double a10 = sin(a1);
+    const double a11 = fabs(a10);
+    const double a12 = a5 + a6;
+    const double a13 = 0.5 * a12;
+    const double a14 = a13 - 1.0;
+    const double a15 = a11 * a14;
+    const double a16 = a9 + a15;
+    const double a17 = 0.5 * a16;
+    rest[1] = a17;
+    rest[2] = 0.0;
+    const double a20 = sin(t[0]);
+    const double a21 = fabs(a20);
+    const double a22 = exp(R[0]);
+    const double a23 = 1.0 / a22;
+    const double a24 = a22 - a23;
+    const double a25 = 0.5 * a24;
+    const double a26 = a21 * a25;
+    const double a27 = cos(t[0]);
+    const double a28 = fabs(a27);
+    const double a29 = a22 + a23;
+    const double a30 = 0.5 * a29;
+    const double a31 = a30 - 1.0;
+    const double a32 = a28 * a31;
+    const double a33 = a26 + a32;
+    const double a34 = 0.30000000000000004 * a33;
+    rest[3] = a34;
 }
 
 static inline void pmj_sample(const double *t, const double *X, const double *h, const double *p, double *restrict v,

@@ -11,7 +11,7 @@ from derive import Derivation, Equation, Model, parameter_symbol
 from pmjoint_codegen import __version__
 from pmjoint_codegen.emit.table import Kernel, kernel_table, vocabulary
 from pmjoint_codegen.identity import Document, model_hash, structure_hash
-from pmjoint_codegen.manifest import EquationText, Function, Manifest, Parameter, Simulation, Variable
+from pmjoint_codegen.manifest import EquationText, Function, GuardRule, Manifest, Parameter, Simulation, Variable
 from pmjoint_codegen.report.notation import latex_expression
 from pmjoint_codegen.values import Rule
 
@@ -29,8 +29,10 @@ def describe_functions(derivation: Derivation, functions: Mapping[str, ca.Functi
     """The kernels as records, with their sizes and operation counts."""
     rows = {kernel.name: kernel for kernel in kernel_table(derivation)}
     described = {
-        "taylor": ("(11), (14), (23), (29)", "Taylor coefficients of X and v inside one saturation mode"),
-        "plant_taylor": ("(11)", "Taylor coefficients of the plant and of e for held w"),
+        "taylor": ("(11), (14), (23), (29)", "Taylor coefficients of what closed_loop gives"),
+        "guard": ("", "nonlinear part of what closed_loop gives on a disc around t, as a bound"),
+        "plant_taylor": ("(11)", "Taylor coefficients of what plant gives"),
+        "plant_guard": ("", "nonlinear part of what plant gives on a disc around t, as a bound"),
         "sample": ("(10), (11), (14), (23), (29)", "one sample: v, w, plant_taylor under w, the next s"),
     }
     return tuple(_function(name, function, rows.get(name), described) for name, function in functions.items())
@@ -52,6 +54,7 @@ def describe(
     derivation: Derivation,
     functions: tuple[Function, ...],
     order: int,
+    guards: Mapping[str, GuardRule],
     files: Mapping[str, str],
 ) -> Manifest:
     """The whole manifest.
@@ -61,6 +64,7 @@ def describe(
         derivation: what was derived from it.
         functions: the emitted kernels.
         order: highest Taylor coefficient.
+        guards: the rule of each kind of steps.
         files: SHA-256 of the other generated files.
     """
     model, plant, words = derivation.model, derivation.plant, vocabulary(derivation)
@@ -82,7 +86,8 @@ def describe(
         limit=str(model.limit),
         leading=str(model.plant.b[0]),
         disturbance_bound=model.disturbance_bound,
-        analytic=not any(entry.has(sp.Abs, sp.sign) for entry in plant.disturbance),
+        kinks=tuple(str(argument) for argument in words.kinks),
+        guards=guards,
         states=_states(derivation),
         blocks=_blocks(derivation),
         parameters=_parameters(derivation),

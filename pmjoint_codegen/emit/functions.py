@@ -6,10 +6,14 @@ import casadi as ca
 import sympy as sp
 
 from derive import Derivation
+from pmjoint_codegen.emit.guard import guard_function
 from pmjoint_codegen.emit.sampling import sampled_functions
 from pmjoint_codegen.emit.table import Block, Kernel, kernel_table
 from pmjoint_codegen.emit.taylor import taylor_function
 from pmjoint_codegen.emit.translate import Translator
+
+
+COMPOSED = ("taylor", "guard", "plant_taylor", "plant_guard", "sample")
 
 
 def build_function(kernel: Kernel, derivation: Derivation) -> ca.Function:
@@ -24,7 +28,7 @@ def build_function(kernel: Kernel, derivation: Derivation) -> ca.Function:
         for (_, symbols), argument in zip(kernel.inputs, arguments, strict=True)
         for i, symbol in enumerate(symbols)
     }
-    translate = Translator(kernel.name, known, kernel.given, derivation.equations)
+    translate = Translator(kernel.name, known, kernel.given, derivation.equations, kernel.sides)
     results = [_dense([translate(sp.sympify(entry)) for entry in entries]) for _, entries in kernel.outputs]
     return ca.Function(
         kernel.name, arguments, ca.cse(results), _labels(kernel.inputs), _labels(kernel.outputs)
@@ -32,7 +36,7 @@ def build_function(kernel: Kernel, derivation: Derivation) -> ca.Function:
 
 
 def build_functions(derivation: Derivation, order: int) -> dict[str, ca.Function]:
-    """Every kernel by name, in the order of the table, then ``taylor``, ``plant_taylor`` and ``sample``.
+    """Every kernel by name, in the order of the table, then those of `COMPOSED`, which are made from them.
 
     Args:
         derivation: named equations.
@@ -40,12 +44,8 @@ def build_functions(derivation: Derivation, order: int) -> dict[str, ca.Function
     """
     rows = {kernel.name: kernel for kernel in kernel_table(derivation)}
     functions = {name: build_function(kernel, derivation) for name, kernel in rows.items()}
-    loop = rows["closed_loop"]
-    v = ("v", (derivation.signals.v,))
-    with_v = Kernel(
-        "closed_loop_v", loop.inputs, (*loop.outputs, v), loop.equation, "rates and v", loop.given
-    )
-    functions["taylor"] = taylor_function("taylor", build_function(with_v, derivation), order, state="X")
+    functions["taylor"] = taylor_function("taylor", functions["closed_loop"], order, state="X")
+    functions["guard"] = guard_function("guard", functions["closed_loop"], state="X")
     return functions | sampled_functions(functions)
 
 

@@ -1,43 +1,46 @@
 """The functions that a sweep evaluates on many trajectories at once, composed from the table's rows.
 
-Continuous: ``taylor_lanes``, coefficients of X, of v and of the tracking error e = y - y_r. Its order is
-lower than in single runs: a sweep asks for 1e-6 where a single run asks for 1e-10. See docs/sweep.md for the
-measurement. Sampled: ``sample_lanes``, the kernel of a single run, and ``plant_lanes``, the plant's
-coefficients of the same order alone, for holds longer than one step.
+Continuous: ``taylor_lanes``, coefficients of X, of v, of the tracking error e = y - y_r and of kinks. Its order
+is lower than in single runs: a sweep asks for 1e-6 where a single run asks for 1e-10. See docs/sweep.md for the
+measurement. ``guard_lanes`` and ``rates_lanes`` are what a step is held to. Sampled: ``sample_lanes``, the
+kernel of a single run, and ``plant_lanes``, the plant's coefficients of the same order alone, for holds longer
+than one step, with ``plant_guard_lanes``.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import casadi as ca
 
-from pmjoint_codegen.emit.sampling import HOLD_ORDER, plant_with_error, sampled_sizes, symbols_of
+from pmjoint_codegen.emit.sampling import HOLD_ORDER, sampled_sizes, symbols_of
 from pmjoint_codegen.emit.table import Vocabulary
 from pmjoint_codegen.emit.taylor import taylor_function
 
 LANE_ORDER = 12  # continuous: least time a run from 1e-5 to 1e-8
 
 
-def lane_functions(functions: Mapping[str, ca.Function], signals: Sequence[str]) -> dict[str, ca.Function]:
+def lane_functions(functions: Mapping[str, ca.Function]) -> dict[str, ca.Function]:
     """The functions for lanes, by name.
 
     Args:
         functions: the kernels, as :func:`pmjoint_codegen.emit.functions.build_functions` gives them.
-        signals: names of the ``signals`` kernel's entries, in order.
 
     Raises:
         ModelError: for an operation without a Taylor recurrence.
     """
-    loop = _loop_with_error(functions, signals)
+    loop = functions["closed_loop"]
     return {
         "actuation_lanes": _renamed("actuation_lanes", functions["actuation"]),
         "matrices_lanes": _matrices(functions),
         "taylor_lanes": taylor_function("taylor_lanes", loop, LANE_ORDER, state="X"),
-        "arrive_lanes": _arrive(loop.size1_in("X"), LANE_ORDER),
+        "guard_lanes": _renamed("guard_lanes", functions["guard"]),
+        "rates_lanes": _renamed("rates_lanes", loop),
+        "arrive_lanes": _arrive(loop.size1_in("X"), _channels(loop), LANE_ORDER),
         "bernstein_lanes": _bernstein(LANE_ORDER),
-        "plant_lanes": taylor_function("plant_lanes", plant_with_error(functions), HOLD_ORDER, state="x"),
+        "plant_lanes": taylor_function("plant_lanes", functions["plant"], HOLD_ORDER, state="x"),
+        "plant_guard_lanes": _renamed("plant_guard_lanes", functions["plant_guard"]),
         "sample_lanes": _renamed("sample_lanes", functions["sample"]),
     }
 
@@ -47,13 +50,9 @@ def lane_sizes(words: Vocabulary) -> dict[str, int]:
     return sampled_sizes(words) | {"PMJ_NM": len(words.h) // 2, "PMJ_ORDER": LANE_ORDER}
 
 
-def _loop_with_error(functions: Mapping[str, ca.Function], signals: Sequence[str]) -> ca.Function:
-    loop = functions["closed_loop"]
-    inputs = symbols_of(loop)
-    t, X, _, p = inputs
-    reported = functions["signals"](t, X, p)
-    entries = [reported[signals.index(name)] for name in ("v", "e")]
-    return ca.Function("loop", inputs, ca.cse([loop(*inputs), *entries]), loop.name_in(), ["X_dot", "v", "e"])
+def _channels(function: ca.Function) -> int:
+    """Entries of all results together."""
+    return sum(function.size1_out(i) for i in range(function.n_out()))
 
 
 def _matrices(functions: Mapping[str, ca.Function]) -> ca.Function:
@@ -62,13 +61,12 @@ def _matrices(functions: Mapping[str, ca.Function]) -> ca.Function:
     return ca.Function("matrices_lanes", [p], [ca.densify(ca.vertcat(*both))], ["p"], ["matrices"])
 
 
-def _arrive(states: int, order: int) -> ca.Function:
+def _arrive(states: int, channels: int, order: int) -> ca.Function:
     """The end of a step of ``taylor_lanes``, and what is asked of the step, as straight lines.
 
     X there, the slopes of X and v there, both by Horner; v and e as ``sum_k a_k s^k`` over s in [0, 1]; the
     mean of e^2, by five Gauss nodes: what they leave out, the tolerance makes small (below 1e-9 of it).
     """
-    channels = states + 2
     c, h = ca.SX.sym("c", (order + 1) * channels), ca.SX.sym("h")
     values, slopes = [], []
     for i in range(states + 1):

@@ -25,7 +25,8 @@ from pmjoint_codegen.emit.describe import describe, describe_functions, tool_ver
 from pmjoint_codegen.emit.functions import build_functions
 from pmjoint_codegen.emit.lane_text import lanes_header, lanes_source
 from pmjoint_codegen.emit.lanes import lane_functions, lane_sizes
-from pmjoint_codegen.emit.sampling import SAMPLED, sampled_sizes
+from pmjoint_codegen.emit.guard import rule_of
+from pmjoint_codegen.emit.sampling import PLANT_ORDER, SAMPLED, sampled_sizes
 from pmjoint_codegen.emit.scalar_text import HEADER as SAMPLED_HEADER
 from pmjoint_codegen.emit.scalar_text import sampled_header
 from pmjoint_codegen.emit.straight_text import instructions
@@ -82,7 +83,11 @@ def generate(document: Document, model: Model, order: int | None = None) -> Arti
         **_lane_files(document, derivation, functions),
     }
     hashes = {name: sha256(text.encode()) for name, text in texts.items()}
-    manifest = describe(document, derivation, records, order, hashes)
+    guards = {
+        "taylor": rule_of(functions["closed_loop"], order),
+        "plant_taylor": rule_of(functions["plant"], PLANT_ORDER),
+    }
+    manifest = describe(document, derivation, records, order, guards, hashes)
     return Artifacts(manifest, {**texts, FILE_NAME: manifest.to_json()})
 
 
@@ -134,7 +139,7 @@ def _lane_files(
     document: Document, derivation: Derivation, functions: Mapping[str, ca.Function]
 ) -> dict[str, str]:
     words = vocabulary(derivation)
-    lanes = lane_functions(functions, [symbol.name for symbol in words.signals])
+    lanes = lane_functions(functions)
     operations = sum(len(instructions(function)) for function in lanes.values())
     what = f"{operations} operations in {len(lanes)} functions over lanes, for sweeps."
     head = banner([*provenance(document, derivation, ())[:2], what])

@@ -1,9 +1,10 @@
-"""The two functions of the sampled loop, composed from the table's rows; single runs and sweeps share them.
+"""The functions of the sampled loop, composed from the table's rows; single runs and sweeps share them.
 
 ``sample``, one whole sample: the reference, the law, the actuator, Taylor coefficients of the plant and of
 the tracking error under the held w, the controller's next state. ``plant_taylor``, the coefficients alone, up
-to a higher order, for holds that this does not reach. The error e = y - y_r is a channel of its own, so that
-what a run reports of it follows from its polynomial without evaluating the reference again.
+to a higher order, for holds that this does not reach; ``plant_guard``, what these can miss. The error
+e = y - y_r is a channel of its own, so that what a run reports of it follows from its polynomial without
+evaluating the reference again; the arguments of kinks follow it.
 """
 
 from __future__ import annotations
@@ -12,16 +13,17 @@ from collections.abc import Mapping
 
 import casadi as ca
 
+from pmjoint_codegen.emit.guard import guard_function
 from pmjoint_codegen.emit.table import Vocabulary
 from pmjoint_codegen.emit.taylor import taylor_function
 
 HOLD_ORDER = 5  # of ``sample``: one step over a hold of 1 ms at 1e-10
 PLANT_ORDER = 10  # of ``plant_taylor``: one step over a hold of 10 ms at 1e-10; see docs/design.md
-SAMPLED = ("plant_taylor", "sample")  # names of the two, in the order of ``kernels.c``
+SAMPLED = ("plant", "plant_taylor", "plant_guard", "sample")  # what ``sampled.h`` holds
 
 
 def sampled_functions(functions: Mapping[str, ca.Function]) -> dict[str, ca.Function]:
-    """The two functions, by name.
+    """``plant_taylor``, ``plant_guard`` and ``sample``.
 
     Args:
         functions: the rows of the table.
@@ -29,26 +31,22 @@ def sampled_functions(functions: Mapping[str, ca.Function]) -> dict[str, ca.Func
     Raises:
         ModelError: for an operation without a Taylor recurrence.
     """
-    plant = plant_with_error(functions)
+    plant = functions["plant"]
     return {
         "plant_taylor": taylor_function("plant_taylor", plant, PLANT_ORDER, state="x"),
+        "plant_guard": guard_function("plant_guard", plant, state="x"),
         "sample": _sample(functions, taylor_function("held", plant, HOLD_ORDER, state="x")),
     }
 
 
-def plant_with_error(functions: Mapping[str, ca.Function]) -> ca.Function:
-    """Rates of the plant for held w, and e = y - y_r."""
-    plant = functions["plant"]
-    inputs = symbols_of(plant)
-    t, x, _, p = inputs
-    e = x[0] - functions["reference"](t, p)[0]
-    return ca.Function("held", inputs, ca.cse([plant(*inputs), e]), plant.name_in(), ["x_dot", "e"])
-
-
 def _sample(functions: Mapping[str, ca.Function], held: ca.Function) -> ca.Function:
-    """One sample: y taken, v of (29), w of (10), the plant under w, the controller's next state."""
-    law, update = functions["law"], functions["sampled_update"]
-    nx, nw = held.size1_in("x"), held.size1_in("w")
+    """One sample: y taken, v of (29), w of (10), the plant under w, the controller's next state.
+
+    A kink counts on the side on which its argument is at the sample, or on neither where that is 0.
+    """
+    law, update, plant = functions["law"], functions["sampled_update"], functions["plant"]
+    nx, kinks = held.size1_in("x"), plant.size1_out("kinks") if "kinks" in plant.name_out() else 0
+    nw = held.size1_in("w") - kinks
     t, p = ca.SX.sym("t"), ca.SX.sym("p", law.size1_in("p"))
     X, h = ca.SX.sym("X", nx + law.size1_in("s")), ca.SX.sym("h", update.size1_in("h"))
     x, s = X[:nx], X[nx:]
@@ -60,7 +58,10 @@ def _sample(functions: Mapping[str, ca.Function], held: ca.Function) -> ca.Funct
             for j in range(nw)
         )
     )
-    results = [v, w, held(t, x, w, p), update(x[0], s, w[0], v, h, p)]
+    sides = ca.SX.ones(kinks)
+    for j in range(kinks):
+        sides[j] = ca.sign(plant(t, x, ca.vertcat(w, sides), p)[2][j])
+    results = [v, w, held(t, x, ca.vertcat(w, sides), p), update(x[0], s, w[0], v, h, p)]
     return ca.Function(
         "sample", [t, X, h, p], ca.cse(results), ["t", "X", "h", "p"], ["v", "w", "c", "s_next"]
     )
@@ -74,6 +75,7 @@ def sampled_sizes(words: Vocabulary) -> dict[str, int]:
         "PMJ_NW": len(words.w),
         "PMJ_NP": len(words.p),
         "PMJ_NH": len(words.h),
+        "PMJ_NK": len(words.kinks),
         "PMJ_HOLD_ORDER": HOLD_ORDER,
     }
 

@@ -3,7 +3,8 @@
 Blocks (dense vectors): ``p`` parameters, then gains and the compensator's switch; ``X`` plant states, then
 ``s`` the controller's states (xi, Xi row by row, lambda, r); ``y_r`` the reference and its derivatives; ``w``
 what the actuator delivers; ``g`` the actuator inside one saturation mode, ``w_j = g[2j] + g[2j+1] v``; ``h``
-the matrices of the exact zero-order hold. ``p`` ends with the plant's own values of parameters that it shares
+the matrices of the exact zero-order hold. Where the plant has kinks, ``g`` of the closed loop and ``w`` of the
+plant end with the side of each, +1 or -1: ``abs(a)`` is then ``side a`` and ``sign(a)`` is ``side``. ``p`` ends with the plant's own values of parameters that it shares
 with the controller: rates of x, the actuator and what is reported of the plant follow those.
 """
 
@@ -21,6 +22,7 @@ from derive.filters import filter_matrix
 from derive.sampling import Hold
 from derive.signals import derivative_name, named
 from derive.true_plant import own_symbol, seen_symbol
+from pmjoint_codegen.emit.kinks import kink_arguments
 
 Block = tuple[str, tuple[sp.Expr, ...]]
 
@@ -36,6 +38,7 @@ class Kernel:
         equation: paper numbers.
         about: one line for the reader.
         given: definitions that hold in this kernel alone.
+        sides: argument of a kink -> the symbol of the side on which it is.
     """
 
     name: str
@@ -44,6 +47,7 @@ class Kernel:
     equation: str
     about: str
     given: Mapping[sp.Symbol, sp.Expr] = field(default_factory=dict)
+    sides: Mapping[sp.Expr, sp.Symbol] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -57,6 +61,8 @@ class Vocabulary:
         w: what the actuator delivers; entry 0 is u.
         g: offset and slope of each entry of w.
         h: matrices of the zero-order hold.
+        kinks: arguments of abs and sign in the plant's rates, inner ones first.
+        sides: the side of each.
         signals: what the ``signals`` kernel returns.
         partials: every partial derivative of every virtual control.
     """
@@ -67,6 +73,8 @@ class Vocabulary:
     w: tuple[sp.Symbol, ...]
     g: tuple[sp.Symbol, ...]
     h: tuple[sp.Symbol, ...]
+    kinks: tuple[sp.Expr, ...]
+    sides: tuple[sp.Symbol, ...]
     signals: tuple[sp.Symbol, ...]
     partials: tuple[sp.Symbol, ...]
 
@@ -77,17 +85,21 @@ def vocabulary(derivation: Derivation) -> Vocabulary:
     model = derivation.model
     w = tuple(channel.symbol for channel in model.actuator)
     g = tuple(parameter_symbol(f"g_{kind}{j}") for j in range(1, len(w) + 1) for kind in ("offset", "slope"))
+    x = (*s.x, *(state.symbol for state in model.extras))
+    kinks = kink_arguments(_true_rates(derivation, x), derivation.equations)
     return Vocabulary(
         p=(
             *(item.symbol for item in derivation.model.parameters),
             *s.gains,
             *derivation.own_parameters.values(),
         ),
-        x=(*s.x, *(state.symbol for state in model.extras)),
+        x=x,
         s=s.controller_state,
         w=w,
         g=g,
         h=Hold.of(s).symbols,
+        kinks=kinks,
+        sides=tuple(parameter_symbol(f"side{i}") for i in range(1, len(kinks) + 1)),
         signals=(
             *(s.y, s.y_r[0], parameter_symbol("e"), *s.z, *s.alpha, s.v, s.u, *named("x_hat", n)),
             *disturbance_symbols(derivation.plant),
@@ -102,11 +114,11 @@ def vocabulary(derivation: Derivation) -> Vocabulary:
 
 
 def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
-    """Every function of ``kernels.c`` but the two Taylor kernels, which are made from these rows."""
+    """Every function of ``kernels.c`` but those that are made from these rows, see `functions`."""
     s, words = derivation.signals, vocabulary(derivation)
     t, p, x, state = ("t", (s.t,)), ("p", words.p), ("x", words.x), ("s", words.s)
     y, y_r, u, v, du = ("y", (s.y,)), ("y_r", s.y_r), ("u", (s.u,)), ("v", (s.v,)), ("du", (s.du,))
-    X, w, g, h = ("X", (*words.x, *words.s)), ("w", words.w), ("g", words.g), ("h", words.h)
+    X, w, h = ("X", (*words.x, *words.s)), ("w", words.w), ("h", words.h)
     limits = tuple(entry for four in actuator_limits(derivation).values() for entry in four)
     delivered = {own_symbol(symbol): symbol for symbol in words.w}
     own = _own(
@@ -114,6 +126,8 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
     )
     faced = _faced(derivation)
     in_mode = {symbol: words.g[2 * j] + words.g[2 * j + 1] * s.v for j, symbol in enumerate(words.w)}
+    sides = dict(zip(words.kinks, words.sides, strict=True))
+    e, kinks = ("e", (parameter_symbol("e"),)), [("kinks", words.kinks)] if words.kinks else []
     return (
         Kernel("reference", (t, p), (y_r,), "", "the reference and its derivatives"),
         Kernel(
@@ -149,11 +163,12 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
         ),
         Kernel(
             "plant",
-            (t, x, w, p),
-            (_rate_block("x", words.x),),
+            (t, x, ("w", (*words.w, *words.sides)), p),
+            (_rate_block("x", words.x), e, *kinks),
             "(11)",
-            "rates of the plant",
+            "rates of the plant, the tracking error",
             {**own, **delivered},
+            sides,
         ),
         Kernel(
             "actuation",
@@ -164,11 +179,12 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
         ),
         Kernel(
             "closed_loop",
-            (t, X, g, p),
-            (_rate_block("X", (*words.x, *words.s)),),
+            (t, X, ("g", (*words.g, *words.sides)), p),
+            (_rate_block("X", (*words.x, *words.s)), v, e, *kinks),
             "(11), (14), (23), (29)",
-            "rates of the closed loop inside one saturation mode",
+            "rates of the closed loop inside one saturation mode, v, the tracking error",
             {**own, **delivered, **in_mode},
+            sides,
         ),
         Kernel(
             "signals",
@@ -190,6 +206,13 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
             "the controller's state one sample later",
         ),
     )
+
+
+def _true_rates(derivation: Derivation, x: tuple[sp.Symbol, ...]) -> tuple[sp.Symbol, ...]:
+    """Symbols of the simulated plant's rates, in its own values where these may differ."""
+    rates = _rate_block("x", x)[1]
+    own = _own(derivation, rates)
+    return tuple(own.get(rate, rate) for rate in rates)
 
 
 def _own(derivation: Derivation, symbols: Iterable[sp.Symbol]) -> dict[sp.Symbol, sp.Expr]:

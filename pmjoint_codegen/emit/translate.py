@@ -44,6 +44,7 @@ class Translator:
         inputs: CasADi symbol of each input.
         given: definitions that hold in this kernel alone and go before the equations.
         equations: the derivation's named equations.
+        sides: argument of a kink -> the symbol of its side; the kinks of others stay as they are.
     """
 
     def __init__(
@@ -52,11 +53,13 @@ class Translator:
         inputs: Mapping[sp.Symbol, ca.SX],
         given: Mapping[sp.Symbol, sp.Expr],
         equations: Equations,
+        sides: Mapping[sp.Expr, sp.Symbol] | None = None,
     ) -> None:
         """Start with the inputs as the only known nodes."""
         self._kernel = kernel
         self._given = given
         self._equations = equations
+        self._sides = sides or {}
         self._nodes: dict[sp.Basic, ca.SX] = dict(inputs)
 
     def __call__(self, expression: sp.Expr) -> ca.SX:
@@ -82,6 +85,9 @@ class Translator:
             return self._product(value)
         if value.is_Pow:
             return self._power(value.base, value.exp)
+        if isinstance(value, sp.Abs | sp.sign) and value.args[0] in self._sides:
+            side = self(self._sides[value.args[0]])
+            return side * self(value.args[0]) if isinstance(value, sp.Abs) else side
         function = _FUNCTIONS.get(value.func)
         if function is None:
             raise ModelError(

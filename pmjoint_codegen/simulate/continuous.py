@@ -1,14 +1,16 @@
 """The continuous closed loop, step by step: the readable twin of ``kernels/c/continuous.c``.
 
-Inside one saturation mode the loop is smooth, so a step is a polynomial: the ``taylor`` kernel gives its
-coefficients, for all states and for v. A step ends where its last terms would exceed the tolerance, or
-earlier where v passes a threshold of its mode: at that root of the polynomial the state is known as well as
-at the step's end, and the next step begins there in the neighbouring mode. Output rows are values of the
-polynomial.
+Inside one saturation mode, and on one side of every kink, the loop is smooth, so a step is a polynomial: the
+``taylor`` kernel gives its coefficients, for all states, v, e and the arguments of kinks. A step ends where its
+last terms would exceed the tolerance, or earlier where v passes a threshold of its mode or a kink's argument
+passes 0: at that root of the polynomial the state is known as well as at the step's end, and the next step
+begins there in the neighbouring mode or on the other side. Output rows are values of the polynomial.
 
-Three rules keep it honest. The rates are continuous across a switch, since w is continuous in v, so the
-polynomial must agree at its end with the kernels evaluated there; if not, the step is halved. A step
-that starts on a threshold, to rounding, goes to the side that the first non-zero derivative of v points to.
+Four rules keep it honest. Coefficients at a step's start do not see what is narrow and lies inside it, so the
+``guard`` kernel bounds, on discs around the start, what the polynomials can miss anywhere (`guard`); the step
+is cut until that is small. At its end, and where there are singularities at two points inside, the polynomials
+must agree with the kernels evaluated there. A step that starts on a threshold or kink, to rounding, goes to
+the side that the first non-zero derivative points to; where both sides of a kink point back, the run ends.
 And where rounding alone would decide between two modes, so that time stands still, one short step leaves the
 thresholds alone.
 """
@@ -22,13 +24,20 @@ from typing import Final
 import numpy as np
 
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator, Kernel
-from pmjoint_codegen.simulate.polynomial import first_crossing, leading_zeros, note_extremum, note_value
+from pmjoint_codegen.simulate.polynomial import (
+    first_crossing,
+    last_outside,
+    leading_zeros,
+    note_extremum,
+    note_value,
+)
 from pmjoint_codegen.simulate.problem import Memory, Problem, Progress
 from pmjoint_codegen.simulate.status import Status
-from pmjoint_codegen.simulate.steps import allowed_step, arrive, bounds, scales
+from pmjoint_codegen.simulate.steps import allowed_step, arrive, bounds, scales, shrink
 from pmjoint_codegen.simulate.steps import values as values_at
 
-DEFECT: Final = 64.0  # a step's polynomial may miss the kernels at its end by this multiple of the tolerance
+DEFECT: Final = 10.0  # a step may miss the right-hand side by this multiple of the tolerance, anywhere
+GROWTH: Final = 2.5  # after a step that the guard has cut, the next is at most so much longer
 SMALLEST_STEP: Final = 1e-14  # relative to max(1 s, t): below it, time does not move
 UNDECIDED_STEP: Final = 1e-7  # s; the step that leaves the thresholds alone
 ROUNDED_UP: Final = 1.0 + 1e-12  # factor that covers the rounding of a sum of magnitudes, generously
@@ -60,13 +69,17 @@ class _Loop:
 
     def __init__(self, evaluator: Evaluator, problem: Problem, progress: Progress, memory: Memory) -> None:
         self.taylor: Kernel = evaluator.kernel("taylor")
-        self.reference: Kernel = evaluator.kernel("reference")
+        self.guard: Kernel = evaluator.kernel("guard")
+        self.rates: Kernel = evaluator.kernel("closed_loop")
         self.problem = problem
         self.progress = progress
         self.memory = memory
         self.c: Array = np.empty(0)  # coefficients at t
-        self.scales: Array = np.empty(0)  # of X and v at t, for relative errors
-        self.reach: Array = np.empty(0)  # what X and v cannot exceed within the step on trial
+        self.scales: Array = np.empty(0)  # of the channels at t, for relative errors
+        self.reach: Array = np.empty(0)  # what the channels cannot exceed within the step on trial
+        self.sides: Array = memory.sides
+        self.v = problem.n_states  # places of v and e among the channels
+        self.e = problem.n_states + 1
         self.X: Array = memory.state[: problem.n_states].copy()
 
     def advance(self, budget: int) -> None:
@@ -84,132 +97,213 @@ class _Loop:
                 if progress.status == Status.RUNNING and progress.row == problem.n_rows:
                     progress.status = Status.DONE
 
+    def actuation(self, mode: int) -> Array:
+        """A mode and the present sides, as the kernels take them."""
+        return np.concatenate([self.problem.modes[mode], self.sides])
+
     def expand(self, t: float, X: Array, mode: int) -> Array:
-        """Taylor coefficients at (t, X) in a mode, shape (N + 1, nX + 1)."""
+        """Taylor coefficients at (t, X) in a mode, shape (N + 1, channels)."""
         self.progress.evaluations += 1
-        (c,) = self.taylor(np.array([t]), X, self.problem.modes[mode], self.problem.p)
-        return c.reshape(self.problem.order + 1, self.problem.n_states + 1)
+        (c,) = self.taylor(np.array([t]), X, self.actuation(mode), self.problem.p)
+        return c.reshape(self.problem.order + 1, self.problem.n_channels)
 
     def start(self) -> None:
-        """First call: the mode at t = 0 and the coefficients there."""
+        """First call: the sides and the mode at t = 0, and the coefficients there."""
         progress, problem = self.progress, self.problem
-        c = self.expand(0.0, self.X, 0)
-        progress.mode = int(np.sum(c[0, -1] > problem.thresholds))
+        self.sides[:] = 1.0
+        for _ in range(problem.n_kinks + 1):  # an argument depends on the sides before its own
+            c = self.expand(0.0, self.X, 0)
+            self.sides[:] = np.where(c[0, self.e + 1 :] < 0.0, -1.0, 1.0)
+        progress.mode = int(np.sum(c[0, self.v] > problem.thresholds))
         progress.first_mode = progress.mode
         self.c = self.expand(0.0, self.X, progress.mode)
         if not np.all(np.isfinite(self.c[:2])):
             progress.status = Status.NON_FINITE
-        for i, value in enumerate(self.c[0].tolist()):
+        progress.band = problem.settled * abs(float(self.c[0, self.e]))
+        for i, value in enumerate(self.c[0, : self.e + 1].tolist()):
             note_value(value, 0.0, i, self.memory.peaks, self.memory.peak_times)
 
     def step(self) -> None:
-        """One step to the first threshold at most; halved until its end agrees with the kernels there."""
+        """One step, to the first threshold or kink; cut until guard and points of comparison agree to it."""
         progress, problem = self.progress, self.problem
         remaining = problem.horizon - progress.t
-        smallest = SMALLEST_STEP * max(progress.t, 1.0)
+        smallest = min(SMALLEST_STEP * max(progress.t, 1.0), remaining)
         undecided = progress.idle > problem.n_thresholds
         self.scales = scales(self.c)
-        h = allowed_step(self.c, self.scales, problem.tolerance, problem.safety)
-        h = min(h, UNDECIDED_STEP) if undecided else h
-        h = h if h < remaining else remaining
+        h = first = self.first_step(remaining)
         while True:
+            h = self.guarded(h, smallest)
+            if h == 0.0:
+                progress.status = Status.STALLED
+                return
             self.reach = bounds(self.c, h)
             index, tau = (-1, h) if undecided else self.first_passage(h)
             if index >= 0 and tau == 0.0:
-                self.cross(index, progress.t)
-                progress.idle += 1
-                self.c = self.expand(progress.t, self.X, progress.mode)
+                self.pass_at_once(index)
                 return
             end = progress.t + tau if tau < remaining else problem.horizon
-            mode = progress.mode + (0 if index < 0 else 1 if index == progress.mode else -1)
+            threshold = 0 <= index < problem.n_thresholds
+            mode = progress.mode + (0 if not threshold else 1 if index == progress.mode else -1)
             values, slopes = arrive(self.c, tau)
-            trial = values[:-1]
-            following = self.expand(end, trial, mode)
-            if self.agrees(values, slopes, following, tau):
-                self.accept(trial, following, tau, end)
+            following = self.expand(end, values[: self.v], mode)
+            miss = self.missed(values, slopes, following, tau)
+            if miss <= 1.0:
+                self.accept(values, following, tau, end)
+                progress.last_cut = h if h < first else math.inf
                 progress.touching = -1
                 if index >= 0:
                     self.cross(index, end)
+                if index >= problem.n_thresholds:
+                    self.c = self.expand(end, self.X, progress.mode)
                 return
             progress.rejected += 1
-            h = 0.5 * tau
+            h = tau * shrink(miss, problem.order)
             if not h >= smallest:
                 finite = bool(np.all(np.isfinite(following[:2])))
                 progress.status = Status.STALLED if finite else Status.NON_FINITE
                 return
 
+    def first_step(self, remaining: float) -> float:
+        """The step to try first: what the last coefficients allow, and no more than others do."""
+        progress, problem = self.progress, self.problem
+        h = allowed_step(self.c, self.scales, problem.tolerance, problem.safety)
+        h = min(h, GROWTH * progress.last_cut, problem.max_step)
+        h = UNDECIDED_STEP if progress.idle > problem.n_thresholds and h > UNDECIDED_STEP else h
+        return h if h < remaining else remaining
+
+    def guarded(self, h: float, smallest: float) -> float:
+        """The longest step up to h that the guard shows to follow the right-hand side, or 0.
+
+        Its polynomials then do so all along if their defect at the points of comparison is small.
+        """
+        problem = self.problem
+        t, g = np.array([self.progress.t]), self.actuation(self.progress.mode)
+        order = problem.order + problem.n_inside + 1
+        allowed = 1.0 / (DEFECT * problem.tolerance)
+        start = np.ascontiguousarray(self.c[0, : self.v])
+        while h >= smallest:
+            best = 0.0
+            likely = self.progress.disc
+            for disc in [likely, *(i for i in range(problem.n_ratios) if i != likely)]:  # the last one first
+                R = float(problem.ratios[disc]) * h
+                P = bounds(self.c[1:], R)[: self.v] * R
+                (rest,) = self.guard(t, start, g, problem.p, np.array([R]), P)
+                miss = float(problem.factors[disc]) * self.largest(rest, h) * allowed
+                if miss <= 1.0:
+                    self.progress.disc = disc
+                    return h
+                best = max(best, shrink(miss, order))
+            h = h * best
+        return 0.0
+
+    def largest(self, values: Array, h: float) -> float:
+        """The largest of values, each relative to its channel's scale; of rates, over a step of size h.
+
+        Infinite where one is no number. High gains leave more rounding in v than its present value tells, so
+        that its scale is its peak so far.
+        """
+        scale = self.scales.copy()
+        scale[: self.v] = h * scale[: self.v]
+        scale[self.v] = 1.0 / max(float(self.memory.peaks[self.v]), 1.0)
+        sizes = np.abs(values) * scale
+        return float(np.max(sizes)) if np.all(np.isfinite(sizes)) else math.inf
+
+    def missed(self, values: Array, slopes: Array, following: Array, tau: float) -> float:
+        """How much of what is allowed the polynomials miss at the points of comparison and at the end.
+
+        Compared are the slopes of the states and the values of the other channels; above 1 the step is too
+        long.
+        """
+        problem, n = self.problem, self.v
+        most = self.largest(np.concatenate([slopes[:n] - following[1, :n], values[n:] - following[0, n:]]), tau)
+        g = self.actuation(self.progress.mode)
+        for part in problem.inside.tolist():
+            at = tau * part
+            inside, steep = arrive(self.c, at)
+            X = np.ascontiguousarray(inside[:n])
+            found = np.concatenate(self.rates(np.array([self.progress.t + at]), X, g, problem.p))
+            most = max(most, self.largest(np.concatenate([steep[:n], inside[n:]]) - found, tau))
+        return problem.lebesgue * most / (DEFECT * problem.tolerance)
+
     def first_passage(self, h: float) -> tuple[int, float]:
-        """The threshold that v passes first within h, or -1; the time until then, or h."""
+        """The threshold or kink that is passed first within h, or -1; the time until then, or h."""
         progress, problem = self.progress, self.problem
         found, tau = -1, h
-        if self.stays(h):
-            return found, tau
-        if progress.mode > 0:
-            when = self.passes(progress.mode - 1, -1, tau)
-            if when is not None:
-                found, tau = progress.mode - 1, when
-        if progress.mode < problem.n_thresholds:
-            when = self.passes(progress.mode, 1, tau)
-            if when is not None:
-                found, tau = progress.mode, when
+        if not self.keeps_mode(h):
+            for side in (-1, 1):
+                index = progress.mode + (-1 if side < 0 else 0)
+                if 0 <= index < problem.n_thresholds:
+                    level = float(problem.thresholds[index])
+                    when = self.passes(self.v, level, progress.touching == index, side, tau)
+                    found, tau = (found, tau) if when is None else (index, when)
+        for j, side in enumerate(self.sides.tolist()):
+            channel, index = self.e + 1 + j, problem.n_thresholds + j
+            touching = progress.touching == index
+            low, high = (0.0, math.inf) if side > 0.0 else (-math.inf, 0.0)
+            if touching or not self.stays(channel, low, high, h):
+                when = self.passes(channel, 0.0, touching, -1 if side > 0.0 else 1, tau)
+                found, tau = (found, tau) if when is None else (index, when)
         return found, tau
 
-    def stays(self, h: float) -> bool:
-        """Whether v certainly keeps between the thresholds of its mode up to h.
-
-        `reach` bounds its terms: a straight line, and no more beside it than the higher terms can add.
-        """
+    def keeps_mode(self, h: float) -> bool:
+        """Whether v certainly keeps between the thresholds of its mode up to h."""
         mode, thresholds = self.progress.mode, self.problem.thresholds
         low = float(thresholds[mode - 1]) if mode > 0 else -math.inf
         high = float(thresholds[mode]) if mode < len(thresholds) else math.inf
-        v = float(self.c[0, -1])
-        rise = float(self.c[1, -1]) * h
-        beside = float(self.reach[-1]) * ROUNDED_UP - abs(v) - abs(rise)
-        least = v + (rise if rise < 0.0 else 0.0) - beside
-        most = v + (rise if rise > 0.0 else 0.0) + beside
-        return self.progress.touching < 0 and least > low and most < high
+        free = not 0 <= self.progress.touching < len(thresholds)
+        return free and self.stays(self.v, low, high, h)
 
-    def passes(self, index: int, outward: int, h: float) -> float | None:
-        """When v passes a threshold outwards (+1 above the mode, -1 below), from 0 to before h, or None.
+    def stays(self, channel: int, low: float, high: float, h: float) -> bool:
+        """Whether a channel certainly keeps between two values up to h.
 
-        On the threshold, to rounding, the first derivative of v that does not vanish decides, and the zero at
-        the start is divided out before the search.
+        `reach` bounds its terms: a straight line, and no more beside it than the higher terms can add.
         """
-        q = self.c[:, -1].tolist()
-        q[0] = 0.0 if self.progress.touching == index else q[0] - float(self.problem.thresholds[index])
+        start = float(self.c[0, channel])
+        rise = float(self.c[1, channel]) * h
+        beside = float(self.reach[channel]) * ROUNDED_UP - abs(start) - abs(rise)
+        least = start + (rise if rise < 0.0 else 0.0) - beside
+        most = start + (rise if rise > 0.0 else 0.0) + beside
+        return least > low and most < high
+
+    def passes(self, channel: int, level: float, touching: bool, outward: int, h: float) -> float | None:
+        """When a channel passes a level, upwards (+1) or downwards (-1), from 0 to before h, or None.
+
+        On the level, to rounding, the first derivative that does not vanish decides, and the zero at the start
+        is divided out before the search.
+        """
+        q = self.c[:, channel].tolist()
+        q[0] = 0.0 if touching else q[0] - level
         zeros = leading_zeros(q, h)
         if q[zeros] * outward > 0.0:
             return 0.0
         return first_crossing(q[zeros:], h)
 
-    def agrees(self, values: Array, slopes: Array, following: Array, tau: float) -> bool:
-        """Whether the polynomial agrees with the kernels at its end, as far as the tolerance asks.
+    def pass_at_once(self, index: int) -> None:
+        """A threshold or kink is passed at the very start of a step: the coefficients beyond it."""
+        progress = self.progress
+        self.cross(index, progress.t)
+        progress.idle += index < self.problem.n_thresholds
+        self.c = self.expand(progress.t, self.X, progress.mode)
 
-        Compared are the slopes of the states and the value of v. High gains leave more rounding in v than its
-        present value tells, so that its scale is its largest value so far. Nothing agrees with NaN.
-        """
-        allowed = DEFECT * self.problem.tolerance
-        missed = tau * np.abs(slopes[:-1] - following[1, :-1]) * self.scales[:-1]
-        v = abs(float(values[-1]) - float(following[0, -1]))
-        return bool(np.all(missed <= allowed)) and v <= allowed * max(float(self.memory.peaks[-1]), 1.0)
-
-    def accept(self, trial: Array, following: Array, tau: float, end: float) -> None:
-        """Take a step: output rows, integral of e^2, state."""
+    def accept(self, values: Array, following: Array, tau: float, end: float) -> None:
+        """Take a step: output rows, what is reported of e, peaks, state."""
         progress, problem = self.progress, self.problem
         self.write_rows(end)
-        self.integrate_error(tau)
+        self.note_error(float(values[self.e]), tau, end)
         self.note_peaks(following, tau)
-        self.X, self.c = trial, following
-        if np.any(np.abs(trial) > problem.divergence):
+        self.X, self.c = values[: self.v], following
+        if np.any(np.abs(self.X) > problem.divergence):
             progress.status = Status.DIVERGED
-        progress.idle = 0 if end > progress.t else progress.idle + 1
+        moved = end > progress.t
+        progress.idle = 0 if moved else progress.idle + 1
+        progress.flips = 0 if moved else progress.flips
         progress.t = end
         progress.steps += 1
 
     def note_peaks(self, following: Array, tau: float) -> None:
-        """Peaks of X and v over a step: at its end, and inside."""
+        """Peaks of X, v and e over a step: at its end, and inside."""
         c, t, peaks, times = self.c, self.progress.t, self.memory.peaks, self.memory.peak_times
-        for i in range(c.shape[1]):
+        for i in range(self.e + 1):
             note_value(float(following[0, i]), t + tau, i, peaks, times)
             line = float(c[0, i]), float(c[1, i]) * tau
             if i < self.problem.n_searched and _may_exceed(*line, float(self.reach[i]), float(peaks[i])):
@@ -221,25 +315,35 @@ class _Loop:
         stop = int(np.searchsorted(problem.times, until, side="right"))
         rows = slice(progress.row, max(stop, progress.row))
         tau = problem.times[rows, np.newaxis] - progress.t
-        self.memory.rows[rows] = values_at(self.c[:, :-1], tau)
+        self.memory.rows[rows] = values_at(self.c[:, : self.v], tau)
         progress.row = rows.stop
 
-    def integrate_error(self, size: float) -> None:
-        """Add the integral of (y - y_r)^2 over the step."""
-        total = 0.0
+    def note_error(self, last: float, size: float, end: float) -> None:
+        """Add the integral of e^2 over the step, and note when e is last outside its band."""
+        progress, total = self.progress, 0.0
         instants = size * self.problem.nodes
-        values = values_at(self.c[:, :1], instants[:, np.newaxis])[:, 0]
-        rows = zip(instants.tolist(), values.tolist(), self.problem.weights.tolist(), strict=True)
-        for tau, y, weight in rows:
-            e = y - float(self.reference(np.array([self.progress.t + tau]), self.problem.p)[0][0])
-            total += weight * (e * e)
-        self.progress.integral += size * total
+        e = values_at(self.c[:, self.e : self.e + 1], instants[:, np.newaxis])[:, 0]
+        for value, weight in zip(e.tolist(), self.problem.weights.tolist(), strict=True):
+            total += weight * (value * value)
+        progress.integral += size * total
+        if abs(last) > progress.band:
+            progress.settled = end
+        elif float(self.reach[self.e]) > progress.band:
+            when = last_outside(self.c[:, self.e].tolist(), size, progress.band)
+            progress.settled = progress.settled if when is None else progress.t + when
 
     def cross(self, index: int, t: float) -> None:
-        """V leaves the mode through a threshold at time t."""
-        self.progress.mode += 1 if index == self.progress.mode else -1
-        self.progress.touching = index
-        self.note_switch(t, self.progress.mode)
+        """A threshold or a kink is passed at time t."""
+        progress, problem = self.progress, self.problem
+        progress.touching = index
+        if index >= problem.n_thresholds:
+            self.sides[index - problem.n_thresholds] *= -1.0
+            progress.flips += 1
+            if progress.flips > 2 * problem.n_kinks:
+                progress.status = Status.SLIDING
+            return
+        progress.mode += 1 if index == progress.mode else -1
+        self.note_switch(t, progress.mode)
 
     def note_switch(self, t: float, mode: int) -> None:
         """Write down a change of mode; a touch, there and back at one instant, is none."""

@@ -17,7 +17,7 @@ from pmjoint_codegen.simulate.sampled import sampled_loop
 
 Advance = Callable[[int], None]
 _START: Final = {field.name: field.default for field in fields(Progress)}
-_LAYOUT: Final = Struct("2d12q")  # of `pmj_progress`: t and integral, then whole numbers
+_LAYOUT: Final = Struct("5d14q")  # of `pmj_progress`: five numbers, then whole ones
 
 
 def make_loop(evaluator: Evaluator, problem: Problem, progress: Progress, memory: Memory) -> Advance:
@@ -50,7 +50,7 @@ class CompiledLoop:
             )
         )
         # The sampled loop has its kernels inside.
-        names = () if problem.sample_time else ("taylor", "reference")
+        names = () if problem.sample_time else ("taylor", "guard", "closed_loop")
         self._library = lib  # whose code runs: it must stay loaded
         self._bound = [evaluator.function(name) for name in names]  # the structs point into them
         self._functions = [function.struct for function in self._bound]

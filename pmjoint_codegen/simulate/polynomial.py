@@ -147,6 +147,12 @@ def note_extremum(c: list[float], t: float, tau: float, i: int, peaks: Array, pe
         note_value(value, t + when, i, peaks, peak_times)
 
 
+def last_outside(c: Sequence[float], tau: float, band: float) -> float | None:
+    """The last time in [0, tau) at which a channel's magnitude goes from above `band` to below it, or None."""
+    roots = [root for side in (-1.0, 1.0) for root in crossings([c[0] + side * band, *c[1:]], tau)]
+    return max(roots, default=None)
+
+
 def _isolate(a: list[float], size: float) -> Iterator[float]:
     """Descartes' rule on [0, 1], halving where it leaves a doubt, from left to right: the roots in order."""
     degree = len(a) - 1

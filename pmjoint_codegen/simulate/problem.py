@@ -6,6 +6,7 @@ Python twins take the same. Arrays are C-contiguous float64.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -24,8 +25,9 @@ class Problem:
     Attributes:
         n_plant: plant states x, first in X.
         n_states: plant states, then controller states: length of X.
+        n_channels: of the Taylor kernel: X, v, e (sampled: x, e), then the arguments of kinks.
+        n_kinks: of these.
         n_actuated: channels of w; the first is u.
-        n_reference: rho + 1.
         order: N, the highest Taylor coefficient.
         n_thresholds: length of `thresholds`.
         thresholds: values of v at which a channel of w enters or leaves a limit, ascending.
@@ -35,8 +37,16 @@ class Problem:
         nodes: quadrature nodes on (0, 1); a hold that is one step has its own three.
         weights: of the nodes; they add up to 1.
         n_nodes: number of them; 0 leaves the integral of e^2 out.
-        n_searched: for the continuous loop, channels, of X and v, whose largest magnitudes are searched for
+        n_searched: for the continuous loop, channels, of X, v and e, whose largest magnitudes are searched for
             inside steps too; the others' are those at the ends of steps.
+        inside: points of a step, as parts of it, at which it is compared with the rates, beside its end.
+        n_inside: number of them.
+        lebesgue: factor on the largest defect found there.
+        ratios: radii of discs, as multiples of a step.
+        factors: what a step can miss, as multiples of the nonlinear part on the disc.
+        n_ratios: number of discs.
+        max_step: s; infinite where nobody asks.
+        settled: part of |e(0)|: e has settled once it stays within it.
         times: output instants, s: the first 0, the last the horizon.
         n_rows: length of `times`.
         sample_time: s; 0 for the continuous loop.
@@ -51,8 +61,9 @@ class Problem:
 
     n_plant: int
     n_states: int
+    n_channels: int
+    n_kinks: int
     n_actuated: int
-    n_reference: int
     order: int
     n_thresholds: int
     thresholds: Array
@@ -63,6 +74,14 @@ class Problem:
     weights: Array
     n_nodes: int
     n_searched: int
+    inside: Array
+    n_inside: int
+    lebesgue: float
+    ratios: Array
+    factors: Array
+    n_ratios: int
+    max_step: float
+    settled: float
     times: Array
     n_rows: int
     sample_time: float
@@ -86,11 +105,15 @@ class Progress:
     Attributes:
         t: time reached, s.
         integral: of e^2 from 0 to t, in y's unit squared times s.
+        band: |e| within which it has settled.
+        settled: the last instant so far at which |e| exceeds the band, s.
+        last_cut: the last step, if the guard cut it, else infinite, s.
         status: a `Status`.
         mode: index of the interval of v between thresholds.
         first_mode: mode at t = 0.
-        touching: threshold on which v stands at t, or -1.
+        touching: threshold on which v stands at t, n_thresholds + j on kink j, or -1.
         idle: switches since time last moved.
+        flips: changes of side at kinks since time last moved.
         row: output rows written.
         steps: accepted steps of the state.
         rejected: steps tried again at half the size.
@@ -98,15 +121,20 @@ class Progress:
         switches: changes of mode.
         sample: index of the next sample.
         buffer: which half of the coefficient memory is current.
+        disc: the disc that showed the last step to be sound.
     """
 
     t: float = 0.0
     integral: float = 0.0
+    band: float = 0.0
+    settled: float = 0.0
+    last_cut: float = math.inf
     status: int = 0
     mode: int = 0
     first_mode: int = 0
     touching: int = -1
     idle: int = 0
+    flips: int = 0
     row: int = 1
     steps: int = 0
     rejected: int = 0
@@ -114,6 +142,7 @@ class Progress:
     switches: int = 0
     sample: int = 0
     buffer: int = 0
+    disc: int = 0
 
 
 @dataclass(frozen=True)
@@ -123,17 +152,21 @@ class Memory:
     Attributes:
         coefficients: Taylor coefficients of two steps.
         state: X at t.
-        trial: X and v, in the sampled loop x and e, at the end of a step on trial.
-        slope: of the continuous loop: rates of X and v at the end of a step.
-        reach: sums of the magnitudes of their terms there, continuous loop.
-        scales: of X and v at the start of a step, for relative errors, continuous loop.
-        reference: y_r and its derivatives, continuous loop.
-        w: what the actuator delivers, sampled loop.
+        trial: values of the channels at the end of a step on trial.
+        slope: their slopes there.
+        reach: sums of the magnitudes of their terms there.
+        scales: of the channels at the start of a step, for relative errors.
+        majorants: how far the channels can go on a disc.
+        rest: nonlinear parts on it, and defects.
+        rates: values inside a step.
+        g: the mode, then sides, continuous loop.
+        w: what the actuator delivers, then sides, sampled loop.
+        sides: on which side of each kink the run is, +1 or -1.
         sample: X at the last sample, sampled loop.
         rows: shape (n_rows, nX), X at the output instants; the first row comes filled in.
         held: shape (n_rows, nX), X at the last sample before each output instant, sampled loop.
         held_times: shape (n_rows,), the instants of `held`, s.
-        peaks: shape (nX + 1,), largest |X_i| and |v| so far; sampled loop: (nX + 2,), that of |e| last.
+        peaks: shape (nX + 2,), largest |X_i|, |v| and |e| so far.
         peak_times: of the same shape, their instants, s.
         switch_times: s.
         switch_modes: mode after each switch.
@@ -145,8 +178,12 @@ class Memory:
     slope: Array
     reach: Array
     scales: Array
-    reference: Array
+    majorants: Array
+    rest: Array
+    rates: Array
+    g: Array
     w: Array
+    sides: Array
     sample: Array
     rows: Array
     held: Array
@@ -165,22 +202,26 @@ def make_memory(problem: Problem, x0: Array) -> Memory:
         x0: X(0), shape (nX,).
     """
     n, rows = problem.n_states, problem.n_rows
-    held_rows, peaks = (rows, n + 2) if problem.sample_time else (0, n + 1)
+    held_rows, padded = rows if problem.sample_time else 0, problem.n_channels + PADDING
     memory = Memory(
-        coefficients=np.zeros(2 * ((problem.order + 1) * (n + 1) + PADDING)),
+        coefficients=np.zeros(2 * ((problem.order + 1) * problem.n_channels + PADDING)),
         state=x0.copy(),
-        trial=np.zeros(n + 1 + PADDING),
-        slope=np.zeros(n + 1 + PADDING),
-        reach=np.zeros(n + 1 + PADDING),
-        scales=np.zeros(n + 1 + PADDING),
-        reference=np.zeros(problem.n_reference),
-        w=np.zeros(problem.n_actuated),
+        trial=np.zeros(padded),
+        slope=np.zeros(padded),
+        reach=np.zeros(padded),
+        scales=np.zeros(padded),
+        majorants=np.zeros(padded),
+        rest=np.zeros(padded),
+        rates=np.zeros(padded),
+        g=np.zeros(2 * problem.n_actuated + problem.n_kinks),
+        w=np.zeros(problem.n_actuated + problem.n_kinks),
+        sides=np.ones(problem.n_kinks),
         sample=x0.copy(),
         rows=np.empty((rows, n)),
         held=np.empty((held_rows, n)),
         held_times=np.zeros(held_rows),
-        peaks=np.zeros(peaks),
-        peak_times=np.zeros(peaks),
+        peaks=np.zeros(n + 2),
+        peak_times=np.zeros(n + 2),
         switch_times=np.empty(problem.max_switches),
         switch_modes=np.empty(problem.max_switches, dtype=np.int64),
     )

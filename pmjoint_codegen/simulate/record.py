@@ -30,9 +30,10 @@ class Record:
         switches: (t, mode label) at every saturation switch, s; -1, 0, 1 for u at its lower limit, inside, at
             its upper.
         initial_mode: mode label at t = 0.
-        peaks: name -> (largest magnitude, its instant in s) of every state and of v, on the dense output; of
-            e, too, where the controller is sampled.
+        peaks: name -> (largest magnitude, its instant in s) of every state, v and e, on the dense output.
         ise: integral of e^2 over the time reached.
+        settling_s: the last instant at which |e| exceeds 2 % of |e(0)|, on the dense output, s; None where e(0)
+            is 0 or no number.
         steps: accepted integration steps.
         wall_s: time that the run took, s.
     """
@@ -49,6 +50,7 @@ class Record:
     initial_mode: int
     peaks: Mapping[str, tuple[float, float]]
     ise: float
+    settling_s: float | None
     steps: int
     wall_s: float
 

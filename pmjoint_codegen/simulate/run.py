@@ -19,6 +19,7 @@ import numpy as np
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate import quadrature
+from pmjoint_codegen.simulate.guard import discs
 from pmjoint_codegen.simulate.hold import hold_matrices
 from pmjoint_codegen.simulate.loops import Advance, make_loop
 from pmjoint_codegen.simulate.modes import Actuator, make_actuator
@@ -26,7 +27,7 @@ from pmjoint_codegen.simulate.problem import Memory, Problem, Progress, make_mem
 from pmjoint_codegen.simulate.record import Record
 from pmjoint_codegen.simulate.settings import Settings
 from pmjoint_codegen.simulate.status import Status, sentence
-from pmjoint_codegen.simulate.summary import summarise
+from pmjoint_codegen.simulate.summary import SETTLED, summarise
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -89,6 +90,7 @@ def run(evaluator: Evaluator, settings: Settings, progress: Tell | None = None) 
         initial_mode=actuator.labels[state.first_mode],
         peaks=_peaks(evaluator.manifest, memory),
         ise=state.integral,
+        settling_s=state.settled if state.band > 0.0 else None,
         steps=state.steps,
         wall_s=time.perf_counter() - begun,
     )
@@ -99,13 +101,16 @@ def make_problem(evaluator: Evaluator, settings: Settings, actuator: Actuator) -
     manifest = evaluator.manifest
     sampled = settings.controller == "sampled"
     order = manifest.plant_order if sampled else manifest.order
+    guard = manifest.guards["plant_taylor" if sampled else "taylor"]
+    around = discs(guard, order, settings.tolerance)
     rule = quadrature.long_steps()
     times = settings.times()
     return Problem(
         n_plant=manifest.nx,
         n_states=manifest.nX,
+        n_channels=(manifest.nx + 1 if sampled else manifest.nX + 2) + len(manifest.kinks),
+        n_kinks=len(manifest.kinks),
         n_actuated=actuator.channels,
-        n_reference=manifest.rho + 1,
         order=order,
         n_thresholds=len(actuator.thresholds),
         thresholds=actuator.thresholds,
@@ -115,7 +120,15 @@ def make_problem(evaluator: Evaluator, settings: Settings, actuator: Actuator) -
         nodes=np.array(rule.nodes),
         weights=np.array(rule.weights),
         n_nodes=len(rule.nodes),
-        n_searched=manifest.nX + 1,
+        n_searched=manifest.nX + 2,
+        inside=np.array(guard.inside),
+        n_inside=len(guard.inside),
+        lebesgue=guard.lebesgue,
+        ratios=np.array(around.ratios),
+        factors=np.array(around.factors),
+        n_ratios=len(around.ratios),
+        max_step=settings.max_step,
+        settled=SETTLED,
         times=times,
         n_rows=len(times),
         sample_time=settings.sample_time if sampled else 0.0,
@@ -200,7 +213,7 @@ def _switches(actuator: Actuator, memory: Memory, state: Progress) -> tuple[tupl
 
 
 def _peaks(manifest: Manifest, memory: Memory) -> dict[str, tuple[float, float]]:
-    names = [*(item.name for item in manifest.states), "v", "e"][: len(memory.peaks)]
+    names = [*(item.name for item in manifest.states), "v", "e"]
     pairs = zip(memory.peaks.tolist(), memory.peak_times.tolist(), strict=True)
     return dict(zip(names, pairs, strict=True))
 

@@ -36,6 +36,7 @@ class Settings:
         controller: ``continuous`` or ``sampled``.
         sample_time: s; used by the sampled controller.
         tolerance: local error, relative to max(1, |value|), of every state and of v.
+        max_step: s; no step of the integration is longer.
         divergence: |X_i| above it ends the run.
         max_steps: limit of integration steps.
         max_switches: limit of saturation switches.
@@ -49,6 +50,7 @@ class Settings:
     controller: Controller
     sample_time: float
     tolerance: float
+    max_step: float = math.inf
     divergence: float = 1e9
     max_steps: int = 10_000_000
     max_switches: int = 100_000
@@ -86,6 +88,7 @@ def make_settings(
     sample_time: float | None = None,
     compensator: bool | None = None,
     tolerance: float = DEFAULT_TOLERANCE,
+    max_step: float | None = None,
 ) -> Settings:
     """Complete a run's settings from the model's defaults and check them.
 
@@ -101,6 +104,7 @@ def make_settings(
         sample_time: s; of the sampled controller, at most the horizon.
         compensator: False: r = 0, plain clipping.
         tolerance: local error.
+        max_step: s; no step of the integration is longer.
 
     Raises:
         UsageError: for the first setting that is unknown, of the wrong length, or out of its range.
@@ -112,12 +116,6 @@ def make_settings(
     # The horizon bounds a default; what was asked for is taken at its word.
     step = min(step, length) if output_step is None else _at_most("output step", step, length, "the horizon")
     chosen = _controller(controller)
-    if chosen == "continuous" and not manifest.analytic:
-        raise UsageError(
-            "the disturbance has a kink (abs or sign), over which a Taylor step would go unseen",
-            where="controller",
-            remedy="use the sampled controller, or a smooth disturbance such as tanh(x2/0.01)",
-        )
     period = _positive("sample time", defaults.sample_time if sample_time is None else sample_time, "s")
     if chosen == "sampled":  # without a second sample, nothing of a sampled controller is seen
         _at_most("sample time", period, length, "the horizon")
@@ -130,6 +128,7 @@ def make_settings(
         controller=chosen,
         sample_time=period,
         tolerance=_tolerance(tolerance),
+        max_step=math.inf if max_step is None else _positive("max step", max_step, "s"),
     )
     wanted = length / step + 1  # infinite where the quotient is beyond floating point
     if wanted > MAX_ROWS + 1 or settings.rows > MAX_ROWS:

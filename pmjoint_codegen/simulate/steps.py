@@ -83,6 +83,12 @@ def allowed_step(c: Array, relative: Array, tolerance: float, safety: float) -> 
     return safety * _rough_exp2(root if root < other else other)
 
 
+def shrink(miss: float, order: int) -> float:
+    """Factor on a step that misses by `miss` times what is allowed, an error of an order: 0.55 to 0.95."""
+    factor = 0.95 * _rough_exp2(_rough_log2(miss) * (-1.0 / order))
+    return 0.95 if factor > 0.95 else factor if factor > 0.55 else 0.55
+
+
 def _norm(row: Array, relative: Array) -> float:
     """The largest |c_k| of a row, relative to max(1, |c_0|); NaN counts as nothing."""
     return float(np.fmax.reduce(np.abs(row) * relative, initial=0.0))

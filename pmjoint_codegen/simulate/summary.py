@@ -20,8 +20,8 @@ def summarise(run: Record) -> dict[str, Any]:
     """Sum up a run; keys in the order in which a reader wants them.
 
     ``ise`` is the integral of e^2 by Gauss-Legendre quadrature of the dense output, step by step;
-    ``max_abs_v`` and ``peaks`` (largest magnitude, its instant) are taken on the dense output. These do not
-    depend on the output grid; ``max_abs_e`` and ``settling_s`` are taken at the output instants.
+    ``max_abs_e``, ``max_abs_v``, ``peaks`` (largest magnitude, its instant) and ``settling_s`` are taken on the
+    dense output as well. None of them depends on the output grid.
     """
     settings, manifest = run.settings, run.manifest
     return {
@@ -46,8 +46,8 @@ def summarise(run: Record) -> dict[str, Any]:
         "saturated_s": saturated_time(run),
         "max_abs_v": finite(run.peaks["v"][0]),
         "ise": finite(run.ise),
-        "max_abs_e": finite(float(np.max(np.abs(run["e"])))),
-        "settling_s": settling_time(run.t, run["e"]),
+        "max_abs_e": finite(run.peaks["e"][0]),
+        "settling_s": run.settling_s,
         "final_e": finite(float(run["e"][-1])),
         **disturbance_summary(run),
         "peaks": {name: [finite(value), t] for name, (value, t) in run.peaks.items()},
@@ -63,13 +63,6 @@ def saturated_time(run: Record) -> float:
     return sum(
         end - start for start, end, label in zip(instants, instants[1:], labels, strict=False) if label != 0
     )
-
-
-def settling_time(t: Array, e: Array) -> float | None:
-    """The last output instant at which |e| exceeds 2 % of its initial value, s; None where that is 0, nan."""
-    size = np.abs(e)
-    beyond = np.flatnonzero(size > SETTLED * size[:1])  # none, too, where the initial |e| is no finite number
-    return float(t[beyond[-1]]) if beyond.size and size[0] else None
 
 
 def finite(value: float) -> float | None:

@@ -3,16 +3,43 @@
 #include <float.h>
 #include <math.h>
 
-/* A step's polynomial may miss the kernels at its end by this multiple of the tolerance. */
-#define DEFECT 64.0
+/* A step may miss the right-hand side by this multiple of the tolerance, anywhere. */
+#define DEFECT 10.0
 /* A threshold on which rounding alone decides the side is left alone for this long, s. */
 #define UNDECIDED_STEP 1e-7
 /* Rounding of a sum of terms, generously, relative to their magnitudes. */
 #define ROUNDED_UP (1.0 + 1e-12)
+/* After a step that the guard has cut, the next is at most so much longer. */
+#define GROWTH 2.5
+
+/* The kernels of a run. */
+typedef struct {
+    const pmj_function *taylor;
+    const pmj_function *guard;
+    const pmj_function *rates;
+} kernels;
 
 static double *coefficients(const pmj_problem *problem, const pmj_memory *memory, long long buffer)
 {
-    return memory->coefficients + buffer * ((problem->order + 1) * (problem->n_states + 1) + 3);
+    return memory->coefficients + buffer * ((problem->order + 1) * problem->n_channels + 3);
+}
+
+/* A mode and the present sides, as the kernels take them. */
+static const double *actuation(const pmj_problem *problem, const pmj_memory *memory, long long mode)
+{
+    const long long size = 2 * problem->n_actuated;
+    for (long long i = 0; i < size; ++i) {
+        memory->g[i] = problem->modes[mode * size + i];
+    }
+    for (long long j = 0; j < problem->n_kinks; ++j) {
+        memory->g[size + j] = memory->sides[j];
+    }
+    return memory->g;
+}
+
+static int call(const pmj_function *kernel)
+{
+    return kernel->call(kernel->arg, kernel->res, kernel->iw, kernel->w, 0);
 }
 
 /* Taylor coefficients at (t, X) in the given mode, into half `buffer`; 0 is success. */
@@ -21,11 +48,69 @@ static int expand(const pmj_problem *problem, const pmj_function *taylor, pmj_pr
 {
     taylor->arg[0] = &t;
     taylor->arg[1] = X;
-    taylor->arg[2] = problem->modes + mode * 2 * problem->n_actuated;
+    taylor->arg[2] = actuation(problem, memory, mode);
     taylor->arg[3] = problem->p;
     taylor->res[0] = coefficients(problem, memory, buffer);
     progress->evaluations += 1;
-    return taylor->call(taylor->arg, taylor->res, taylor->iw, taylor->w, 0);
+    return call(taylor);
+}
+
+/* The largest of `values`, each relative to its channel's scale; of rates, over a step of size h. Infinite where one is
+ * no number. High gains leave more rounding in v than its present value tells, so that its scale is its peak so far. */
+static double largest(const pmj_problem *problem, const pmj_memory *memory, const double *values, double h)
+{
+    const long long v = problem->n_states;
+    double most = 0.0;
+    for (long long i = 0; i < problem->n_channels; ++i) {
+        const double scale = i < v ? h * memory->scales[i]
+                             : i > v ? memory->scales[i] : 1.0 / (memory->peaks[v] > 1.0 ? memory->peaks[v] : 1.0);
+        const double value = fabs(values[i]) * scale;
+        if (!(value <= most)) {
+            most = value <= DBL_MAX ? value : HUGE_VAL;
+        }
+    }
+    return most;
+}
+
+/* The longest step up to h whose polynomials the guard shows to follow the right-hand side all along, if their defect at
+ * the points of comparison is small; 0 where there is none above `smallest`, -1 where the kernel fails. */
+static double guarded(const pmj_problem *problem, const pmj_function *guard, pmj_progress *progress,
+                      const pmj_memory *memory, const double *c, double h, double smallest)
+{
+    const long long width = problem->n_channels;
+    const long long order = problem->order + problem->n_inside + 1;
+    const double allowed = 1.0 / (DEFECT * problem->tolerance);
+    guard->arg[0] = &progress->t;
+    guard->arg[1] = c;
+    guard->arg[2] = actuation(problem, memory, progress->mode);
+    guard->arg[3] = problem->p;
+    guard->arg[5] = memory->majorants;
+    guard->res[0] = memory->rest;
+    while (h >= smallest) {
+        double best = 0.0;
+        const long long likely = progress->disc;
+        for (long long trial = 0; trial < problem->n_ratios; ++trial) {
+            const long long disc = trial == 0 ? likely : trial - (trial <= likely); /* the last one first */
+            const double R = problem->ratios[disc] * h;
+            guard->arg[4] = &R;
+            pmj_bounds(c + width, width, problem->order - 1, R, 0, memory->majorants);
+            for (long long i = 0; i < problem->n_states; ++i) {
+                memory->majorants[i] = memory->majorants[i] * R;
+            }
+            if (call(guard)) {
+                return -1.0;
+            }
+            const double miss = problem->factors[disc] * largest(problem, memory, memory->rest, h) * allowed;
+            if (miss <= 1.0) {
+                progress->disc = disc;
+                return h;
+            }
+            const double factor = pmj_shrink(miss, order);
+            best = factor > best ? factor : best;
+        }
+        h = h * best;
+    }
+    return 0.0;
 }
 
 /* Mode of a value of v: how many thresholds lie below it. */
@@ -44,66 +129,69 @@ static void write_rows(const pmj_problem *problem, pmj_progress *progress, const
     const long long n = problem->n_states;
     while (progress->row < problem->n_rows && problem->times[progress->row] <= until) {
         const double tau = problem->times[progress->row] - progress->t;
-        pmj_values(c, n + 1, problem->order, tau, memory->rows + progress->row * n, n);
+        pmj_values(c, problem->n_channels, problem->order, tau, memory->rows + progress->row * n, n);
         progress->row += 1;
     }
 }
 
-/* Add the integral of (y - y_r)^2 over the step; 0 is success. */
-static int integrate_error(const pmj_problem *problem, const pmj_function *reference, pmj_progress *progress,
-                           const pmj_memory *memory, const double *c, double size)
+/* Add the integral of e^2 over the step, and note when e is last outside its band. */
+static void note_error(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory, const double *c,
+                       double size, double end)
 {
+    const long long place = problem->n_states + 1;
     double instants[PMJ_MAX_NODES];
-    double y[PMJ_MAX_NODES];
+    double e[PMJ_MAX_NODES];
     double sum = 0.0;
     for (long long i = 0; i < problem->n_nodes; ++i) {
         instants[i] = size * problem->nodes[i];
     }
-    pmj_channel(c, problem->n_states + 1, problem->order, instants, y, problem->n_nodes);
+    pmj_channel(c + place, problem->n_channels, problem->order, instants, e, problem->n_nodes);
     for (long long i = 0; i < problem->n_nodes; ++i) {
-        const double t = progress->t + instants[i];
-        reference->arg[0] = &t;
-        reference->arg[1] = problem->p;
-        reference->res[0] = memory->reference;
-        const int failed = reference->call(reference->arg, reference->res, reference->iw, reference->w, 0);
-        if (failed) {
-            return failed;
-        }
-        const double e = y[i] - memory->reference[0];
-        sum += problem->weights[i] * (e * e);
+        sum += problem->weights[i] * (e[i] * e[i]);
     }
     progress->integral += size * sum;
-    return 0;
+    if (fabs(memory->trial[place]) > progress->band) {
+        progress->settled = end;
+    } else if (memory->reach[place] > progress->band) {
+        const double last = pmj_last_outside(c + place, problem->n_channels, problem->order, size, progress->band);
+        progress->settled = last >= 0.0 ? progress->t + last : progress->settled;
+    }
 }
 
-/* Whether v certainly keeps between the thresholds of its mode up to h, where `memory->reach` bounds its terms: a
- * straight line, and no more beside it than the higher terms can add. */
-static int stays(const pmj_problem *problem, const pmj_progress *progress, const pmj_memory *memory, const double *c,
-                 double h)
+/* Whether a channel certainly keeps between two values up to h, where `memory->reach` bounds its terms: a straight line,
+ * and no more beside it than the higher terms can add. */
+static int stays(const pmj_problem *problem, const pmj_memory *memory, const double *c, long long channel, double low,
+                 double high, double h)
 {
-    const long long n = problem->n_states;
+    const double start = c[channel];
+    const double rise = c[problem->n_channels + channel] * h;
+    const double beside = memory->reach[channel] * ROUNDED_UP - fabs(start) - fabs(rise);
+    const double least = start + (rise < 0.0 ? rise : 0.0) - beside;
+    const double most = start + (rise > 0.0 ? rise : 0.0) + beside;
+    return least > low && most < high;
+}
+
+/* Whether v certainly keeps between the thresholds of its mode. */
+static int keeps_mode(const pmj_problem *problem, const pmj_progress *progress, const pmj_memory *memory,
+                      const double *c, double h)
+{
     const double low = progress->mode > 0 ? problem->thresholds[progress->mode - 1] : -HUGE_VAL;
     const double high = progress->mode < problem->n_thresholds ? problem->thresholds[progress->mode] : HUGE_VAL;
-    const double v = c[n];
-    const double rise = c[2 * n + 1] * h;
-    const double beside = memory->reach[n] * ROUNDED_UP - fabs(v) - fabs(rise);
-    const double least = v + (rise < 0.0 ? rise : 0.0) - beside;
-    const double most = v + (rise > 0.0 ? rise : 0.0) + beside;
-    return progress->touching < 0 && least > low && most < high;
+    return (progress->touching < 0 || progress->touching >= problem->n_thresholds)
+           && stays(problem, memory, c, problem->n_states, low, high, h);
 }
 
-/* When v passes threshold `index` outwards (`outward` is +1 above the mode, -1 below), from 0 to before h.
- * 1 and the time after the step's start; 0 if it does not. On the threshold, to rounding, the first derivative of v
- * that does not vanish decides, and the zero at the start is divided out before the search. */
-static int passes(const pmj_problem *problem, const pmj_progress *progress, const double *c, long long index,
+/* When a channel passes `level` in a direction (`outward` is +1 upwards, -1 downwards), from 0 to before h.
+ * 1 and the time after the step's start; 0 if it does not. On the level, to rounding, the first derivative that does not
+ * vanish decides, and the zero at the start is divided out before the search. */
+static int passes(const pmj_problem *problem, const double *c, long long channel, double level, int touching,
                   int outward, double h, double *tau)
 {
     double q[PMJ_MAX_ORDER + 1];
-    const long long width = problem->n_states + 1;
     for (long long k = 0; k <= problem->order; ++k) {
-        q[k] = c[k * width + problem->n_states];
+        q[k] = c[k * problem->n_channels + channel];
     }
-    q[0] = progress->touching == index ? 0.0 : q[0] - problem->thresholds[index];
+    q[0] = touching ? 0.0 : q[0] - level;
     const long long zeros = pmj_leading_zeros(q, problem->order, h);
     if (q[zeros] * outward > 0.0) {
         *tau = 0.0;
@@ -112,39 +200,74 @@ static int passes(const pmj_problem *problem, const pmj_progress *progress, cons
     return pmj_first_crossing(q + zeros, problem->order - zeros, h, tau);
 }
 
-/* The threshold that v passes first within h, or -1; `*tau` becomes the time until then, or h. */
+/* The threshold or kink that is passed first within h, or -1; `*tau` becomes the time until then, or h. */
 static long long first_passage(const pmj_problem *problem, const pmj_progress *progress, const pmj_memory *memory,
                                const double *c, double h, double *tau)
 {
+    const long long v = problem->n_states;
     long long found = -1;
     double when = 0.0;
     *tau = h;
-    if (stays(problem, progress, memory, c, h)) {
-        return -1;
+    if (!keeps_mode(problem, progress, memory, c, h)) {
+        for (int side = -1; side <= 1; side += 2) {
+            const long long index = progress->mode + (side < 0 ? -1 : 0);
+            if (index >= 0 && index < problem->n_thresholds
+                && passes(problem, c, v, problem->thresholds[index], progress->touching == index, side, *tau, &when)) {
+                found = index;
+                *tau = when;
+            }
+        }
     }
-    if (progress->mode > 0 && passes(problem, progress, c, progress->mode - 1, -1, h, &when)) {
-        found = progress->mode - 1;
-        *tau = when;
-    }
-    if (progress->mode < problem->n_thresholds && passes(problem, progress, c, progress->mode, 1, *tau, &when)) {
-        found = progress->mode;
-        *tau = when;
+    for (long long j = 0; j < problem->n_kinks; ++j) {
+        const int above = memory->sides[j] > 0.0;
+        const int touching = progress->touching == problem->n_thresholds + j;
+        if ((touching || !stays(problem, memory, c, v + 2 + j, above ? 0.0 : -HUGE_VAL, above ? HUGE_VAL : 0.0, h))
+            && passes(problem, c, v + 2 + j, 0.0, touching, above ? -1 : 1, *tau, &when)) {
+            found = problem->n_thresholds + j;
+            *tau = when;
+        }
     }
     return found;
 }
 
-/* Whether the step's polynomial agrees with the kernels at its end, as far as the tolerance asks: in the slopes of the
- * states, and in the value of v. High gains leave more rounding in v than its present value tells, so that its
- * scale is its largest value so far. Nothing agrees with NaN. */
-static int agrees(const pmj_problem *problem, const pmj_memory *memory, const double *next, double tau)
+/* How much of what is allowed the polynomials miss at the points of comparison inside the step and at its end, where
+ * `next` is what the kernels say; above 1 the step is too long. -1 where a kernel fails. */
+static double missed(const pmj_problem *problem, const pmj_function *rates, const pmj_progress *progress,
+                     const pmj_memory *memory, const double *c, const double *next, double tau)
 {
     const long long n = problem->n_states;
-    const double allowed = DEFECT * problem->tolerance;
-    int good = fabs(memory->trial[n] - next[n]) <= allowed * (memory->peaks[n] > 1.0 ? memory->peaks[n] : 1.0);
-    for (long long i = 0; i < n; ++i) {
-        good &= tau * fabs(memory->slope[i] - next[n + 1 + i]) * memory->scales[i] <= allowed;
+    const long long width = problem->n_channels;
+    double *values = memory->rates;
+    double *slopes = memory->majorants; /* the guard has done with them */
+    double most = 0.0;
+    for (long long i = 0; i < width; ++i) {
+        memory->rest[i] = i < n ? memory->slope[i] - next[width + i] : memory->trial[i] - next[i];
     }
-    return good;
+    most = largest(problem, memory, memory->rest, tau);
+    for (long long j = 0; j < problem->n_inside; ++j) {
+        const double at = tau * problem->inside[j];
+        const double t = progress->t + at;
+        pmj_arrive(c, width, problem->order, at, values, slopes);
+        rates->arg[0] = &t;
+        rates->arg[1] = values;
+        rates->arg[2] = memory->g;
+        rates->arg[3] = problem->p;
+        rates->res[0] = memory->rest;
+        rates->res[1] = memory->rest + n;
+        rates->res[2] = memory->rest + n + 1;
+        if (problem->n_kinks > 0) {
+            rates->res[3] = memory->rest + n + 2;
+        }
+        if (call(rates)) {
+            return -1.0;
+        }
+        for (long long i = 0; i < width; ++i) {
+            memory->rest[i] = (i < n ? slopes[i] : values[i]) - memory->rest[i];
+        }
+        const double defect = largest(problem, memory, memory->rest, tau);
+        most = defect > most ? defect : most;
+    }
+    return problem->lebesgue * most / (DEFECT * problem->tolerance);
 }
 
 /* Write down a change of mode at time t; a touch, there and back at one instant, is none. */
@@ -176,35 +299,53 @@ static int all_finite(const double *values, long long n)
     return 1;
 }
 
-/* First call: the mode at t = 0 and the coefficients there. */
+/* First call: the sides and the mode at t = 0, and the coefficients there. */
 static void start(const pmj_problem *problem, const pmj_function *taylor, pmj_progress *progress,
                   const pmj_memory *memory)
 {
-    const long long width = problem->n_states + 1;
+    const long long n = problem->n_states;
     const double *c = coefficients(problem, memory, 0);
+    int failed = 0;
     progress->touching = -1;
-    if (expand(problem, taylor, progress, memory, 0.0, memory->state, 0, 0)) {
-        progress->status = PMJ_KERNEL_FAILED;
-        return;
+    progress->last_cut = HUGE_VAL;
+    for (long long j = 0; j < problem->n_kinks; ++j) {
+        memory->sides[j] = 1.0;
     }
-    progress->mode = mode_of(problem, c[problem->n_states]);
+    for (long long pass = 0; pass <= problem->n_kinks; ++pass) { /* an argument depends on the sides before its own */
+        failed |= expand(problem, taylor, progress, memory, 0.0, memory->state, 0, 0);
+        for (long long j = 0; j < problem->n_kinks; ++j) {
+            memory->sides[j] = c[n + 2 + j] < 0.0 ? -1.0 : 1.0;
+        }
+    }
+    progress->mode = mode_of(problem, c[n]);
     progress->first_mode = progress->mode;
-    if (expand(problem, taylor, progress, memory, 0.0, memory->state, progress->mode, 0)) {
+    failed |= expand(problem, taylor, progress, memory, 0.0, memory->state, progress->mode, 0);
+    if (failed) {
         progress->status = PMJ_KERNEL_FAILED;
-    } else if (!all_finite(c, 2 * width)) {
+    } else if (!all_finite(c, 2 * problem->n_channels)) {
         progress->status = PMJ_NON_FINITE;
     }
-    for (long long i = 0; i < width; ++i) {
+    progress->band = problem->settled * fabs(c[n + 1]);
+    for (long long i = 0; i < n + 2; ++i) {
         pmj_note_value(c[i], 0.0, memory->peaks + i, memory->peak_times + i);
     }
 }
 
-/* v leaves the mode through threshold `index` at time t, at which `X` is the state. */
+/* A threshold or a kink is passed at time t. */
 static void cross(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory, long long index,
                   double t)
 {
-    progress->mode += index == progress->mode ? 1 : -1;
     progress->touching = index;
+    if (index >= problem->n_thresholds) {
+        const long long j = index - problem->n_thresholds;
+        memory->sides[j] = -memory->sides[j];
+        progress->flips += 1;
+        if (progress->flips > 2 * problem->n_kinks) {
+            progress->status = PMJ_SLIDING;
+        }
+        return;
+    }
+    progress->mode += index == progress->mode ? 1 : -1;
     note_switch(problem, progress, memory, t, progress->mode);
 }
 
@@ -217,13 +358,13 @@ static int may_exceed(double start, double rise, double reach, double peak)
     return (fabs(start) > end ? fabs(start) : end) + beside > peak;
 }
 
-/* Peaks of X and v over a step of size tau: at its end, and inside. */
+/* Peaks of X, v and e over a step of size tau: at its end, and inside. */
 static void note_peaks(const pmj_problem *problem, const pmj_progress *progress, const pmj_memory *memory,
                        const double *c, const double *next, double tau)
 {
-    const long long width = problem->n_states + 1;
+    const long long width = problem->n_channels;
     const double t = progress->t;
-    for (long long i = 0; i < width; ++i) {
+    for (long long i = 0; i < problem->n_states + 2; ++i) {
         if (!(fabs(next[i]) <= memory->peaks[i])) {
             memory->peaks[i] = fabs(next[i]);
             memory->peak_times[i] = t + tau;
@@ -235,15 +376,12 @@ static void note_peaks(const pmj_problem *problem, const pmj_progress *progress,
 }
 
 /* Accept a step of size tau whose end state is `memory->trial`. */
-static void accept(const pmj_problem *problem, const pmj_function *reference, pmj_progress *progress,
-                   const pmj_memory *memory, double tau, double end)
+static void accept(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory, double tau, double end)
 {
     const double *c = coefficients(problem, memory, progress->buffer);
     const double *next = coefficients(problem, memory, 1 - progress->buffer);
     write_rows(problem, progress, memory, c, end);
-    if (integrate_error(problem, reference, progress, memory, c, tau)) {
-        progress->status = PMJ_KERNEL_FAILED;
-    }
+    note_error(problem, progress, memory, c, tau, end);
     note_peaks(problem, progress, memory, c, next, tau);
     for (long long i = 0; i < problem->n_states; ++i) {
         memory->state[i] = memory->trial[i];
@@ -252,58 +390,94 @@ static void accept(const pmj_problem *problem, const pmj_function *reference, pm
         }
     }
     progress->idle = end > progress->t ? 0 : progress->idle + 1;
+    progress->flips = end > progress->t ? 0 : progress->flips;
     progress->t = end;
     progress->steps += 1;
     progress->buffer = 1 - progress->buffer;
 }
 
-/* One step: at most `h`, to the first threshold; halved until the end agrees with the kernels there. */
-static void step(const pmj_problem *problem, const pmj_function *taylor, const pmj_function *reference,
-                 pmj_progress *progress, const pmj_memory *memory)
+/* A threshold or kink is passed at the very start of a step: the coefficients beyond it. */
+static void pass_at_once(const pmj_problem *problem, const kernels *run, pmj_progress *progress,
+                         const pmj_memory *memory, long long index)
+{
+    cross(problem, progress, memory, index, progress->t);
+    progress->idle += index < problem->n_thresholds;
+    if (expand(problem, run->taylor, progress, memory, progress->t, memory->state, progress->mode, progress->buffer)) {
+        progress->status = PMJ_KERNEL_FAILED;
+    }
+}
+
+/* The step to try first: what the last coefficients allow, and no more than others do. */
+static double first_step(const pmj_problem *problem, const pmj_progress *progress, const pmj_memory *memory,
+                         const double *c, double remaining)
+{
+    double h = pmj_allowed_step(c, memory->scales, problem->n_channels, problem->order, problem->tolerance,
+                                problem->safety);
+    h = h < GROWTH * progress->last_cut ? h : GROWTH * progress->last_cut;
+    h = h < problem->max_step ? h : problem->max_step;
+    h = progress->idle > problem->n_thresholds && h > UNDECIDED_STEP ? UNDECIDED_STEP : h;
+    return h < remaining ? h : remaining;
+}
+
+/* One step, to the first threshold or kink; cut until the guard and the points of comparison agree to it. */
+static void step(const pmj_problem *problem, const kernels *run, pmj_progress *progress, const pmj_memory *memory)
 {
     const long long n = problem->n_states;
+    const long long width = problem->n_channels;
     const double *c = coefficients(problem, memory, progress->buffer);
     const double *next = coefficients(problem, memory, 1 - progress->buffer);
     const double horizon = problem->times[problem->n_rows - 1];
     const double remaining = horizon - progress->t;
-    const double smallest = PMJ_SMALLEST_STEP * (progress->t > 1.0 ? progress->t : 1.0);
+    const double shortest = PMJ_SMALLEST_STEP * (progress->t > 1.0 ? progress->t : 1.0);
+    const double smallest = shortest < remaining ? shortest : remaining;
     const int undecided = progress->idle > problem->n_thresholds;
-    pmj_scales(c, n + 1, memory->scales);
-    double h = pmj_allowed_step(c, memory->scales, n + 1, problem->order, problem->tolerance, problem->safety);
-    h = undecided && h > UNDECIDED_STEP ? UNDECIDED_STEP : h;
-    h = h < remaining ? h : remaining;
+    pmj_scales(c, width, memory->scales);
+    const double first = first_step(problem, progress, memory, c, remaining);
+    double h = first;
     for (;;) {
+        h = guarded(problem, run->guard, progress, memory, c, h, smallest);
+        if (!(h > 0.0)) {
+            progress->status = h < 0.0 ? PMJ_KERNEL_FAILED : PMJ_STALLED;
+            return;
+        }
         double tau = h;
-        pmj_bounds(c, n + 1, problem->order, tau, problem->n_searched > 0 ? 0 : n, memory->reach);
+        pmj_bounds(c, width, problem->order, tau, 0, memory->reach);
         const long long index = undecided ? -1 : first_passage(problem, progress, memory, c, h, &tau);
         if (index >= 0 && tau == 0.0) {
-            cross(problem, progress, memory, index, progress->t);
-            progress->idle += 1;
-            if (expand(problem, taylor, progress, memory, progress->t, memory->state, progress->mode,
-                       progress->buffer)) {
-                progress->status = PMJ_KERNEL_FAILED;
-            }
+            pass_at_once(problem, run, progress, memory, index);
             return;
         }
         const double end = tau < remaining ? progress->t + tau : horizon;
-        const long long mode = progress->mode + (index < 0 ? 0 : index == progress->mode ? 1 : -1);
-        pmj_arrive(c, n + 1, problem->order, tau, memory->trial, memory->slope);
-        if (expand(problem, taylor, progress, memory, end, memory->trial, mode, 1 - progress->buffer)) {
+        const long long mode = progress->mode
+                               + (index < 0 || index >= problem->n_thresholds ? 0 : index == progress->mode ? 1 : -1);
+        pmj_arrive(c, width, problem->order, tau, memory->trial, memory->slope);
+        if (expand(problem, run->taylor, progress, memory, end, memory->trial, mode, 1 - progress->buffer)) {
             progress->status = PMJ_KERNEL_FAILED;
             return;
         }
-        if (agrees(problem, memory, next, tau)) {
-            accept(problem, reference, progress, memory, tau, end);
+        actuation(problem, memory, progress->mode);
+        const double miss = missed(problem, run->rates, progress, memory, c, next, tau);
+        if (miss < 0.0) {
+            progress->status = PMJ_KERNEL_FAILED;
+            return;
+        }
+        if (miss <= 1.0) {
+            accept(problem, progress, memory, tau, end);
+            progress->last_cut = h < first ? h : HUGE_VAL;
             progress->touching = -1;
             if (index >= 0) {
                 cross(problem, progress, memory, index, end);
             }
+            if (index >= problem->n_thresholds
+                && expand(problem, run->taylor, progress, memory, end, memory->state, progress->mode, progress->buffer)) {
+                progress->status = PMJ_KERNEL_FAILED;
+            }
             return;
         }
         progress->rejected += 1;
-        h = 0.5 * tau;
+        h = tau * pmj_shrink(miss, problem->order);
         if (!(h >= smallest)) {
-            progress->status = all_finite(next, 2 * (n + 1)) ? PMJ_STALLED : PMJ_NON_FINITE;
+            progress->status = all_finite(next, 2 * width) ? PMJ_STALLED : PMJ_NON_FINITE;
             return;
         }
     }
@@ -312,7 +486,7 @@ static void step(const pmj_problem *problem, const pmj_function *taylor, const p
 /* Back to the start of a run from `memory->state`: what a fresh `progress` and `memory` hold. */
 void pmj_begin(const pmj_problem *problem, pmj_progress *progress, pmj_memory *memory)
 {
-    const pmj_progress fresh = {.touching = -1, .row = 1};
+    const pmj_progress fresh = {.touching = -1, .row = 1, .last_cut = HUGE_VAL};
     *progress = fresh;
     for (long long i = 0; i < problem->n_states; ++i) {
         memory->rows[i] = memory->state[i];
@@ -321,8 +495,7 @@ void pmj_begin(const pmj_problem *problem, pmj_progress *progress, pmj_memory *m
             memory->held[i] = memory->state[i];
         }
     }
-    const long long peaks = problem->n_states + (problem->sample_time > 0.0 ? 2 : 1); /* of X and v; sampled: and e */
-    for (long long i = 0; i < peaks; ++i) {
+    for (long long i = 0; i < problem->n_states + 2; ++i) {
         memory->peaks[i] = 0.0;
         memory->peak_times[i] = 0.0;
     }
@@ -330,9 +503,10 @@ void pmj_begin(const pmj_problem *problem, pmj_progress *progress, pmj_memory *m
 
 /* Advance the closed loop by at most `budget` steps; `progress->status` says whether and how it ended.
  * Between calls the caller may look at `progress`, tell its user, or stop. `memory->state` starts as X(0). */
-void pmj_continuous(const pmj_problem *problem, const pmj_function *taylor, const pmj_function *reference,
-                    pmj_progress *progress, pmj_memory *memory, long long budget)
+void pmj_continuous(const pmj_problem *problem, const pmj_function *taylor, const pmj_function *guard,
+                    const pmj_function *rates, pmj_progress *progress, pmj_memory *memory, long long budget)
 {
+    const kernels run = {taylor, guard, rates};
     if (progress->evaluations == 0) {
         start(problem, taylor, progress, memory);
     }
@@ -341,7 +515,7 @@ void pmj_continuous(const pmj_problem *problem, const pmj_function *taylor, cons
             progress->status = PMJ_TOO_MANY_STEPS;
             return;
         }
-        step(problem, taylor, reference, progress, memory);
+        step(problem, &run, progress, memory);
         if (progress->status == PMJ_RUNNING && progress->row == problem->n_rows) {
             progress->status = PMJ_DONE;
         }

@@ -11,7 +11,7 @@
 
 /* Channels of the coefficients: x, then e = y - y_r. */
 #define ORDER PMJ_HOLD_ORDER
-#define CHANNELS (PMJ_NX + 1)
+#define CHANNELS (PMJ_NX + 1 + PMJ_NK)
 #define E PMJ_NX
 
 /* Left alone, compilers roll short loops up. */

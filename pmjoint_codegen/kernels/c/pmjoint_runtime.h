@@ -26,6 +26,7 @@
 #define PMJ_TOO_MANY_STEPS 5
 #define PMJ_TOO_MANY_SWITCHES 6
 #define PMJ_KERNEL_FAILED 7
+#define PMJ_SLIDING 9 /* 8 is a sweep's word for runs that are not made */
 
 /* A generated kernel in CasADi's calling convention: 0 is success. */
 typedef int (*pmj_kernel)(const double **arg, double **res, long long *iw, double *w, int mem);
@@ -43,8 +44,9 @@ typedef struct {
 typedef struct {
     long long n_plant;        /* nx: plant states x, first in X */
     long long n_states;       /* nX: plant states, then controller states */
+    long long n_channels;     /* of the Taylor kernel: X, v, e, then the arguments of kinks */
+    long long n_kinks;        /* nk */
     long long n_actuated;     /* nw: channels of w, the first is u */
-    long long n_reference;    /* rho + 1 */
     long long order;          /* N of the Taylor kernels */
     long long n_thresholds;   /* values of v at which a channel of w enters or leaves a limit */
     const double *thresholds; /* [n_thresholds] ascending */
@@ -55,6 +57,14 @@ typedef struct {
     const double *weights;    /* [n_nodes] */
     long long n_nodes;
     long long n_searched;     /* continuous: channels whose largest magnitudes are searched for inside steps too */
+    const double *inside;     /* [n_inside] points of a step, as parts of it, at which it is compared with the rates */
+    long long n_inside;
+    double lebesgue;          /* factor on the largest defect found there and at the end */
+    const double *ratios;     /* [n_ratios] radii of discs, as multiples of a step */
+    const double *factors;    /* [n_ratios] what the step can miss, as a multiple of the nonlinear part on the disc */
+    long long n_ratios;
+    double max_step;          /* s; infinite where nobody asks */
+    double settled;           /* part of |e(0)|: e has settled once it stays within it */
     const double *times;      /* [n_rows] output instants, ascending, the first 0, the last the horizon */
     long long n_rows;
     double sample_time;
@@ -70,11 +80,15 @@ typedef struct {
 typedef struct {
     double t;
     double integral;          /* of e^2 from 0 to t */
+    double band;              /* |e| within which it has settled */
+    double settled;           /* the last instant so far at which |e| exceeds the band */
+    double last_cut;          /* the last step, if the guard cut it, else infinite */
     long long status;         /* PMJ_... */
     long long mode;           /* index of the interval of v between thresholds */
     long long first_mode;     /* at t = 0 */
-    long long touching;       /* threshold that v stands on at t, or -1 */
+    long long touching;       /* threshold that v stands on at t, n_thresholds + j on kink j, or -1 */
     long long idle;           /* switches since time last moved */
+    long long flips;          /* changes of side at a kink since time last moved */
     long long row;            /* output rows written */
     long long steps;          /* accepted steps of the state */
     long long rejected;       /* steps tried again at half the size */
@@ -82,23 +96,28 @@ typedef struct {
     long long switches;       /* changes of mode */
     long long sample;         /* sampled: index of the next sample */
     long long buffer;         /* which half of the coefficient memory is current */
+    long long disc;           /* the disc that showed the last step to be sound */
 } pmj_progress;
 
 /* Memory that a run writes. */
 typedef struct {
-    double *coefficients;     /* [2 ((N + 1)(nX + 1) + 3)]: this step's and the next's, padded for blocked reading */
+    double *coefficients;     /* [2 ((N + 1) channels + 3)]: this step's and the next's, padded for blocked reading */
     double *state;            /* [nX]: X at t */
-    double *trial;            /* [nX + 1 + 3]: X and v, or x and e, at the end of a step on trial, padded */
-    double *slope;            /* [nX + 1 + 3]: continuous: rates of X and v there, padded */
-    double *reach;            /* continuous: [nX + 1 + 3]: sums of the magnitudes of their terms there, padded */
-    double *scales;           /* continuous: [nX + 1 + 3]: 1/max(1, |X_i|) and of v at its start, to a power of two, padded */
-    double *reference;        /* continuous: [rho + 1] */
-    double *w;                /* sampled: [nw] */
+    double *trial;            /* [channels + 3]: values at the end of a step on trial, padded */
+    double *slope;            /* [channels + 3]: slopes there, padded */
+    double *reach;            /* [channels + 3]: sums of the magnitudes of their terms there, padded */
+    double *scales;           /* [channels + 3]: 1/max(1, |c_0|) at the step's start, to a power of two, padded */
+    double *majorants;        /* [channels + 3]: how far channels can go on a disc, padded */
+    double *rest;             /* [channels]: what the guard gives */
+    double *rates;            /* [channels + 3]: values inside a step, padded */
+    double *g;                /* continuous: [2 nw + nk]: the mode, then sides */
+    double *w;                /* sampled: [nw + nk]: w, then sides */
+    double *sides;            /* [nk]: on which side of each kink the run is, +1 or -1 */
     double *sample;           /* sampled: [nX], X at the last sample */
     double *rows;             /* [n_rows][nX]; the first row comes filled in */
     double *held;             /* sampled: [n_rows][nX], X at the last sample */
     double *held_times;       /* sampled: [n_rows] */
-    double *peaks;            /* [nX + 1], sampled [nX + 2]: largest |X_i|, |v|, and |e| so far */
+    double *peaks;            /* [nX + 2]: largest |X_i|, |v| and |e| so far */
     double *peak_times;       /* the same */
     double *switch_times;     /* [max_switches] */
     long long *switch_modes;  /* [max_switches] */
@@ -116,19 +135,22 @@ void pmj_note_extremum(const double *c, long long width, long long order, double
 void pmj_note_peaks(const double *c, long long width, long long order, long long n, double t, double tau,
                     const double *end, double *peaks, double *peak_times);
 
+double pmj_last_outside(const double *c, long long width, long long order, double tau, double band);
+
 /* steps.c: results have room for whole blocks of four channels, but `out`, which takes n */
 void pmj_arrive(const double *c, long long width, long long order, double tau, double *values, double *slopes);
 void pmj_bounds(const double *c, long long width, long long order, double tau, long long from, double *reach);
 void pmj_values(const double *c, long long width, long long order, double tau, double *out, long long n);
 void pmj_channel(const double *c, long long width, long long order, const double *tau, double *out, long long n);
 void pmj_scales(const double *c, long long width, double *scales);
+double pmj_shrink(double miss, long long order);
 double pmj_allowed_step(const double *c, const double *scales, long long width, long long order, double tolerance,
                         double safety);
 
 /* continuous.c */
 void pmj_begin(const pmj_problem *problem, pmj_progress *progress, pmj_memory *memory);
-void pmj_continuous(const pmj_problem *problem, const pmj_function *taylor, const pmj_function *reference,
-                    pmj_progress *progress, pmj_memory *memory, long long budget);
+void pmj_continuous(const pmj_problem *problem, const pmj_function *taylor, const pmj_function *guard,
+                    const pmj_function *rates, pmj_progress *progress, pmj_memory *memory, long long budget);
 
 /* sampled.c */
 void pmj_sampled(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory, long long budget);

@@ -286,3 +286,20 @@ void pmj_note_peaks(const double *c, long long width, long long order, long long
         pmj_note_extremum(c + i, width, order, t, tau, peaks + i, peak_times + i);
     }
 }
+
+/* The last time in [0, tau) at which the magnitude of one channel goes from above `band` to below it, or -1. */
+double pmj_last_outside(const double *c, long long width, long long order, double tau, double band)
+{
+    double q[PMJ_MAX_ORDER + 1];
+    double when[PMJ_MAX_ORDER];
+    double last = -1.0;
+    for (int side = -1; side <= 1; side += 2) {
+        for (long long k = 0; k <= order; ++k) {
+            q[k] = c[k * width];
+        }
+        q[0] += (double)side * band;
+        const long long roots = pmj_crossings(q, order, tau, when, PMJ_MAX_ORDER);
+        last = roots > 0 && when[roots - 1] > last ? when[roots - 1] : last;
+    }
+    return last;
+}

@@ -1,0 +1,59 @@
+"""How a step is shown to follow the right-hand side all along: the numbers that the loops need for it.
+
+Between the points at which a step's polynomials are compared with the right-hand side, Cauchy's estimate on a
+disc larger than the step bounds what they can miss: `GuardRule`, docs/theory.md. Larger discs make the
+factor smaller and the nonlinear part on them larger; so a few are tried.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+from pmjoint_codegen.manifest import GuardRule
+
+# What a disc's factor is, as multiples of the tolerance: the usual one first, then smaller discs for nearby
+# singularities, larger ones for what grows slowly and is multiplied by high gains.
+TARGETS: Final = (1.0, 1e3, 1e-2, 1e-7)
+ROUNDS: Final = 6
+
+
+@dataclass(frozen=True)
+class Discs:
+    """Discs around a step's start.
+
+    Attributes:
+        ratios: their radii, as multiples of the step.
+        factors: what the step can miss, as a multiple of the nonlinear part on the disc.
+    """
+
+    ratios: tuple[float, ...]
+    factors: tuple[float, ...]
+
+
+def discs(rule: GuardRule, order: int, tolerance: float) -> Discs:
+    """The discs to try, in turn, for a local error.
+
+    The last is no larger than the step: with |F - F(0)| <= r on it no term of F of order 1 to N - 1 exceeds r, so
+    that the step misses no more than N r, without any point of comparison.
+    """
+    ratios = [_ratio(rule, order, target * tolerance) for target in TARGETS]
+    factors = [factor(rule, order, ratio) for ratio in ratios]
+    return Discs((*ratios, 1.0), (*factors, float(order)))
+
+
+def factor(rule: GuardRule, order: int, ratio: float) -> float:
+    """``W / (s^N prod_j (s - n_j)) s/(s - 1)`` for a disc of s > 1 steps."""
+    product = math.pow(ratio, order) * (ratio - 1.0)
+    for node in rule.inside:
+        product *= ratio - node
+    return rule.remainder / product * ratio / (ratio - 1.0)
+
+
+def _ratio(rule: GuardRule, order: int, target: float) -> float:
+    """A ratio whose factor is about `target`: a secant in logarithms, as the factor falls like a power."""
+    ratio, degree = 2.0, order + len(rule.inside) + 1
+    for _ in range(ROUNDS):
+        ratio = max(1.0 + (ratio - 1.0) / 2, ratio * (factor(rule, order, ratio) / target) ** (0.5 / degree))
+    return ratio
