@@ -1746,6 +1746,66 @@ CASADI_SYMBOL_EXPORT int sampled_update_work_bytes(casadi_int *sz_arg, casadi_in
   return 0;
 }
 
+/* plant:(t[1],x[3],w[1],p[21])->(x_dot[3],e[1]) */
+int plant(const double **arg, double **res, long long int *iw, double *w, int mem)
+{
+    (void)iw;
+    (void)w;
+    (void)mem;
+    double *restrict x_dot = res[0];
+    double *restrict e = res[1];
+    const double p_19 = arg[3][19];
+    const double a0 = 1.0 / p_19;
+    const double p_18 = arg[3][18];
+    const double a1 = p_18 + a0;
+    const double x_0 = arg[1][0];
+    const double a2 = x_0 * a1;
+    const double x_1 = arg[1][1];
+    const double a3 = x_1 - a2;
+    x_dot[0] = a3;
+    const double t_0 = arg[0][0];
+    const double a5 = 3.0 * t_0;
+    const double a6 = sin(a5);
+    const double a7 = a6 / 2.0;
+    const double p_20 = arg[3][20];
+    const double p_17 = arg[3][17];
+    const double a8 = p_20 * p_17;
+    const double a9 = a8 / p_19;
+    const double w_0 = arg[2][0];
+    const double a10 = a9 * w_0;
+    const double a11 = a7 + a10;
+    const double x_2 = arg[1][2];
+    const double a12 = a11 + x_2;
+    const double a13 = p_18 / p_19;
+    const double p_16 = arg[3][16];
+    const double a14 = p_16 - a13;
+    const double a15 = x_0 * a14;
+    const double a16 = a12 + a15;
+    x_dot[1] = a16;
+    const double a18 = p_17 / p_19;
+    const double a19 = a18 * w_0;
+    const double a20 = p_16 * x_0;
+    const double a21 = a20 / p_19;
+    const double a22 = a19 + a21;
+    x_dot[2] = a22;
+    const double a24 = cos(t_0);
+    const double a25 = 3.0 * a24;
+    const double a26 = a25 / 10.0;
+    const double a27 = 0.3 - a26;
+    const double a28 = x_0 - a27;
+    e[0] = a28;
+    return 0;
+}
+
+int plant_work(long long int *sz_arg, long long int *sz_res, long long int *sz_iw, long long int *sz_w)
+{
+    *sz_arg = 4;
+    *sz_res = 2;
+    *sz_iw = 0;
+    *sz_w = 0;
+    return 0;
+}
+
 /* closed_loop:(t[1],X[11],g[2],p[21])->(X_dot[11],v[1],e[1]) */
 int closed_loop(const double **arg, double **res, long long int *iw, double *w, int mem)
 {
@@ -3660,30 +3720,206 @@ int guard_work(long long int *sz_arg, long long int *sz_res, long long int *sz_i
     return 0;
 }
 
-int plant(const double **arg, double **res, long long int *iw, double *w, int mem)
-{
-    (void)iw;
-    (void)w;
-    (void)mem;
-    pmj_plant(arg[0], arg[1], arg[2], arg[3], res[0], res[1]);
-    return 0;
-}
-
-int plant_work(long long int *sz_arg, long long int *sz_res, long long int *sz_iw, long long int *sz_w)
-{
-    *sz_arg = 4;
-    *sz_res = 2;
-    *sz_iw = 0;
-    *sz_w = 0;
-    return 0;
-}
-
+/* plant_taylor:(t[1],x[3],w[1],p[21])->(c[44]) */
 int plant_taylor(const double **arg, double **res, long long int *iw, double *w, int mem)
 {
     (void)iw;
     (void)w;
     (void)mem;
-    pmj_plant_taylor(arg[0], arg[1], arg[2], arg[3], res[0]);
+    double *restrict c = res[0];
+    const double x_0 = arg[1][0];
+    c[0] = x_0;
+    const double x_1 = arg[1][1];
+    c[1] = x_1;
+    const double x_2 = arg[1][2];
+    c[2] = x_2;
+    const double t_0 = arg[0][0];
+    const double a3 = cos(t_0);
+    const double a4 = 3.0 * a3;
+    const double a5 = a4 / 10.0;
+    const double a6 = 0.3 - a5;
+    const double a7 = x_0 - a6;
+    c[3] = a7;
+    const double p_19 = arg[3][19];
+    const double a9 = 1.0 / p_19;
+    const double p_18 = arg[3][18];
+    const double a10 = p_18 + a9;
+    const double a11 = x_0 * a10;
+    const double a12 = x_1 - a11;
+    c[4] = a12;
+    const double a14 = 3.0 * t_0;
+    const double a15 = sin(a14);
+    const double a16 = a15 / 2.0;
+    const double p_20 = arg[3][20];
+    const double p_17 = arg[3][17];
+    const double a17 = p_20 * p_17;
+    const double a18 = a17 / p_19;
+    const double w_0 = arg[2][0];
+    const double a19 = a18 * w_0;
+    const double a20 = a16 + a19;
+    const double a21 = a20 + x_2;
+    const double a22 = p_18 / p_19;
+    const double p_16 = arg[3][16];
+    const double a23 = p_16 - a22;
+    const double a24 = x_0 * a23;
+    const double a25 = a21 + a24;
+    c[5] = a25;
+    const double a27 = p_17 / p_19;
+    const double a28 = a27 * w_0;
+    const double a29 = p_16 * x_0;
+    const double a30 = a29 / p_19;
+    const double a31 = a28 + a30;
+    c[6] = a31;
+    const double a33 = sin(t_0);
+    const double a34 = 0.30000000000000004 * a33;
+    const double a35 = a12 - a34;
+    c[7] = a35;
+    const double a37 = a10 * a12;
+    const double a38 = a25 - a37;
+    const double a39 = 0.5 * a38;
+    c[8] = a39;
+    const double a41 = a23 * a12;
+    const double a42 = a31 + a41;
+    const double a43 = cos(a14);
+    const double a44 = 1.5 * a43;
+    const double a45 = a42 + a44;
+    const double a46 = 0.5 * a45;
+    c[9] = a46;
+    const double a48 = p_16 / p_19;
+    const double a49 = a48 * a12;
+    const double a50 = 0.5 * a49;
+    c[10] = a50;
+    const double a52 = 0.15000000000000002 * a3;
+    const double a53 = a39 - a52;
+    c[11] = a53;
+    const double a55 = a10 * a39;
+    const double a56 = a46 - a55;
+    const double a57 = 0.3333333333333333 * a56;
+    c[12] = a57;
+    const double a59 = 2.25 * a15;
+    const double a60 = a50 - a59;
+    const double a61 = a23 * a39;
+    const double a62 = a60 + a61;
+    const double a63 = 0.3333333333333333 * a62;
+    c[13] = a63;
+    const double a65 = a48 * a39;
+    const double a66 = 0.3333333333333333 * a65;
+    c[14] = a66;
+    const double a68 = 0.05 * a33;
+    const double a69 = a68 + a57;
+    c[15] = a69;
+    const double a71 = a10 * a57;
+    const double a72 = a63 - a71;
+    const double a73 = 0.25 * a72;
+    c[16] = a73;
+    const double a75 = 2.25 * a43;
+    const double a76 = a66 - a75;
+    const double a77 = a23 * a57;
+    const double a78 = a76 + a77;
+    const double a79 = 0.25 * a78;
+    c[17] = a79;
+    const double a81 = a48 * a57;
+    const double a82 = 0.25 * a81;
+    c[18] = a82;
+    const double a84 = 0.0125 * a3;
+    const double a85 = a84 + a73;
+    c[19] = a85;
+    const double a87 = a10 * a73;
+    const double a88 = a79 - a87;
+    const double a89 = 0.2 * a88;
+    c[20] = a89;
+    const double a91 = 1.6875 * a15;
+    const double a92 = a91 + a82;
+    const double a93 = a23 * a73;
+    const double a94 = a92 + a93;
+    const double a95 = 0.2 * a94;
+    c[21] = a95;
+    const double a97 = a48 * a73;
+    const double a98 = 0.2 * a97;
+    c[22] = a98;
+    const double a100 = 0.0025000000000000005 * a33;
+    const double a101 = a89 - a100;
+    c[23] = a101;
+    const double a103 = a10 * a89;
+    const double a104 = a95 - a103;
+    const double a105 = 0.16666666666666666 * a104;
+    c[24] = a105;
+    const double a107 = 1.0125 * a43;
+    const double a108 = a107 + a98;
+    const double a109 = a23 * a89;
+    const double a110 = a108 + a109;
+    const double a111 = 0.16666666666666666 * a110;
+    c[25] = a111;
+    const double a113 = a48 * a89;
+    const double a114 = 0.16666666666666666 * a113;
+    c[26] = a114;
+    const double a116 = 0.0004166666666666667 * a3;
+    const double a117 = a105 - a116;
+    c[27] = a117;
+    const double a119 = a10 * a105;
+    const double a120 = a111 - a119;
+    const double a121 = 0.14285714285714285 * a120;
+    c[28] = a121;
+    const double a123 = 0.5062499999999999 * a15;
+    const double a124 = a114 - a123;
+    const double a125 = a23 * a105;
+    const double a126 = a124 + a125;
+    const double a127 = 0.14285714285714285 * a126;
+    c[29] = a127;
+    const double a129 = a48 * a105;
+    const double a130 = 0.14285714285714285 * a129;
+    c[30] = a130;
+    const double a132 = 5.9523809523809524e-05 * a33;
+    const double a133 = a132 + a121;
+    c[31] = a133;
+    const double a135 = a10 * a121;
+    const double a136 = a127 - a135;
+    const double a137 = 0.125 * a136;
+    c[32] = a137;
+    const double a139 = 0.21696428571428564 * a43;
+    const double a140 = a130 - a139;
+    const double a141 = a23 * a121;
+    const double a142 = a140 + a141;
+    const double a143 = 0.125 * a142;
+    c[33] = a143;
+    const double a145 = a48 * a121;
+    const double a146 = 0.125 * a145;
+    c[34] = a146;
+    const double a148 = 7.4404761904761905e-06 * a3;
+    const double a149 = a148 + a137;
+    c[35] = a149;
+    const double a151 = a10 * a137;
+    const double a152 = a143 - a151;
+    const double a153 = 0.1111111111111111 * a152;
+    c[36] = a153;
+    const double a155 = 0.08136160714285712 * a15;
+    const double a156 = a155 + a146;
+    const double a157 = a23 * a137;
+    const double a158 = a156 + a157;
+    const double a159 = 0.1111111111111111 * a158;
+    c[37] = a159;
+    const double a161 = a48 * a137;
+    const double a162 = 0.1111111111111111 * a161;
+    c[38] = a162;
+    const double a164 = 8.267195767195766e-07 * a33;
+    const double a165 = a153 - a164;
+    c[39] = a165;
+    const double a167 = a10 * a153;
+    const double a168 = a159 - a167;
+    const double a169 = 0.1 * a168;
+    c[40] = a169;
+    const double a171 = 0.027120535714285705 * a43;
+    const double a172 = a171 + a162;
+    const double a173 = a23 * a153;
+    const double a174 = a172 + a173;
+    const double a175 = 0.1 * a174;
+    c[41] = a175;
+    const double a177 = a48 * a153;
+    const double a178 = 0.1 * a177;
+    c[42] = a178;
+    const double a180 = 8.267195767195766e-08 * a3;
+    const double a181 = a169 - a180;
+    c[43] = a181;
     return 0;
 }
 
@@ -3696,12 +3932,51 @@ int plant_taylor_work(long long int *sz_arg, long long int *sz_res, long long in
     return 0;
 }
 
+/* plant_guard:(t[1],x[3],w[1],p[21],R[1],P[3])->(rest[4]) */
 int plant_guard(const double **arg, double **res, long long int *iw, double *w, int mem)
 {
     (void)iw;
     (void)w;
     (void)mem;
-    pmj_plant_guard(arg[0], arg[1], arg[2], arg[3], arg[4], arg[5], res[0]);
+    double *restrict rest = res[0];
+    rest[0] = 0.0;
+    const double t_0 = arg[0][0];
+    const double a1 = 3.0 * t_0;
+    const double a2 = cos(a1);
+    const double a3 = fabs(a2);
+    const double R_0 = arg[4][0];
+    const double a4 = 3.0 * R_0;
+    const double a5 = exp(a4);
+    const double a6 = 1.0 / a5;
+    const double a7 = a5 - a6;
+    const double a8 = 0.5 * a7;
+    const double a9 = a3 * a8;
+    const double a10 = sin(a1);
+    const double a11 = fabs(a10);
+    const double a12 = a5 + a6;
+    const double a13 = 0.5 * a12;
+    const double a14 = a13 - 1.0;
+    const double a15 = a11 * a14;
+    const double a16 = a9 + a15;
+    const double a17 = 0.5 * a16;
+    rest[1] = a17;
+    rest[2] = 0.0;
+    const double a20 = sin(t_0);
+    const double a21 = fabs(a20);
+    const double a22 = exp(R_0);
+    const double a23 = 1.0 / a22;
+    const double a24 = a22 - a23;
+    const double a25 = 0.5 * a24;
+    const double a26 = a21 * a25;
+    const double a27 = cos(t_0);
+    const double a28 = fabs(a27);
+    const double a29 = a22 + a23;
+    const double a30 = 0.5 * a29;
+    const double a31 = a30 - 1.0;
+    const double a32 = a28 * a31;
+    const double a33 = a26 + a32;
+    const double a34 = 0.30000000000000004 * a33;
+    rest[3] = a34;
     return 0;
 }
 

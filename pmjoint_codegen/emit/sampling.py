@@ -19,7 +19,7 @@ from pmjoint_codegen.emit.taylor import taylor_function
 
 HOLD_ORDER = 5  # of ``sample``: one step over a hold of 1 ms at 1e-10
 PLANT_ORDER = 10  # of ``plant_taylor``: one step over a hold of 10 ms at 1e-10; see docs/design.md
-SAMPLED = ("plant", "plant_taylor", "plant_guard", "sample")  # what ``sampled.h`` holds
+SAMPLED = ("sample",)  # what ``sampled.h`` holds
 
 
 def sampled_functions(functions: Mapping[str, ca.Function]) -> dict[str, ca.Function]:

@@ -328,7 +328,7 @@ class _Loop:
         progress.integral += size * total
         if abs(last) > progress.band:
             progress.settled = end
-        elif float(self.reach[self.e]) > progress.band:
+        else:
             when = last_outside(self.c[:, self.e].tolist(), size, progress.band)
             progress.settled = progress.settled if when is None else progress.t + when
 

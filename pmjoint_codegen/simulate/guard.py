@@ -17,6 +17,9 @@ from pmjoint_codegen.manifest import GuardRule
 # singularities, larger ones for what grows slowly and is multiplied by high gains.
 TARGETS: Final = (1.0, 1e3, 1e-2, 1e-7)
 ROUNDS: Final = 6
+# Discs for holds, which are short beside what the plant does: no point of comparison is needed. The first is
+# also that of a window over many holds.
+HOLD_RATIOS: Final = (32.0, 12.0, 6.0)
 
 
 @dataclass(frozen=True)
@@ -57,3 +60,11 @@ def _ratio(rule: GuardRule, order: int, target: float) -> float:
     for _ in range(ROUNDS):
         ratio = max(1.0 + (ratio - 1.0) / 2, ratio * (factor(rule, order, ratio) / target) ** (0.5 / degree))
     return ratio
+
+
+def hold_factors(zeros: int) -> list[float]:
+    """``s^-N s/(s - 1)`` for each of `HOLD_RATIOS`: what a step whose defect has an N-fold zero at its start misses.
+
+    Without points of comparison; N is the order for rates, one more for values.
+    """
+    return [math.pow(ratio, -zeros) * ratio / (ratio - 1.0) for ratio in HOLD_RATIOS]

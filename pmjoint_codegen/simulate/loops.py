@@ -49,8 +49,9 @@ class CompiledLoop:
                 ("pmj_memory *", memory),
             )
         )
-        # The sampled loop has its kernels inside.
-        names = () if problem.sample_time else ("taylor", "guard", "closed_loop")
+        # The sampled loop has ``sample`` inside.
+        sampled = bool(problem.sample_time)
+        names = ("plant_taylor", "plant_guard", "plant") if sampled else ("taylor", "guard", "closed_loop")
         self._library = lib  # whose code runs: it must stay loaded
         self._bound = [evaluator.function(name) for name in names]  # the structs point into them
         self._functions = [function.struct for function in self._bound]

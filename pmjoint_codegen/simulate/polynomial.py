@@ -149,6 +149,12 @@ def note_extremum(c: list[float], t: float, tau: float, i: int, peaks: Array, pe
 
 def last_outside(c: Sequence[float], tau: float, band: float) -> float | None:
     """The last time in [0, tau) at which a channel's magnitude goes from above `band` to below it, or None."""
+    power, reach = 1.0, 0.0
+    for coefficient in c:
+        reach += abs(coefficient) * power
+        power *= tau
+    if not reach > band:
+        return None
     roots = [root for side in (-1.0, 1.0) for root in crossings([c[0] + side * band, *c[1:]], tau)]
     return max(roots, default=None)
 

@@ -26,7 +26,8 @@ class Problem:
         n_plant: plant states x, first in X.
         n_states: plant states, then controller states: length of X.
         n_channels: of the Taylor kernel: X, v, e (sampled: x, e), then the arguments of kinks.
-        n_kinks: of these.
+        n_rates: channels that have rates: nX (sampled: nx).
+        n_kinks: arguments of kinks.
         n_actuated: channels of w; the first is u.
         order: N, the highest Taylor coefficient.
         n_thresholds: length of `thresholds`.
@@ -50,6 +51,11 @@ class Problem:
         times: output instants, s: the first 0, the last the horizon.
         n_rows: length of `times`.
         sample_time: s; 0 for the continuous loop.
+        hold_ratios: radii of discs, as multiples of a hold; the first also for windows over many holds.
+        hold_rate_factors: what a hold of the order of ``sample`` can miss, without points of comparison, as a
+            multiple of the nonlinear part on the disc: of rates;
+        hold_value_factors: of values.
+        n_hold_ratios: number of discs.
         tolerance: local error, relative to max(1, |value|).
         safety: factor on the step that the last two coefficients allow.
         hold_reach: part of the radius of convergence up to which a hold is one step of the lower order N of
@@ -62,6 +68,7 @@ class Problem:
     n_plant: int
     n_states: int
     n_channels: int
+    n_rates: int
     n_kinks: int
     n_actuated: int
     order: int
@@ -85,6 +92,10 @@ class Problem:
     times: Array
     n_rows: int
     sample_time: float
+    hold_ratios: Array
+    hold_rate_factors: Array
+    hold_value_factors: Array
+    n_hold_ratios: int
     tolerance: float
     safety: float
     hold_reach: float
@@ -161,6 +172,7 @@ class Memory:
         rates: values inside a step.
         g: the mode, then sides, continuous loop.
         w: what the actuator delivers, then sides, sampled loop.
+        window: shape (2 + 2 nx,), of which the guard is known: t and its reach, x and its reach; sampled loop.
         sides: on which side of each kink the run is, +1 or -1.
         sample: X at the last sample, sampled loop.
         rows: shape (n_rows, nX), X at the output instants; the first row comes filled in.
@@ -183,6 +195,7 @@ class Memory:
     rates: Array
     g: Array
     w: Array
+    window: Array
     sides: Array
     sample: Array
     rows: Array
@@ -215,6 +228,7 @@ def make_memory(problem: Problem, x0: Array) -> Memory:
         rates=np.zeros(padded),
         g=np.zeros(2 * problem.n_actuated + problem.n_kinks),
         w=np.zeros(problem.n_actuated + problem.n_kinks),
+        window=np.full(2 + 2 * problem.n_plant, -1.0),
         sides=np.ones(problem.n_kinks),
         sample=x0.copy(),
         rows=np.empty((rows, n)),

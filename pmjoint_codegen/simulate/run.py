@@ -19,7 +19,7 @@ import numpy as np
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate import quadrature
-from pmjoint_codegen.simulate.guard import discs
+from pmjoint_codegen.simulate.guard import HOLD_RATIOS, discs, hold_factors
 from pmjoint_codegen.simulate.hold import hold_matrices
 from pmjoint_codegen.simulate.loops import Advance, make_loop
 from pmjoint_codegen.simulate.modes import Actuator, make_actuator
@@ -109,6 +109,7 @@ def make_problem(evaluator: Evaluator, settings: Settings, actuator: Actuator) -
         n_plant=manifest.nx,
         n_states=manifest.nX,
         n_channels=(manifest.nx + 1 if sampled else manifest.nX + 2) + len(manifest.kinks),
+        n_rates=manifest.nx if sampled else manifest.nX,
         n_kinks=len(manifest.kinks),
         n_actuated=actuator.channels,
         order=order,
@@ -132,6 +133,10 @@ def make_problem(evaluator: Evaluator, settings: Settings, actuator: Actuator) -
         times=times,
         n_rows=len(times),
         sample_time=settings.sample_time if sampled else 0.0,
+        hold_ratios=np.array(HOLD_RATIOS),
+        hold_rate_factors=np.array(hold_factors(manifest.hold_order)),
+        hold_value_factors=np.array(hold_factors(manifest.hold_order + 1)),
+        n_hold_ratios=len(HOLD_RATIOS),
         tolerance=settings.tolerance,
         safety=_safety(order),
         hold_reach=_hold_reach(manifest.hold_order, settings.tolerance) if sampled else 0.0,

@@ -3,14 +3,8 @@
 #include <float.h>
 #include <math.h>
 
-/* A step may miss the right-hand side by this multiple of the tolerance, anywhere. */
-#define DEFECT 10.0
 /* A threshold on which rounding alone decides the side is left alone for this long, s. */
 #define UNDECIDED_STEP 1e-7
-/* Rounding of a sum of terms, generously, relative to their magnitudes. */
-#define ROUNDED_UP (1.0 + 1e-12)
-/* After a step that the guard has cut, the next is at most so much longer. */
-#define GROWTH 2.5
 
 /* The kernels of a run. */
 typedef struct {
@@ -37,11 +31,6 @@ static const double *actuation(const pmj_problem *problem, const pmj_memory *mem
     return memory->g;
 }
 
-static int call(const pmj_function *kernel)
-{
-    return kernel->call(kernel->arg, kernel->res, kernel->iw, kernel->w, 0);
-}
-
 /* Taylor coefficients at (t, X) in the given mode, into half `buffer`; 0 is success. */
 static int expand(const pmj_problem *problem, const pmj_function *taylor, pmj_progress *progress,
                   const pmj_memory *memory, double t, const double *X, long long mode, long long buffer)
@@ -52,65 +41,7 @@ static int expand(const pmj_problem *problem, const pmj_function *taylor, pmj_pr
     taylor->arg[3] = problem->p;
     taylor->res[0] = coefficients(problem, memory, buffer);
     progress->evaluations += 1;
-    return call(taylor);
-}
-
-/* The largest of `values`, each relative to its channel's scale; of rates, over a step of size h. Infinite where one is
- * no number. High gains leave more rounding in v than its present value tells, so that its scale is its peak so far. */
-static double largest(const pmj_problem *problem, const pmj_memory *memory, const double *values, double h)
-{
-    const long long v = problem->n_states;
-    double most = 0.0;
-    for (long long i = 0; i < problem->n_channels; ++i) {
-        const double scale = i < v ? h * memory->scales[i]
-                             : i > v ? memory->scales[i] : 1.0 / (memory->peaks[v] > 1.0 ? memory->peaks[v] : 1.0);
-        const double value = fabs(values[i]) * scale;
-        if (!(value <= most)) {
-            most = value <= DBL_MAX ? value : HUGE_VAL;
-        }
-    }
-    return most;
-}
-
-/* The longest step up to h whose polynomials the guard shows to follow the right-hand side all along, if their defect at
- * the points of comparison is small; 0 where there is none above `smallest`, -1 where the kernel fails. */
-static double guarded(const pmj_problem *problem, const pmj_function *guard, pmj_progress *progress,
-                      const pmj_memory *memory, const double *c, double h, double smallest)
-{
-    const long long width = problem->n_channels;
-    const long long order = problem->order + problem->n_inside + 1;
-    const double allowed = 1.0 / (DEFECT * problem->tolerance);
-    guard->arg[0] = &progress->t;
-    guard->arg[1] = c;
-    guard->arg[2] = actuation(problem, memory, progress->mode);
-    guard->arg[3] = problem->p;
-    guard->arg[5] = memory->majorants;
-    guard->res[0] = memory->rest;
-    while (h >= smallest) {
-        double best = 0.0;
-        const long long likely = progress->disc;
-        for (long long trial = 0; trial < problem->n_ratios; ++trial) {
-            const long long disc = trial == 0 ? likely : trial - (trial <= likely); /* the last one first */
-            const double R = problem->ratios[disc] * h;
-            guard->arg[4] = &R;
-            pmj_bounds(c + width, width, problem->order - 1, R, 0, memory->majorants);
-            for (long long i = 0; i < problem->n_states; ++i) {
-                memory->majorants[i] = memory->majorants[i] * R;
-            }
-            if (call(guard)) {
-                return -1.0;
-            }
-            const double miss = problem->factors[disc] * largest(problem, memory, memory->rest, h) * allowed;
-            if (miss <= 1.0) {
-                progress->disc = disc;
-                return h;
-            }
-            const double factor = pmj_shrink(miss, order);
-            best = factor > best ? factor : best;
-        }
-        h = h * best;
-    }
-    return 0.0;
+    return pmj_apply(taylor);
 }
 
 /* Mode of a value of v: how many thresholds lie below it. */
@@ -150,25 +81,7 @@ static void note_error(const pmj_problem *problem, pmj_progress *progress, const
         sum += problem->weights[i] * (e[i] * e[i]);
     }
     progress->integral += size * sum;
-    if (fabs(memory->trial[place]) > progress->band) {
-        progress->settled = end;
-    } else if (memory->reach[place] > progress->band) {
-        const double last = pmj_last_outside(c + place, problem->n_channels, problem->order, size, progress->band);
-        progress->settled = last >= 0.0 ? progress->t + last : progress->settled;
-    }
-}
-
-/* Whether a channel certainly keeps between two values up to h, where `memory->reach` bounds its terms: a straight line,
- * and no more beside it than the higher terms can add. */
-static int stays(const pmj_problem *problem, const pmj_memory *memory, const double *c, long long channel, double low,
-                 double high, double h)
-{
-    const double start = c[channel];
-    const double rise = c[problem->n_channels + channel] * h;
-    const double beside = memory->reach[channel] * ROUNDED_UP - fabs(start) - fabs(rise);
-    const double least = start + (rise < 0.0 ? rise : 0.0) - beside;
-    const double most = start + (rise > 0.0 ? rise : 0.0) + beside;
-    return least > low && most < high;
+    pmj_note_settled(problem, progress, c + place, memory->trial[place], size, end);
 }
 
 /* Whether v certainly keeps between the thresholds of its mode. */
@@ -178,26 +91,7 @@ static int keeps_mode(const pmj_problem *problem, const pmj_progress *progress, 
     const double low = progress->mode > 0 ? problem->thresholds[progress->mode - 1] : -HUGE_VAL;
     const double high = progress->mode < problem->n_thresholds ? problem->thresholds[progress->mode] : HUGE_VAL;
     return (progress->touching < 0 || progress->touching >= problem->n_thresholds)
-           && stays(problem, memory, c, problem->n_states, low, high, h);
-}
-
-/* When a channel passes `level` in a direction (`outward` is +1 upwards, -1 downwards), from 0 to before h.
- * 1 and the time after the step's start; 0 if it does not. On the level, to rounding, the first derivative that does not
- * vanish decides, and the zero at the start is divided out before the search. */
-static int passes(const pmj_problem *problem, const double *c, long long channel, double level, int touching,
-                  int outward, double h, double *tau)
-{
-    double q[PMJ_MAX_ORDER + 1];
-    for (long long k = 0; k <= problem->order; ++k) {
-        q[k] = c[k * problem->n_channels + channel];
-    }
-    q[0] = touching ? 0.0 : q[0] - level;
-    const long long zeros = pmj_leading_zeros(q, problem->order, h);
-    if (q[zeros] * outward > 0.0) {
-        *tau = 0.0;
-        return 1;
-    }
-    return pmj_first_crossing(q + zeros, problem->order - zeros, h, tau);
+           && pmj_stays(problem, memory, c, problem->n_states, low, high, h);
 }
 
 /* The threshold or kink that is passed first within h, or -1; `*tau` becomes the time until then, or h. */
@@ -212,21 +106,14 @@ static long long first_passage(const pmj_problem *problem, const pmj_progress *p
         for (int side = -1; side <= 1; side += 2) {
             const long long index = progress->mode + (side < 0 ? -1 : 0);
             if (index >= 0 && index < problem->n_thresholds
-                && passes(problem, c, v, problem->thresholds[index], progress->touching == index, side, *tau, &when)) {
+                && pmj_passes(problem, c, v, problem->thresholds[index], progress->touching == index, side, *tau, &when)) {
                 found = index;
                 *tau = when;
             }
         }
     }
-    for (long long j = 0; j < problem->n_kinks; ++j) {
-        const int above = memory->sides[j] > 0.0;
-        const int touching = progress->touching == problem->n_thresholds + j;
-        if ((touching || !stays(problem, memory, c, v + 2 + j, above ? 0.0 : -HUGE_VAL, above ? HUGE_VAL : 0.0, h))
-            && passes(problem, c, v + 2 + j, 0.0, touching, above ? -1 : 1, *tau, &when)) {
-            found = problem->n_thresholds + j;
-            *tau = when;
-        }
-    }
+    const long long kink = pmj_first_kink(problem, memory, c, progress->touching - problem->n_thresholds, h, tau);
+    found = kink >= 0 ? problem->n_thresholds + kink : found;
     return found;
 }
 
@@ -235,39 +122,20 @@ static long long first_passage(const pmj_problem *problem, const pmj_progress *p
 static double missed(const pmj_problem *problem, const pmj_function *rates, const pmj_progress *progress,
                      const pmj_memory *memory, const double *c, const double *next, double tau)
 {
-    const long long n = problem->n_states;
-    const long long width = problem->n_channels;
-    double *values = memory->rates;
-    double *slopes = memory->majorants; /* the guard has done with them */
-    double most = 0.0;
-    for (long long i = 0; i < width; ++i) {
-        memory->rest[i] = i < n ? memory->slope[i] - next[width + i] : memory->trial[i] - next[i];
+    const double *g = actuation(problem, memory, progress->mode);
+    for (long long i = 0; i < problem->n_channels; ++i) {
+        memory->rest[i] = i < problem->n_rates ? memory->slope[i] - next[problem->n_channels + i]
+                                               : memory->trial[i] - next[i];
     }
-    most = largest(problem, memory, memory->rest, tau);
+    double most = pmj_largest(problem, memory, memory->rest, tau);
     for (long long j = 0; j < problem->n_inside; ++j) {
-        const double at = tau * problem->inside[j];
-        const double t = progress->t + at;
-        pmj_arrive(c, width, problem->order, at, values, slopes);
-        rates->arg[0] = &t;
-        rates->arg[1] = values;
-        rates->arg[2] = memory->g;
-        rates->arg[3] = problem->p;
-        rates->res[0] = memory->rest;
-        rates->res[1] = memory->rest + n;
-        rates->res[2] = memory->rest + n + 1;
-        if (problem->n_kinks > 0) {
-            rates->res[3] = memory->rest + n + 2;
-        }
-        if (call(rates)) {
+        const double defect = pmj_defect(problem, rates, progress->t, memory, g, c, tau * problem->inside[j], tau);
+        most = defect > most ? defect : most;
+        if (defect < 0.0) {
             return -1.0;
         }
-        for (long long i = 0; i < width; ++i) {
-            memory->rest[i] = (i < n ? slopes[i] : values[i]) - memory->rest[i];
-        }
-        const double defect = largest(problem, memory, memory->rest, tau);
-        most = defect > most ? defect : most;
     }
-    return problem->lebesgue * most / (DEFECT * problem->tolerance);
+    return problem->lebesgue * most / (PMJ_DEFECT * problem->tolerance);
 }
 
 /* Write down a change of mode at time t; a touch, there and back at one instant, is none. */
@@ -287,16 +155,6 @@ static void note_switch(const pmj_problem *problem, pmj_progress *progress, cons
     } else {
         progress->status = PMJ_TOO_MANY_SWITCHES;
     }
-}
-
-static int all_finite(const double *values, long long n)
-{
-    for (long long i = 0; i < n; ++i) {
-        if (!(fabs(values[i]) <= DBL_MAX)) {
-            return 0;
-        }
-    }
-    return 1;
 }
 
 /* First call: the sides and the mode at t = 0, and the coefficients there. */
@@ -322,7 +180,7 @@ static void start(const pmj_problem *problem, const pmj_function *taylor, pmj_pr
     failed |= expand(problem, taylor, progress, memory, 0.0, memory->state, progress->mode, 0);
     if (failed) {
         progress->status = PMJ_KERNEL_FAILED;
-    } else if (!all_finite(c, 2 * problem->n_channels)) {
+    } else if (!pmj_all_finite(c, 2 * problem->n_channels)) {
         progress->status = PMJ_NON_FINITE;
     }
     progress->band = problem->settled * fabs(c[n + 1]);
@@ -354,7 +212,7 @@ static void cross(const pmj_problem *problem, pmj_progress *progress, const pmj_
 static int may_exceed(double start, double rise, double reach, double peak)
 {
     const double end = fabs(start + rise);
-    const double beside = reach * ROUNDED_UP - fabs(start) - fabs(rise);
+    const double beside = reach * PMJ_ROUNDED_UP - fabs(start) - fabs(rise);
     return (fabs(start) > end ? fabs(start) : end) + beside > peak;
 }
 
@@ -413,7 +271,7 @@ static double first_step(const pmj_problem *problem, const pmj_progress *progres
 {
     double h = pmj_allowed_step(c, memory->scales, problem->n_channels, problem->order, problem->tolerance,
                                 problem->safety);
-    h = h < GROWTH * progress->last_cut ? h : GROWTH * progress->last_cut;
+    h = h < PMJ_GROWTH * progress->last_cut ? h : PMJ_GROWTH * progress->last_cut;
     h = h < problem->max_step ? h : problem->max_step;
     h = progress->idle > problem->n_thresholds && h > UNDECIDED_STEP ? UNDECIDED_STEP : h;
     return h < remaining ? h : remaining;
@@ -435,7 +293,7 @@ static void step(const pmj_problem *problem, const kernels *run, pmj_progress *p
     const double first = first_step(problem, progress, memory, c, remaining);
     double h = first;
     for (;;) {
-        h = guarded(problem, run->guard, progress, memory, c, h, smallest);
+        h = pmj_guarded(problem, run->guard, progress, memory, actuation(problem, memory, progress->mode), c, h, smallest);
         if (!(h > 0.0)) {
             progress->status = h < 0.0 ? PMJ_KERNEL_FAILED : PMJ_STALLED;
             return;
@@ -455,7 +313,6 @@ static void step(const pmj_problem *problem, const kernels *run, pmj_progress *p
             progress->status = PMJ_KERNEL_FAILED;
             return;
         }
-        actuation(problem, memory, progress->mode);
         const double miss = missed(problem, run->rates, progress, memory, c, next, tau);
         if (miss < 0.0) {
             progress->status = PMJ_KERNEL_FAILED;
@@ -477,7 +334,7 @@ static void step(const pmj_problem *problem, const kernels *run, pmj_progress *p
         progress->rejected += 1;
         h = tau * pmj_shrink(miss, problem->order);
         if (!(h >= smallest)) {
-            progress->status = all_finite(next, 2 * width) ? PMJ_STALLED : PMJ_NON_FINITE;
+            progress->status = pmj_all_finite(next, 2 * width) ? PMJ_STALLED : PMJ_NON_FINITE;
             return;
         }
     }

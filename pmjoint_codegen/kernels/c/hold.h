@@ -9,7 +9,7 @@
 
 #include <math.h>
 
-/* Channels of the coefficients: x, then e = y - y_r. */
+/* Channels of the coefficients: x, then e = y - y_r, then the arguments of kinks. */
 #define ORDER PMJ_HOLD_ORDER
 #define CHANNELS (PMJ_NX + 1 + PMJ_NK)
 #define E PMJ_NX
@@ -72,6 +72,39 @@ static inline double reach(const double *c, int channel, double tau)
         sum = sum * tau + fabs(c[k * CHANNELS + channel]);
     }
     return sum;
+}
+
+/* How far a channel can go from its start where time goes anywhere in a disc of radius R. */
+static inline double spread(const double *c, int channel, double R)
+{
+    double sum = fabs(c[ORDER * CHANNELS + channel]);
+    UNROLLED
+    for (int k = ORDER - 1; k >= 1; --k) {
+        sum = sum * R + fabs(c[k * CHANNELS + channel]);
+    }
+    return sum * R;
+}
+
+/* Whether the window of what the guard has looked at holds the disc of radius R around t, and where x goes on it. */
+static inline int covered(const double *window, const double *c, double t, double R)
+{
+    int all = fabs(t - window[0]) + R <= window[1];
+    UNROLLED
+    for (int i = 0; i < PMJ_NX; ++i) {
+        all = all && fabs(c[i] - window[2 + i]) + spread(c, i, R) <= window[2 + PMJ_NX + i];
+    }
+    return all;
+}
+
+/* Whether no kink is met: every argument keeps away from 0. */
+static inline int smooth(const double *c, double tau)
+{
+    int all = 1;
+    UNROLLED
+    for (int i = E + 1; i < CHANNELS; ++i) {
+        all = all && spread(c, i, tau) < fabs(c[i]);
+    }
+    return all;
 }
 
 /* Integral of e^2 over a hold that is one step, by three Gauss nodes. */

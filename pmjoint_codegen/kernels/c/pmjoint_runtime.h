@@ -17,6 +17,13 @@
 /* Below this step, relative to max(1 s, t), time does not move any more. */
 #define PMJ_SMALLEST_STEP 1e-14
 
+/* A step may miss the right-hand side by this multiple of the tolerance, anywhere. */
+#define PMJ_DEFECT 10.0
+/* After a step that the guard has cut, the next is at most so much longer. */
+#define PMJ_GROWTH 2.5
+/* Rounding of a sum of terms, generously, relative to their magnitudes. */
+#define PMJ_ROUNDED_UP (1.0 + 1e-12)
+
 /* Values of `pmj_progress.status`; simulate/status.py puts them into words. */
 #define PMJ_RUNNING 0
 #define PMJ_DONE 1
@@ -44,7 +51,8 @@ typedef struct {
 typedef struct {
     long long n_plant;        /* nx: plant states x, first in X */
     long long n_states;       /* nX: plant states, then controller states */
-    long long n_channels;     /* of the Taylor kernel: X, v, e, then the arguments of kinks */
+    long long n_channels;     /* of the Taylor kernel: X, v, e (sampled: x, e), then the arguments of kinks */
+    long long n_rates;        /* channels that have rates: nX (sampled: nx) */
     long long n_kinks;        /* nk */
     long long n_actuated;     /* nw: channels of w, the first is u */
     long long order;          /* N of the Taylor kernels */
@@ -67,7 +75,11 @@ typedef struct {
     double settled;           /* part of |e(0)|: e has settled once it stays within it */
     const double *times;      /* [n_rows] output instants, ascending, the first 0, the last the horizon */
     long long n_rows;
-    double sample_time;
+    double sample_time;       /* s; 0: continuous */
+    const double *hold_ratios;        /* sampled: [n_hold_ratios] radii of discs, as multiples of a hold; the first for windows */
+    const double *hold_rate_factors;  /* sampled: what a hold of order `sample` can miss, as a multiple of the nonlinear */
+    const double *hold_value_factors; /* part on the disc: of rates, and of values */
+    long long n_hold_ratios;
     double tolerance;         /* local error, relative to max(1, |value|) */
     double safety;            /* factor on the step that the last two coefficients allow */
     double hold_reach;        /* sampled: part of the radius of convergence up to which a hold is one step */
@@ -112,6 +124,7 @@ typedef struct {
     double *rates;            /* [channels + 3]: values inside a step, padded */
     double *g;                /* continuous: [2 nw + nk]: the mode, then sides */
     double *w;                /* sampled: [nw + nk]: w, then sides */
+    double *window;           /* sampled: [2 + 2 nx]: t and its reach, x and its reach, of which the guard is known */
     double *sides;            /* [nk]: on which side of each kink the run is, +1 or -1 */
     double *sample;           /* sampled: [nX], X at the last sample */
     double *rows;             /* [n_rows][nX]; the first row comes filled in */
@@ -152,8 +165,25 @@ void pmj_begin(const pmj_problem *problem, pmj_progress *progress, pmj_memory *m
 void pmj_continuous(const pmj_problem *problem, const pmj_function *taylor, const pmj_function *guard,
                     const pmj_function *rates, pmj_progress *progress, pmj_memory *memory, long long budget);
 
-/* sampled.c */
-void pmj_sampled(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory, long long budget);
+/* sampled.c; the kernels are those of the plant */
+void pmj_sampled(const pmj_problem *problem, const pmj_function *taylor, const pmj_function *guard,
+                 const pmj_function *rates, pmj_progress *progress, pmj_memory *memory, long long budget);
+
+/* guard.c */
+int pmj_all_finite(const double *values, long long n);
+double pmj_largest(const pmj_problem *problem, const pmj_memory *memory, const double *values, double h);
+double pmj_guarded(const pmj_problem *problem, const pmj_function *guard, pmj_progress *progress,
+                   const pmj_memory *memory, const double *actuation, const double *c, double h, double smallest);
+double pmj_defect(const pmj_problem *problem, const pmj_function *rates, double t, const pmj_memory *memory,
+                  const double *actuation, const double *c, double at, double tau);
+int pmj_stays(const pmj_problem *problem, const pmj_memory *memory, const double *c, long long channel, double low,
+              double high, double h);
+int pmj_passes(const pmj_problem *problem, const double *c, long long channel, double level, int touching, int outward,
+               double h, double *tau);
+long long pmj_first_kink(const pmj_problem *problem, const pmj_memory *memory, const double *c, long long touching,
+                         double h, double *tau);
+void pmj_note_settled(const pmj_problem *problem, pmj_progress *progress, const double *c, double last, double tau,
+                      double end);
 
 /* map.c */
 int pmj_apply(const pmj_function *kernel);

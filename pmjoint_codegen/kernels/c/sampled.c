@@ -9,6 +9,8 @@
 /* Output instants closer to a sample than this fraction of the sample time are the sample itself. */
 #define SAME_INSTANT 1e-9
 
+/* A window's reach in x, as a multiple of what a hold needs of it. */
+#define WINDOW 4.0
 /* Entries of the peaks: X, v, e. */
 #define PEAK_V PMJ_NS
 #define PEAK_E (PMJ_NS + 1)
@@ -35,15 +37,12 @@ static double long_integral(const pmj_problem *problem, const double *c, double 
     return size * sum;
 }
 
-static int all_finite(const double *values, int n)
-{
-    for (int i = 0; i < n; ++i) {
-        if (!(fabs(values[i]) <= DBL_MAX)) {
-            return 0;
-        }
-    }
-    return 1;
-}
+/* The kernels of the plant. */
+typedef struct {
+    const pmj_function *taylor;
+    const pmj_function *guard;
+    const pmj_function *rates;
+} kernels;
 
 /* Keep the mode of v at a sample, and its change. */
 static void note_mode(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory, double t,
@@ -76,6 +75,17 @@ static double *next_row(pmj_progress *progress, const pmj_memory *memory, double
     return row;
 }
 
+/* The last instant so far at which e is outside its band. */
+static void note_settled(pmj_progress *progress, const double *c, long long order, double last, double tau, double end)
+{
+    if (fabs(last) > progress->band) {
+        progress->settled = end;
+        return;
+    }
+    const double when = pmj_last_outside(c + E, CHANNELS, order, tau, progress->band);
+    progress->settled = when >= 0.0 ? progress->t + when : progress->settled;
+}
+
 /* Accept a step of the plant to time `until`: output rows before `rows_until`, peaks, the new state. */
 static void accept(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory, long long order,
                    double tau, double until, double rows_until, double t_sample)
@@ -89,6 +99,7 @@ static void accept(const pmj_problem *problem, pmj_progress *progress, const pmj
     pmj_note_peaks(c, CHANNELS, order, PMJ_NX, progress->t, tau, memory->trial, memory->peaks, memory->peak_times);
     pmj_note_peaks(c + E, CHANNELS, order, 1, progress->t, tau, memory->trial + E, memory->peaks + PEAK_E,
                    memory->peak_times + PEAK_E);
+    note_settled(progress, c, order, memory->trial[E], tau, until);
     memcpy(memory->state, memory->trial, PMJ_NX * sizeof(double));
     progress->t = until;
     progress->steps += 1;
@@ -99,45 +110,225 @@ static void try_step(const pmj_problem *problem, pmj_progress *progress, const p
                      double tau)
 {
     pmj_evaluate(memory->coefficients, CHANNELS, order, tau, memory->trial, CHANNELS);
-    if (!all_finite(memory->trial, PMJ_NX)) {
+    if (!pmj_all_finite(memory->trial, PMJ_NX)) {
         progress->status = PMJ_NON_FINITE;
     } else if (progress->steps >= problem->max_steps) {
         progress->status = PMJ_TOO_MANY_STEPS;
     }
 }
 
-/* Integrate the plant under constant w to `end` in as many steps as the tolerance demands. */
-static void long_hold(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory, double end,
-                      double rows_until)
+/* The sides of all kinks at the state, where an argument of 0 leaves its side as it was; 0 is success. */
+static int find_sides(const pmj_problem *problem, const pmj_function *rates, const pmj_progress *progress,
+                      const pmj_memory *memory)
+{
+    double *w = memory->w + problem->n_actuated;
+    for (int j = 0; j < PMJ_NK; ++j) { /* an argument depends on the sides before its own */
+        for (int i = 0; i < PMJ_NK; ++i) {
+            w[i] = memory->sides[i];
+        }
+        rates->arg[0] = &progress->t;
+        rates->arg[1] = memory->state;
+        rates->arg[2] = memory->w;
+        rates->arg[3] = problem->p;
+        rates->res[0] = memory->rest;
+        rates->res[1] = memory->rest + PMJ_NX;
+        rates->res[2] = memory->rest + PMJ_NX + 1;
+        if (pmj_apply(rates)) {
+            return 1;
+        }
+        const double value = memory->rest[PMJ_NX + 1 + j];
+        memory->sides[j] = value < 0.0 ? -1.0 : value > 0.0 ? 1.0 : memory->sides[j];
+    }
+    for (int i = 0; i < PMJ_NK; ++i) {
+        w[i] = memory->sides[i];
+    }
+    return 0;
+}
+
+/* Go to the other side of a kink. */
+static void flip(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory, long long kink)
+{
+    memory->sides[kink] = -memory->sides[kink];
+    memory->w[problem->n_actuated + kink] = memory->sides[kink];
+    progress->touching = kink;
+    progress->flips += 1;
+    if (progress->flips > 2 * PMJ_NK) {
+        progress->status = PMJ_SLIDING;
+    }
+}
+
+/* How much of what is allowed a step of a long hold misses; above 1 it is too long. */
+static double missed(const pmj_problem *problem, const kernels *plant, const pmj_progress *progress,
+                     const pmj_memory *memory, double tau)
+{
+    double most = 0.0;
+    for (long long j = 0; j <= problem->n_inside; ++j) {
+        const double at = j < problem->n_inside ? tau * problem->inside[j] : tau;
+        const double defect = pmj_defect(problem, plant->rates, progress->t, memory, memory->w, memory->coefficients, at, tau);
+        most = defect > most ? defect : most;
+    }
+    return problem->lebesgue * most / (PMJ_DEFECT * problem->tolerance);
+}
+
+/* The step of a long hold from the coefficients in memory, up to `left`, to the first kink; 0 at a kink that is passed at
+ * once or where the run ends. */
+static double long_step(const pmj_problem *problem, const kernels *plant, pmj_progress *progress,
+                        const pmj_memory *memory, double left, double smallest, long long *kink)
+{
+    const double *c = memory->coefficients;
+    double h = pmj_step_size(c, CHANNELS, problem->order, problem->tolerance, problem->safety);
+    h = h < PMJ_GROWTH * progress->last_cut ? h : PMJ_GROWTH * progress->last_cut;
+    h = h < problem->max_step ? h : problem->max_step;
+    h = h < left ? h : left;
+    const double first = h;
+    const double least = smallest < left ? smallest : left;
+    pmj_scales(c, CHANNELS, memory->scales);
+    for (;;) {
+        h = pmj_guarded(problem, plant->guard, progress, memory, memory->w, c, h, least);
+        if (!(h > 0.0)) {
+            progress->status = h < 0.0 ? PMJ_KERNEL_FAILED : pmj_all_finite(c, 2 * CHANNELS) ? PMJ_STALLED : PMJ_NON_FINITE;
+            return 0.0;
+        }
+        double tau = h;
+        pmj_bounds(c, CHANNELS, problem->order, h, 0, memory->reach);
+        *kink = pmj_first_kink(problem, memory, c, progress->touching, h, &tau);
+        if (*kink >= 0 && tau == 0.0) {
+            return 0.0;
+        }
+        const double miss = missed(problem, plant, progress, memory, tau);
+        if (miss <= 1.0) {
+            progress->last_cut = h < first ? h : HUGE_VAL;
+            return tau;
+        }
+        progress->rejected += 1;
+        h = tau * pmj_shrink(miss, problem->order);
+    }
+}
+
+/* Integrate the plant under constant w to `end` in as many steps as it takes. */
+static void long_hold(const pmj_problem *problem, const kernels *plant, pmj_progress *progress,
+                      const pmj_memory *memory, double end, double rows_until)
 {
     const double t_sample = progress->t;
     const double smallest = PMJ_SMALLEST_STEP * (end > 1.0 ? end : 1.0);
     double *c = memory->coefficients;
-    while (progress->t < end) {
+    progress->touching = -1;
+    progress->flips = 0;
+    progress->last_cut = HUGE_VAL;
+    if (find_sides(problem, plant->rates, progress, memory)) {
+        progress->status = PMJ_KERNEL_FAILED;
+    }
+    while (progress->t < end && progress->status == PMJ_RUNNING) {
         const double left = end - progress->t;
-        pmj_plant_taylor(&progress->t, memory->state, memory->w, problem->p, c);
+        long long kink = -1;
+        plant->taylor->arg[0] = &progress->t;
+        plant->taylor->arg[1] = memory->state;
+        plant->taylor->arg[2] = memory->w;
+        plant->taylor->arg[3] = problem->p;
+        plant->taylor->res[0] = c;
         progress->evaluations += 1;
-        const double size = pmj_step_size(c, CHANNELS, problem->order, problem->tolerance, problem->safety);
-        const int whole = !(size < left);
-        const double tau = whole ? left : size;
-        try_step(problem, progress, memory, problem->order, tau);
-        if (progress->status == PMJ_RUNNING && !whole && tau < smallest) {
-            progress->status = PMJ_STALLED;
+        if (pmj_apply(plant->taylor)) {
+            progress->status = PMJ_KERNEL_FAILED;
+            return;
         }
+        const double tau = long_step(problem, plant, progress, memory, left, smallest, &kink);
         if (progress->status != PMJ_RUNNING) {
             return;
         }
-        progress->integral += long_integral(problem, c, tau);
-        accept(problem, progress, memory, problem->order, tau, whole ? end : progress->t + tau, rows_until, t_sample);
+        if (tau > 0.0) {
+            try_step(problem, progress, memory, problem->order, tau);
+            if (progress->status != PMJ_RUNNING) {
+                return;
+            }
+            progress->integral += long_integral(problem, c, tau);
+            accept(problem, progress, memory, problem->order, tau, tau < left ? progress->t + tau : end, rows_until, t_sample);
+            progress->touching = -1;
+            progress->flips = 0;
+        }
+        if (kink >= 0) {
+            flip(problem, progress, memory, kink);
+        }
+    }
+}
+
+/* The guard on discs of radius R in time and `spreads` of each x; how much of what is allowed a hold of a length misses. */
+static double hold_miss(const pmj_problem *problem, const kernels *plant, const pmj_memory *memory, double t,
+                        const double *x, double R, const double *spreads, double length, long long disc)
+{
+    double most = 0.0;
+    plant->guard->arg[0] = &t;
+    plant->guard->arg[1] = x;
+    plant->guard->arg[2] = memory->w;
+    plant->guard->arg[3] = problem->p;
+    plant->guard->arg[4] = &R;
+    plant->guard->arg[5] = spreads;
+    plant->guard->res[0] = memory->rest;
+    if (pmj_apply(plant->guard)) {
+        return HUGE_VAL;
+    }
+    for (int i = 0; i < CHANNELS; ++i) {
+        const double miss = i < PMJ_NX ? problem->hold_rate_factors[disc] * memory->rest[i] * length
+                                       : problem->hold_value_factors[disc] * memory->rest[i];
+        if (!(miss <= most)) {
+            most = miss <= DBL_MAX ? miss : HUGE_VAL;
+        }
+    }
+    return most / (PMJ_DEFECT * problem->tolerance);
+}
+
+/* Whether the guard shows a hold to be one step of the sample's own coefficients. A window of what it has looked at once
+ * serves many holds; what varies inside it does so by twice its nonlinear part at most. */
+static int shown(const pmj_problem *problem, const kernels *plant, const pmj_progress *progress,
+                 const pmj_memory *memory, double length)
+{
+    const double *c = memory->coefficients;
+    const double R = problem->hold_ratios[0] * problem->sample_time;
+    double *window = memory->window;
+    double *spreads = memory->majorants;
+    if (covered(window, c, progress->t, R)) {
+        return 1;
+    }
+    window[0] = progress->t + R;
+    window[1] = 2.0 * R;
+    for (int i = 0; i < PMJ_NX; ++i) {
+        window[2 + i] = c[i];
+        window[2 + PMJ_NX + i] = WINDOW * spread(c, i, R);
+    }
+    if (2.0 * hold_miss(problem, plant, memory, window[0], window + 2, window[1], window + 2 + PMJ_NX,
+                        problem->sample_time, 0) <= 1.0) {
+        return 1;
+    }
+    window[1] = -1.0; /* none */
+    for (long long disc = 0; disc < problem->n_hold_ratios; ++disc) {
+        const double radius = problem->hold_ratios[disc] * length;
+        for (int i = 0; i < PMJ_NX; ++i) {
+            spreads[i] = spread(c, i, radius);
+        }
+        if (hold_miss(problem, plant, memory, progress->t, c, radius, spreads, length, disc) <= 1.0) {
+            return 1;
+        }
+    }
+    return 0;
+}
+
+/* Put the sides at a sample where the guard finds them. */
+static void take_sides(const pmj_problem *problem, const pmj_memory *memory)
+{
+    for (int j = 0; j < PMJ_NK; ++j) {
+        memory->sides[j] = memory->coefficients[E + 1 + j] < 0.0 ? -1.0 : 1.0;
+        memory->w[problem->n_actuated + j] = memory->sides[j];
     }
 }
 
 /* Integrate the plant under constant w for the time `length`, to `end`; the sample's coefficients stand in memory. */
-static void hold(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory, double length,
-                 double end, double rows_until)
+static void hold(const pmj_problem *problem, const kernels *plant, pmj_progress *progress, const pmj_memory *memory,
+                 double length, double end, double rows_until)
 {
-    if (!within(memory->coefficients, bounds_of(problem, length))) {
-        long_hold(problem, progress, memory, end, rows_until);
+    take_sides(problem, memory);
+    if (!(length <= problem->max_step && smooth(memory->coefficients, length)
+          && within(memory->coefficients, bounds_of(problem, length))
+          && shown(problem, plant, progress, memory, length))) {
+        long_hold(problem, plant, progress, memory, end, rows_until);
         return;
     }
     try_step(problem, progress, memory, ORDER, length);
@@ -163,7 +354,7 @@ static void settle(const pmj_problem *problem, pmj_progress *progress, const pmj
 {
     memcpy(memory->sample, memory->state, PMJ_NX * sizeof(double));
     memcpy(memory->sample + PMJ_NX, next, OWN * sizeof(double));
-    if (!all_finite(memory->sample, PMJ_NS)) {
+    if (!pmj_all_finite(memory->sample, PMJ_NS)) {
         progress->status = PMJ_NON_FINITE;
         return;
     }
@@ -176,8 +367,8 @@ static void settle(const pmj_problem *problem, pmj_progress *progress, const pmj
 }
 
 /* Everything that may happen at a sample and in its hold: the coefficients, X and w stand in memory. */
-static RARE void whole_sample(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory, double t,
-                              double v, const double *next)
+static RARE void whole_sample(const pmj_problem *problem, const kernels *plant, pmj_progress *progress, const pmj_memory *memory,
+                              double t, double v, const double *next)
 {
     const double slack = SAME_INSTANT * problem->sample_time;
     const double horizon = problem->times[problem->n_rows - 1];
@@ -203,9 +394,9 @@ static RARE void whole_sample(const pmj_problem *problem, pmj_progress *progress
         return;
     }
     if (horizon < rows_until) { /* ends inside this hold */
-        hold(problem, progress, memory, horizon - t, horizon, rows_until);
+        hold(problem, plant, progress, memory, horizon - t, horizon, rows_until);
     } else {
-        hold(problem, progress, memory, problem->sample_time, end, rows_until);
+        hold(problem, plant, progress, memory, problem->sample_time, end, rows_until);
     }
     if (progress->status == PMJ_RUNNING && progress->row == problem->n_rows) {
         progress->status = PMJ_DONE;
@@ -240,8 +431,10 @@ static ordinary ordinary_of(const pmj_problem *problem, const pmj_progress *prog
 }
 
 /* X(0) and e(0). */
-static void note_start(const pmj_memory *memory, const double *c)
+static void note_start(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory, const double *c)
 {
+    progress->band = problem->settled * fabs(c[E]);
+    memory->window[1] = -1.0;
     for (int i = 0; i < PMJ_NS; ++i) {
         pmj_note_value(memory->sample[i], 0.0, memory->peaks + i, memory->peak_times + i);
     }
@@ -265,7 +458,7 @@ static RARE int note_sample(const pmj_problem *problem, const pmj_memory *memory
     for (int i = 0; i < OWN; ++i) {
         pmj_note_value(next[i], end, memory->peaks + PMJ_NX + i, memory->peak_times + PMJ_NX + i);
     }
-    for (int i = 0; i < CHANNELS; ++i) {
+    for (int i = 0; i <= E; ++i) {
         const int place = i == E ? PEAK_E : i;
         if (!(reach(c, i, size) <= memory->peaks[place])) {
             const double last = value(c, i, size);
@@ -281,8 +474,13 @@ static RARE int note_sample(const pmj_problem *problem, const pmj_memory *memory
  *
  * What a sample usually does stands here, on values that the compiler keeps in registers; as soon as anything else may
  * happen (a switch, an output row, a second step, an end), `whole_sample` does it all, with the same arithmetic. */
-void pmj_sampled(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory, long long budget)
+void pmj_sampled(const pmj_problem *problem, const pmj_function *taylor, const pmj_function *guard,
+                 const pmj_function *rates, pmj_progress *progress, pmj_memory *memory, long long budget)
 {
+    const kernels plant = {taylor, guard, rates};
+    const double R = problem->hold_ratios[0] * problem->sample_time;
+    const int whole = problem->sample_time <= problem->max_step;
+    double window[2 + 2 * PMJ_NX];
     const double period = problem->sample_time;
     const double slack = SAME_INSTANT * period;
     double X[PMJ_NS];
@@ -292,6 +490,7 @@ void pmj_sampled(const pmj_problem *problem, pmj_progress *progress, const pmj_m
     memcpy(X, memory->sample, sizeof X);
     memcpy(p, problem->p, sizeof p);
     memcpy(h, problem->hold, sizeof h);
+    memcpy(window, memory->window, sizeof window);
     for (long long i = 0; i < budget && progress->status == PMJ_RUNNING; ++i) {
         const double t = (double)progress->sample * period;
         const double end = (double)(progress->sample + 1) * period;
@@ -301,8 +500,8 @@ void pmj_sampled(const pmj_problem *problem, pmj_progress *progress, const pmj_m
         double next[OWN];
         pmj_sample(&t, X, h, p, &v, w, c, next);
         progress->evaluations += 1;
-        const int usual = v > now.low && v <= now.high && now.row >= end - slack && within(c, now.accuracy)
-                          && progress->steps < problem->max_steps && progress->sample > 0;
+        const int usual = v > now.low && v <= now.high && now.row >= end - slack && within(c, now.accuracy) && whole
+                          && covered(window, c, t, R) && smooth(c, period) && progress->steps < problem->max_steps && progress->sample > 0;
         int calm = fabs(v) <= memory->peaks[PEAK_V] && reach(c, E, period) <= memory->peaks[PEAK_E];
         UNROLLED
         for (int j = 0; j < PMJ_NX; ++j) {
@@ -321,16 +520,25 @@ void pmj_sampled(const pmj_problem *problem, pmj_progress *progress, const pmj_m
                 memcpy(memory->state, X, sizeof X);
                 memcpy(memory->w, w, sizeof w);
                 if (progress->sample == 0) {
-                    note_start(memory, memory->coefficients);
+                    note_start(problem, progress, memory, memory->coefficients);
                 }
                 progress->t = t;
-                whole_sample(problem, progress, memory, t, v, kept);
+                whole_sample(problem, &plant, progress, memory, t, v, kept);
                 memcpy(X, memory->sample, sizeof X);
+                memcpy(window, memory->window, sizeof window);
                 now = ordinary_of(problem, progress);
                 continue;
             }
         }
         progress->integral += integral(c, period);
+        const double e = value(c, E, period);
+        if (fabs(e) > progress->band) {
+            progress->settled = end;
+        } else if (SELDOM(reach(c, E, period) > progress->band)) {
+            memcpy(memory->coefficients, c, sizeof c);
+            progress->t = t;
+            note_settled(progress, memory->coefficients, ORDER, e, period, end);
+        }
         UNROLLED
         for (int j = 0; j < PMJ_NX; ++j) {
             X[j] = value(c, j, period);
