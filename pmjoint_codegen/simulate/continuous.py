@@ -24,23 +24,15 @@ from typing import Final
 import numpy as np
 
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator, Kernel
-from pmjoint_codegen.simulate.polynomial import (
-    first_crossing,
-    last_outside,
-    leading_zeros,
-    note_extremum,
-    note_value,
-)
+from pmjoint_codegen.simulate.polynomial import last_outside, note_extremum, note_value
 from pmjoint_codegen.simulate.problem import Memory, Problem, Progress
 from pmjoint_codegen.simulate.status import Status
+from pmjoint_codegen.simulate.stepper import DEFECT, GROWTH, ROUNDED_UP, Stepper
 from pmjoint_codegen.simulate.steps import allowed_step, arrive, bounds, scales, shrink
 from pmjoint_codegen.simulate.steps import values as values_at
 
-DEFECT: Final = 10.0  # a step may miss the right-hand side by this multiple of the tolerance, anywhere
-GROWTH: Final = 2.5  # after a step that the guard has cut, the next is at most so much longer
 SMALLEST_STEP: Final = 1e-14  # relative to max(1 s, t): below it, time does not move
 UNDECIDED_STEP: Final = 1e-7  # s; the step that leaves the thresholds alone
-ROUNDED_UP: Final = 1.0 + 1e-12  # factor that covers the rounding of a sum of magnitudes, generously
 
 
 def continuous_loop(
@@ -69,8 +61,9 @@ class _Loop:
 
     def __init__(self, evaluator: Evaluator, problem: Problem, progress: Progress, memory: Memory) -> None:
         self.taylor: Kernel = evaluator.kernel("taylor")
-        self.guard: Kernel = evaluator.kernel("guard")
-        self.rates: Kernel = evaluator.kernel("closed_loop")
+        self.stepper = Stepper(
+            evaluator.kernel("guard"), evaluator.kernel("closed_loop"), problem, progress, memory
+        )
         self.problem = problem
         self.progress = progress
         self.memory = memory
@@ -132,7 +125,7 @@ class _Loop:
         self.scales = scales(self.c)
         h = first = self.first_step(remaining)
         while True:
-            h = self.guarded(h, smallest)
+            h = self.stepper.guarded(self.c, progress.t, self.actuation(progress.mode), h, smallest, self.scales)
             if h == 0.0:
                 progress.status = Status.STALLED
                 return
@@ -171,43 +164,6 @@ class _Loop:
         h = UNDECIDED_STEP if progress.idle > problem.n_thresholds and h > UNDECIDED_STEP else h
         return h if h < remaining else remaining
 
-    def guarded(self, h: float, smallest: float) -> float:
-        """The longest step up to h that the guard shows to follow the right-hand side, or 0.
-
-        Its polynomials then do so all along if their defect at the points of comparison is small.
-        """
-        problem = self.problem
-        t, g = np.array([self.progress.t]), self.actuation(self.progress.mode)
-        order = problem.order + problem.n_inside + 1
-        allowed = 1.0 / (DEFECT * problem.tolerance)
-        start = np.ascontiguousarray(self.c[0, : self.v])
-        while h >= smallest:
-            best = 0.0
-            likely = self.progress.disc
-            for disc in [likely, *(i for i in range(problem.n_ratios) if i != likely)]:  # the last one first
-                R = float(problem.ratios[disc]) * h
-                P = bounds(self.c[1:], R)[: self.v] * R
-                (rest,) = self.guard(t, start, g, problem.p, np.array([R]), P)
-                miss = float(problem.factors[disc]) * self.largest(rest, h) * allowed
-                if miss <= 1.0:
-                    self.progress.disc = disc
-                    return h
-                best = max(best, shrink(miss, order))
-            h = h * best
-        return 0.0
-
-    def largest(self, values: Array, h: float) -> float:
-        """The largest of values, each relative to its channel's scale; of rates, over a step of size h.
-
-        Infinite where one is no number. High gains leave more rounding in v than its present value tells, so
-        that its scale is its peak so far.
-        """
-        scale = self.scales.copy()
-        scale[: self.v] = h * scale[: self.v]
-        scale[self.v] = 1.0 / max(float(self.memory.peaks[self.v]), 1.0)
-        sizes = np.abs(values) * scale
-        return float(np.max(sizes)) if np.all(np.isfinite(sizes)) else math.inf
-
     def missed(self, values: Array, slopes: Array, following: Array, tau: float) -> float:
         """How much of what is allowed the polynomials miss at the points of comparison and at the end.
 
@@ -215,14 +171,12 @@ class _Loop:
         long.
         """
         problem, n = self.problem, self.v
-        most = self.largest(np.concatenate([slopes[:n] - following[1, :n], values[n:] - following[0, n:]]), tau)
+        at_end = np.concatenate([slopes[:n] - following[1, :n], values[n:] - following[0, n:]])
+        most = self.stepper.largest(at_end, tau, self.scales)
         g = self.actuation(self.progress.mode)
         for part in problem.inside.tolist():
             at = tau * part
-            inside, steep = arrive(self.c, at)
-            X = np.ascontiguousarray(inside[:n])
-            found = np.concatenate(self.rates(np.array([self.progress.t + at]), X, g, problem.p))
-            most = max(most, self.largest(np.concatenate([steep[:n], inside[n:]]) - found, tau))
+            most = max(most, self.stepper.defect(self.c, self.progress.t, g, at, tau, self.scales))
         return problem.lebesgue * most / (DEFECT * problem.tolerance)
 
     def first_passage(self, h: float) -> tuple[int, float]:
@@ -234,15 +188,11 @@ class _Loop:
                 index = progress.mode + (-1 if side < 0 else 0)
                 if 0 <= index < problem.n_thresholds:
                     level = float(problem.thresholds[index])
-                    when = self.passes(self.v, level, progress.touching == index, side, tau)
+                    when = self.stepper.passes(self.c, self.v, level, progress.touching == index, side, tau)
                     found, tau = (found, tau) if when is None else (index, when)
-        for j, side in enumerate(self.sides.tolist()):
-            channel, index = self.e + 1 + j, problem.n_thresholds + j
-            touching = progress.touching == index
-            low, high = (0.0, math.inf) if side > 0.0 else (-math.inf, 0.0)
-            if touching or not self.stays(channel, low, high, h):
-                when = self.passes(channel, 0.0, touching, -1 if side > 0.0 else 1, tau)
-                found, tau = (found, tau) if when is None else (index, when)
+        touching = progress.touching - problem.n_thresholds
+        kink, tau = self.stepper.first_kink(self.c, self.reach, touching, h, tau)
+        found = problem.n_thresholds + kink if kink >= 0 else found
         return found, tau
 
     def keeps_mode(self, h: float) -> bool:
@@ -251,32 +201,7 @@ class _Loop:
         low = float(thresholds[mode - 1]) if mode > 0 else -math.inf
         high = float(thresholds[mode]) if mode < len(thresholds) else math.inf
         free = not 0 <= self.progress.touching < len(thresholds)
-        return free and self.stays(self.v, low, high, h)
-
-    def stays(self, channel: int, low: float, high: float, h: float) -> bool:
-        """Whether a channel certainly keeps between two values up to h.
-
-        `reach` bounds its terms: a straight line, and no more beside it than the higher terms can add.
-        """
-        start = float(self.c[0, channel])
-        rise = float(self.c[1, channel]) * h
-        beside = float(self.reach[channel]) * ROUNDED_UP - abs(start) - abs(rise)
-        least = start + (rise if rise < 0.0 else 0.0) - beside
-        most = start + (rise if rise > 0.0 else 0.0) + beside
-        return least > low and most < high
-
-    def passes(self, channel: int, level: float, touching: bool, outward: int, h: float) -> float | None:
-        """When a channel passes a level, upwards (+1) or downwards (-1), from 0 to before h, or None.
-
-        On the level, to rounding, the first derivative that does not vanish decides, and the zero at the start
-        is divided out before the search.
-        """
-        q = self.c[:, channel].tolist()
-        q[0] = 0.0 if touching else q[0] - level
-        zeros = leading_zeros(q, h)
-        if q[zeros] * outward > 0.0:
-            return 0.0
-        return first_crossing(q[zeros:], h)
+        return free and self.stepper.stays(self.c, self.reach, self.v, low, high, h)
 
     def pass_at_once(self, index: int) -> None:
         """A threshold or kink is passed at the very start of a step: the coefficients beyond it."""

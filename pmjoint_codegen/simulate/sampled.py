@@ -2,8 +2,8 @@
 
 At ``t_k = k T`` the controller takes y, computes v of (29) and delivers w, which is held until the next
 sample; filters and compensator go on by their exact zero-order-hold discretisation, the plant and the error
-follow their Taylor polynomials: those that come with the sample where the hold is short enough for them, else
-several steps of a higher order. Output rows between samples show the plant's states as they are and
+follow their Taylor polynomials: those that come with the sample where the guard shows the hold to be short
+enough for them, else steps of a higher order, guarded as those of the continuous loop and ending at kinks. Output rows between samples show the plant's states as they are and
 everything of the controller as held.
 """
 
@@ -17,14 +17,17 @@ import numpy as np
 
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator
 from pmjoint_codegen.simulate.continuous import SMALLEST_STEP
-from pmjoint_codegen.simulate.polynomial import evaluate, note_peaks, note_value, step_size
+from pmjoint_codegen.simulate.polynomial import evaluate, last_outside, note_peaks, note_value, step_size
 from pmjoint_codegen.simulate.problem import Memory, Problem, Progress
 from pmjoint_codegen.simulate.quadrature import short_steps
 from pmjoint_codegen.simulate.status import Status
+from pmjoint_codegen.simulate.stepper import DEFECT, GROWTH, Stepper
+from pmjoint_codegen.simulate.steps import bounds, scales, shrink
 
 SAME_INSTANT: Final = (
     1e-9  # output instants closer to a sample than this fraction of the sample time are the sample
 )
+WINDOW: Final = 4.0  # a window's reach in x, as a multiple of what a hold needs of it
 
 
 def sampled_loop(
@@ -45,6 +48,10 @@ class _Loop:
     def __init__(self, evaluator: Evaluator, problem: Problem, progress: Progress, memory: Memory) -> None:
         self.kernel = evaluator.kernel("sample")
         self.plant_taylor = evaluator.kernel("plant_taylor")
+        self.rates = evaluator.kernel("plant")
+        self.guard = evaluator.kernel("plant_guard")
+        self.stepper = Stepper(self.guard, self.rates, problem, progress, memory)
+        self.e = problem.n_plant  # place of e among the channels
         self.problem = problem
         self.progress = progress
         self.memory = memory
@@ -101,14 +108,15 @@ class _Loop:
             progress.sample += 1
 
     def channels(self, flat: Array) -> Array:
-        """Coefficients as rows of powers; columns are x, then e."""
-        return flat.reshape(-1, self.problem.n_plant + 1)
+        """Coefficients as rows of powers; columns are x, then e, then the arguments of kinks."""
+        return flat.reshape(-1, self.problem.n_channels)
 
     def note_start(self, c: Array) -> None:
         """X(0) and e(0)."""
         for i, value in enumerate(self.memory.sample.tolist()):
             note_value(value, 0.0, i, self.memory.peaks, self.memory.peak_times)
-        note_value(float(c[0, -1]), 0.0, -1, self.memory.peaks, self.memory.peak_times)
+        note_value(float(c[0, self.e]), 0.0, -1, self.memory.peaks, self.memory.peak_times)
+        self.progress.band = self.problem.settled * abs(float(c[0, self.e]))
 
     def note_mode(self, t: float, v: float) -> None:
         """Keep the mode of v at a sample, and its change."""
@@ -136,13 +144,19 @@ class _Loop:
 
     def hold(self, c: Array, w: Array, length: float, end: float, rows_until: float) -> None:
         """Integrate the plant under constant w for the time `length`, to `end`; `c` are the sample's own."""
-        if not self.within(c, length):
+        self.memory.sides[:] = np.where(c[0, self.e + 1 :] < 0.0, -1.0, 1.0)
+        short = length <= self.problem.max_step and self.smooth(c, length) and self.within(c, length)
+        if not (short and self.shown(c, w, length)):
             self.long_hold(w, end, rows_until)
             return
         trial = self.try_step(c, length)
         if self.progress.status == Status.RUNNING:
-            self.progress.integral += integral(c[:, -1].tolist(), length)
+            self.progress.integral += integral(c[:, self.e].tolist(), length)
             self.accept(c, trial, length, end, rows_until, self.progress.t)
+
+    def actuation(self, w: Array) -> Array:
+        """W and the present sides, as the kernels of the plant take them."""
+        return np.concatenate([w, self.memory.sides])
 
     def within(self, c: Array, length: float) -> bool:
         """Whether a hold is one step: the last term is below the tolerance, the one before in proportion."""
@@ -154,38 +168,140 @@ class _Loop:
         scale = np.maximum(np.abs(c[0]), 1.0)
         return bool(np.all(np.abs(c[-2]) <= before * scale) and np.all(np.abs(c[-1]) <= last * scale))
 
+    def smooth(self, c: Array, tau: float) -> bool:
+        """Whether no kink is met: every argument keeps away from 0."""
+        arguments = c[:, self.e + 1 :]
+        return bool(np.all(spread(arguments, tau) < np.abs(arguments[0])))
+
+    def shown(self, c: Array, w: Array, length: float) -> bool:
+        """Whether the guard shows a hold to be one step of the sample's own coefficients.
+
+        A window of what it has looked at once serves many holds; what varies inside it does so by twice its
+        nonlinear part at most.
+        """
+        problem, t, n = self.problem, self.progress.t, self.problem.n_plant
+        window, x = self.memory.window, c[:, : problem.n_plant]
+        R = float(problem.hold_ratios[0]) * problem.sample_time
+        if self.covered(window, x, t, R):
+            return True
+        window[:2] = t + R, 2.0 * R
+        window[2 : 2 + n], window[2 + n :] = x[0], WINDOW * spread(x, R)
+        held = float(window[0]), window[2 : 2 + n].copy(), float(window[1]), window[2 + n :].copy()
+        if 2.0 * self.hold_miss(w, *held, problem.sample_time, 0) <= 1.0:
+            return True
+        window[1] = -1.0  # none
+        for disc, ratio in enumerate(problem.hold_ratios.tolist()):
+            radius = ratio * length
+            if self.hold_miss(w, t, x[0].copy(), radius, spread(x, radius), length, disc) <= 1.0:
+                return True
+        return False
+
+    def covered(self, window: Array, x: Array, t: float, R: float) -> bool:
+        """Whether the window of what the guard has looked at holds the disc of radius R around t."""
+        n = self.problem.n_plant
+        inside = np.all(np.abs(x[0] - window[2 : 2 + n]) + spread(x, R) <= window[2 + n :])
+        return bool(abs(t - window[0]) + R <= window[1] and inside)
+
+    def hold_miss(
+        self, w: Array, t: float, x: Array, R: float, spreads: Array, length: float, disc: int
+    ) -> float:
+        """How much of what is allowed a hold misses, from the guard on discs of time and of each x."""
+        problem, n = self.problem, self.problem.n_plant
+        (rest,) = self.guard(np.array([t]), x, self.actuation(w), problem.p, np.array([R]), spreads)
+        rates = float(problem.hold_rate_factors[disc]) * rest[:n] * length
+        values = float(problem.hold_value_factors[disc]) * rest[n:]
+        misses = np.concatenate([rates, values])
+        most = float(np.max(misses)) if np.all(np.isfinite(misses)) else math.inf
+        return most / (DEFECT * problem.tolerance)
+
     def long_hold(self, w: Array, end: float, rows_until: float) -> None:
-        """Integrate the plant under constant w to `end` in as many steps as the tolerance demands."""
+        """Integrate the plant under constant w to `end` in as many steps as it takes."""
         progress, problem = self.progress, self.problem
         t_sample = progress.t
         smallest = SMALLEST_STEP * max(end, 1.0)
-        while progress.t < end:
+        progress.touching, progress.flips, progress.last_cut = -1, 0, math.inf
+        self.find_sides(w)
+        while progress.t < end and progress.status == Status.RUNNING:
             left = end - progress.t
-            c = self.channels(self.plant_taylor(np.array([progress.t]), self.x, w, problem.p)[0])
+            c = self.channels(
+                self.plant_taylor(np.array([progress.t]), self.x, self.actuation(w), problem.p)[0]
+            )
             progress.evaluations += 1
-            size = step_size(c, problem.tolerance, problem.safety)
-            whole = not size < left
-            tau = left if whole else size
-            trial = self.try_step(c, tau)
-            if progress.status == Status.RUNNING and not whole and tau < smallest:
-                progress.status = Status.STALLED
+            tau, kink = self.long_step(c, w, left, smallest)
             if progress.status != Status.RUNNING:
                 return
-            progress.integral += self.long_integral(c, tau)
-            self.accept(c, trial, tau, end if whole else progress.t + tau, rows_until, t_sample)
+            if tau > 0.0:
+                trial = self.try_step(c, tau)
+                if progress.status != Status.RUNNING:
+                    return
+                progress.integral += self.long_integral(c, tau)
+                until = progress.t + tau if tau < left else end
+                self.accept(c, trial, tau, until, rows_until, t_sample)
+                progress.touching, progress.flips = -1, 0
+            if kink >= 0:
+                self.flip(kink)
+
+    def find_sides(self, w: Array) -> None:
+        """The sides of all kinks at the state, where an argument of 0 leaves its side as it was."""
+        sides = self.memory.sides
+        for j in range(len(sides)):  # an argument depends on the sides before its own
+            found = self.rates(np.array([self.progress.t]), self.x, self.actuation(w), self.problem.p)
+            value = float(found[2][j])
+            sides[j] = -1.0 if value < 0.0 else 1.0 if value > 0.0 else sides[j]
+
+    def flip(self, kink: int) -> None:
+        """Go to the other side of a kink."""
+        self.memory.sides[kink] *= -1.0
+        self.progress.touching = kink
+        self.progress.flips += 1
+        if self.progress.flips > 2 * self.problem.n_kinks:
+            self.progress.status = Status.SLIDING
+
+    def long_step(self, c: Array, w: Array, left: float, smallest: float) -> tuple[float, int]:
+        """The step of a long hold, up to `left`, to the first kink, and that kink or -1.
+
+        0 at a kink that is passed at once, or where the run ends.
+        """
+        progress, problem, stepper = self.progress, self.problem, self.stepper
+        h = step_size(c, problem.tolerance, problem.safety)
+        h = first = min(h, GROWTH * progress.last_cut, problem.max_step, left)
+        least = min(smallest, left)
+        relative = scales(c)
+        while True:
+            h = stepper.guarded(c, progress.t, self.actuation(w), h, least, relative)
+            if h == 0.0:
+                finite = bool(np.all(np.isfinite(c[:2])))
+                progress.status = Status.STALLED if finite else Status.NON_FINITE
+                return 0.0, -1
+            kink, tau = stepper.first_kink(c, bounds(c, h), progress.touching, h, h)
+            if kink >= 0 and tau == 0.0:
+                return 0.0, kink
+            miss = self.missed(c, w, tau, relative)
+            if miss <= 1.0:
+                progress.last_cut = h if h < first else math.inf
+                return tau, kink
+            progress.rejected += 1
+            h = tau * shrink(miss, problem.order)
+
+    def missed(self, c: Array, w: Array, tau: float, relative: Array) -> float:
+        """How much of what is allowed a step of a long hold misses; above 1 it is too long."""
+        problem, t, actuation = self.problem, self.progress.t, self.actuation(w)
+        points = [*(tau * part for part in problem.inside.tolist()), tau]
+        most = max(self.stepper.defect(c, t, actuation, at, tau, relative) for at in points)
+        return problem.lebesgue * most / (DEFECT * problem.tolerance)
 
     def long_integral(self, c: Array, size: float) -> float:
         """Integral of e^2 over a step of a hold that takes several."""
         total = 0.0
         for node, weight in self.nodes:
-            e = float(evaluate(c[:, -1:], size * node)[0])
+            e = float(evaluate(c[:, self.e : self.e + 1], size * node)[0])
             total += weight * (e * e)
         return size * total
 
     def try_step(self, c: Array, tau: float) -> Array:
         """The end of a step on trial, shape (channels,), or the status that forbids it."""
         trial = evaluate(c, tau)
-        if not np.all(np.isfinite(trial[:-1])):
+        if not np.all(np.isfinite(trial[: self.e])):
             self.progress.status = Status.NON_FINITE
         elif self.progress.steps >= self.problem.max_steps:
             self.progress.status = Status.TOO_MANY_STEPS
@@ -200,19 +316,30 @@ class _Loop:
             time = self.times[progress.row]
             if not (time <= until and time < rows_until):
                 break
-            self.next_row(t_sample)[: self.problem.n_plant] = evaluate(c[:, :-1], time - progress.t)
-        for channels in (slice(0, -1), slice(-1, None)):  # x in the first entries of the peaks, e in the last
+            self.next_row(t_sample)[: self.problem.n_plant] = evaluate(c[:, : self.e], time - progress.t)
+        x, e, last = slice(0, self.e), slice(self.e, self.e + 1), slice(-1, None)
+        for channels, places in ((x, x), (e, last)):  # x in the first entries of the peaks, e in the last
             note_peaks(
                 c[:, channels],
                 progress.t,
                 tau,
                 trial[channels],
-                self.memory.peaks[channels],
-                self.memory.peak_times[channels],
+                self.memory.peaks[places],
+                self.memory.peak_times[places],
             )
-        self.x = trial[:-1]
+        self.note_settled(c[:, self.e].tolist(), float(trial[self.e]), tau, until)
+        self.x = trial[: self.e].copy()
         progress.t = until
         progress.steps += 1
+
+    def note_settled(self, c: list[float], last: float, tau: float, end: float) -> None:
+        """The last instant so far at which e is outside its band."""
+        progress = self.progress
+        if abs(last) > progress.band:
+            progress.settled = end
+            return
+        when = last_outside(c, tau, progress.band)
+        progress.settled = progress.settled if when is None else progress.t + when
 
     def settle(self, s_next: Array) -> None:
         """The state at the next sample, and its peaks; or the status that forbids going on."""
@@ -230,6 +357,14 @@ class _Loop:
     def beyond(self) -> bool:
         """Whether any state has passed the limit of divergence."""
         return bool(np.any(np.abs(self.memory.sample) > self.problem.divergence))
+
+
+def spread(c: Array, R: float) -> Array:
+    """How far channels can go from their start where time goes anywhere in a disc of radius R."""
+    total = np.abs(c[-1])
+    for row in c[-2:0:-1]:
+        total = total * R + np.abs(row)
+    return np.asarray(total * R)
 
 
 def integral(c: list[float], size: float) -> float:
