@@ -5,6 +5,7 @@
     proof                     the certificate's identities against zero, with symbolic gains
     interpreter               CasADi's interpreter against compiled C, bit for bit
     symbolic                  compiled C against the derivation at 60 digits, within a derived error bound
+    guards                    what the step control's kernels bound against the derivation at complex points
     derivatives               emitted partial derivatives against algorithmic differentiation of alpha
     trajectory.golden         the default run against the reviewed one
     trajectory.invariants     runs against what theory says of every run
@@ -35,6 +36,7 @@ from pmjoint_codegen.check import (
     current,
     derivatives,
     golden,
+    guards,
     independent,
     interpreter,
     invariants,
@@ -68,6 +70,7 @@ GATES: Final = (
     Gate("proof", proof.check, needs_generated=False),
     Gate("interpreter", interpreter.check),
     Gate("symbolic", symbolic.check),
+    Gate("guards", guards.check),
     Gate("derivatives", derivatives.check),
     Gate("trajectory.golden", golden.check),
     Gate("trajectory.invariants", invariants.check_invariants),

@@ -102,8 +102,17 @@ def _arguments(
     special: Mapping[str, Callable[[int], Array]] = {
         "p": lambda _size: parameter_values(manifest, count, random),
         "t": lambda size: random.uniform(0.0, manifest.simulation.horizon, (count, size)),
-        "g": lambda _size: _modes(evaluator, count, random),
+        "g": lambda _size: _with_sides(_modes(evaluator, count, random), manifest, random),
+        "R": lambda size: 10.0 ** random.uniform(-4.0, 1.0, (count, size)),
+        "P": lambda size: 10.0 ** random.uniform(-4.0, 1.0, (count, size)),
     }
+    if manifest.kinks and function.name in ("plant", "plant_taylor", "plant_guard"):
+        special = {
+            **special,
+            "w": lambda size: _with_sides(
+                draw(count * manifest.nw).reshape(count, manifest.nw), manifest, random
+            ),
+        }
     return tuple(
         special[label](size) if label in special else draw(count * size).reshape(count, size)
         for label, size in function.inputs
@@ -125,6 +134,12 @@ def _modes(evaluator: Evaluator, count: int, random: np.random.Generator) -> Arr
     """Actuators of random saturation modes, for the default parameters, shape (count, 2 nw)."""
     modes = _actuator(evaluator).modes
     return np.ascontiguousarray(modes[random.integers(0, len(modes), count)])
+
+
+def _with_sides(actuation: Array, manifest: Manifest, random: np.random.Generator) -> Array:
+    """What is given of the actuator, then a random side of every kink."""
+    sides = random.choice(np.array([-1.0, 1.0]), (len(actuation), len(manifest.kinks)))
+    return np.ascontiguousarray(np.hstack([actuation, sides]))
 
 
 def _actuator(evaluator: Evaluator) -> Actuator:

@@ -97,6 +97,7 @@ def compile_program(
     inputs: Sequence[sp.Symbol],
     equations: Equations,
     given: Mapping[sp.Symbol, sp.Expr] | None = None,
+    sides: Mapping[sp.Expr, sp.Symbol] | None = None,
 ) -> Program:
     """Flatten expressions, following names to their equations.
 
@@ -105,11 +106,12 @@ def compile_program(
         inputs: symbols whose values are given.
         equations: definitions of all other names.
         given: definitions that go before them.
+        sides: argument of a kink -> the input that says on which side it is.
 
     Raises:
         KeyError: for a name that is neither input nor defined.
     """
-    known, definitions = set(inputs), given or {}
+    known, definitions, places_of_sides = set(inputs), given or {}, sides or {}
     operations: list[Operation] = []
     places: dict[sp.Expr, int] = {}
 
@@ -135,6 +137,9 @@ def compile_program(
             return emit("power", (place(value.base),), value.exp)
         if value.is_Pow:
             return place(sp.exp(value.exp * sp.log(value.base), evaluate=False))
+        if isinstance(value, sp.Abs | sp.sign) and value.args[0] in places_of_sides:
+            side = place(places_of_sides[value.args[0]])
+            return side if isinstance(value, sp.sign) else emit("multiply", (side, place(value.args[0])))
         return emit(value.func.__name__, tuple(place(item) for item in value.args))
 
     results = tuple(place(sp.sympify(expression)) for expression in expressions)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -33,6 +33,7 @@ class Reference:
         order: highest Taylor coefficient.
         held: for ``sample``, the reference of the plant's coefficients under the w of output 1; they are
             output 2, which the program leaves out.
+        kinks: how many of the last results of a rate are arguments of kinks.
     """
 
     name: str
@@ -42,6 +43,7 @@ class Reference:
     taylor: int = 0
     order: int = 0
     held: Reference | None = None
+    kinks: int = 0
 
     def values(self, arguments: Sequence[Array]) -> list[Rows]:
         """Exact results, rounded to 60 digits: one table an output, a row a point."""
@@ -70,8 +72,13 @@ class Reference:
     ) -> list[Number]:
         """Results with the plant's coefficients in their place."""
         first, last = len(self.entries[0]), len(self.entries[0]) + len(self.entries[1])
-        w = dict(zip(held.inputs[2], results[first:last], strict=True))
-        return [*results[:last], *held._series(numbers, exact | w), *results[last:]]
+        w = dict(zip(held.inputs[2], results[first:last], strict=False))
+        sides = held.inputs[2][len(w) :]
+        known = exact | w | dict.fromkeys(sides, numbers.context.one)
+        for j, side in enumerate(sides):  # an argument depends on the sides before its own
+            arguments = held.program.run(numbers, known)[-held.kinks :]
+            known[side] = numbers.apply("sign", arguments[j])
+        return [*results[:last], *held._series(numbers, known), *results[last:]]
 
     def _series(self, numbers: Numbers, exact: dict[sp.Symbol, Number]) -> list[Number]:
         """Taylor coefficients by Picard's iteration: each pass over the right-hand side fixes one more."""
@@ -94,31 +101,25 @@ def reference_of(derivation: Derivation, kernel: Kernel) -> Reference:
     expressions = [sp.sympify(entry) for _, entries in kernel.outputs for entry in entries]
     inputs = tuple(tuple(sp.sympify(symbol) for symbol in symbols) for _, symbols in kernel.inputs)
     known = [symbol for symbols in inputs for symbol in symbols]
-    program = compile_program(expressions, known, derivation.equations, kernel.given)
-    return Reference(
-        kernel.name, tuple(_entry_names(label, entries) for label, entries in kernel.outputs), inputs, program
-    )
+    program = compile_program(expressions, known, derivation.equations, kernel.given, kernel.sides)
+    names = tuple(_entry_names(label, entries) for label, entries in kernel.outputs)
+    return Reference(kernel.name, names, inputs, program, kinks=len(kernel.sides))
 
 
-def taylor_reference(
-    name: str, derivation: Derivation, kernel: Kernel, order: int, extra: tuple[sp.Symbol, ...]
-) -> Reference:
+def taylor_reference(name: str, derivation: Derivation, kernel: Kernel, order: int) -> Reference:
     """The reference of a kernel of Taylor coefficients.
 
     Args:
         name: of the Taylor kernel.
         derivation: the symbolic reference.
-        kernel: row of the table that gives the rates; its first inputs are time and the state.
+        kernel: row of the table that gives the rates, then values; its first inputs are time and the state.
         order: highest coefficient.
-        extra: further names whose coefficients follow the states'.
     """
     plain = reference_of(derivation, kernel)
-    known = [symbol for symbols in plain.inputs for symbol in symbols]
-    rates = [sp.sympify(entry) for _, entries in kernel.outputs for entry in entries]
-    program = compile_program([*rates, *extra], known, derivation.equations, kernel.given)
-    channels = (*(symbol.name for symbol in plain.inputs[1]), *(symbol.name for symbol in extra))
+    values = [name for names in plain.entries[1:] for name in names]
+    channels = [*(symbol.name for symbol in plain.inputs[1]), *values]
     entries = tuple(f"coefficient {k} of {channel}" for k in range(order + 1) for channel in channels)
-    return Reference(name, (entries,), plain.inputs, program, len(plain.inputs[1]), order)
+    return replace(plain, name=name, entries=(entries,), taylor=len(plain.inputs[1]), order=order)
 
 
 def sample_reference(derivation: Derivation, update: Kernel, held: Reference) -> Reference:

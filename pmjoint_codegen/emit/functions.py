@@ -13,6 +13,7 @@ from pmjoint_codegen.emit.taylor import taylor_function
 from pmjoint_codegen.emit.translate import Translator
 
 
+GUARDS = ("guard", "plant_guard")  # bounds, not equations
 COMPOSED = ("taylor", "guard", "plant_taylor", "plant_guard", "sample")
 
 
