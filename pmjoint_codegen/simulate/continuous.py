@@ -214,7 +214,8 @@ class _Loop:
         """Take a step: output rows, what is reported of e, peaks, state."""
         progress, problem = self.progress, self.problem
         self.write_rows(end)
-        self.note_error(float(values[self.e]), tau, end)
+        if problem.n_nodes:
+            self.note_error(float(values[self.e]), tau, end)
         self.note_peaks(following, tau)
         self.X, self.c = values[: self.v], following
         if np.any(np.abs(self.X) > problem.divergence):

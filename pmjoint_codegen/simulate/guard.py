@@ -16,7 +16,8 @@ from pmjoint_codegen.manifest import GuardRule
 # What a disc's factor is, as multiples of the tolerance: the usual one first, then smaller discs for nearby
 # singularities, larger ones for what grows slowly and is multiplied by high gains.
 TARGETS: Final = (1.0, 1e3, 1e-2, 1e-7)
-ROUNDS: Final = 6
+NODES_AWAY: Final = 0.2  # the factor falls as if all zeros lay about here
+SMALLEST_RATIO: Final = 1.1
 # Discs for holds, which are short beside what the plant does: no point of comparison is needed. The first is
 # also that of a window over many holds.
 HOLD_RATIOS: Final = (32.0, 12.0, 6.0)
@@ -55,11 +56,9 @@ def factor(rule: GuardRule, order: int, ratio: float) -> float:
 
 
 def _ratio(rule: GuardRule, order: int, target: float) -> float:
-    """A ratio whose factor is about `target`: a secant in logarithms, as the factor falls like a power."""
-    ratio, degree = 2.0, order + len(rule.inside) + 1
-    for _ in range(ROUNDS):
-        ratio = max(1.0 + (ratio - 1.0) / 2, ratio * (factor(rule, order, ratio) / target) ** (0.5 / degree))
-    return ratio
+    """A ratio whose factor is about `target`; any above 1 will do, as its own factor goes with it."""
+    degree = order + len(rule.inside) + 1
+    return max(math.pow(rule.remainder / target, 1.0 / degree) + NODES_AWAY, SMALLEST_RATIO)
 
 
 def hold_factors(zeros: int) -> list[float]:

@@ -37,7 +37,7 @@ class Problem:
         hold: matrices of `sampled_update`; empty for the continuous loop.
         nodes: quadrature nodes on (0, 1); a hold that is one step has its own three.
         weights: of the nodes; they add up to 1.
-        n_nodes: number of them; 0 leaves the integral of e^2 out.
+        n_nodes: number of them; 0 leaves out the integral of e^2 and when e settles.
         n_searched: for the continuous loop, channels, of X, v and e, whose largest magnitudes are searched for
             inside steps too; the others' are those at the ends of steps.
         inside: points of a step, as parts of it, at which it is compared with the rates, beside its end.

@@ -239,7 +239,9 @@ static void accept(const pmj_problem *problem, pmj_progress *progress, const pmj
     const double *c = coefficients(problem, memory, progress->buffer);
     const double *next = coefficients(problem, memory, 1 - progress->buffer);
     write_rows(problem, progress, memory, c, end);
-    note_error(problem, progress, memory, c, tau, end);
+    if (problem->n_nodes > 0) {
+        note_error(problem, progress, memory, c, tau, end);
+    }
     note_peaks(problem, progress, memory, c, next, tau);
     for (long long i = 0; i < problem->n_states; ++i) {
         memory->state[i] = memory->trial[i];
@@ -299,7 +301,7 @@ static void step(const pmj_problem *problem, const kernels *run, pmj_progress *p
             return;
         }
         double tau = h;
-        pmj_bounds(c, width, problem->order, tau, 0, memory->reach);
+        pmj_bounds(c, width, problem->order, tau, problem->n_searched > 0 ? 0 : n, memory->reach);
         const long long index = undecided ? -1 : first_passage(problem, progress, memory, c, h, &tau);
         if (index >= 0 && tau == 0.0) {
             pass_at_once(problem, run, progress, memory, index);

@@ -63,7 +63,7 @@ typedef struct {
     const double *hold;       /* sampled: zero-order-hold matrices of `sampled_update` */
     const double *nodes;      /* [n_nodes] Gauss nodes on (0, 1) for the integral of e^2 */
     const double *weights;    /* [n_nodes] */
-    long long n_nodes;
+    long long n_nodes;        /* 0: nothing is asked of e */
     long long n_searched;     /* continuous: channels whose largest magnitudes are searched for inside steps too */
     const double *inside;     /* [n_inside] points of a step, as parts of it, at which it is compared with the rates */
     long long n_inside;
