@@ -61,6 +61,9 @@ Examples
 @click.option("--no-compensator", is_flag=True, help="Keep r = 0: plain clipping instead of (23).")
 @click.option("--tolerance", type=float, metavar="TOL", default=1e-10, show_default=True, help="Local error.")
 @click.option(
+    "--max-step", type=float, metavar="S", help="No integration step is longer than this, in seconds."
+)
+@click.option(
     "--evaluator",
     type=click.Choice(["compiled", "interpreted"]),
     help="How kernels run; by default compiled where a C compiler is found.",

@@ -99,8 +99,9 @@ def _positive(distance: ca.SX) -> ca.SX:
 
 
 def _exponential(a: Ball) -> Ball:
+    """``e^c (e^r - 1)``, as a difference: far below a pulse e^r alone would overflow."""
     value = ca.exp(a.centre)
-    return nonlinear(value, value * (ca.exp(a.radius) - 1.0))
+    return nonlinear(value, ca.exp(a.centre + a.radius) - value)
 
 
 def _logarithm(a: Ball) -> Ball:

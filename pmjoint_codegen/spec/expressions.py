@@ -41,8 +41,15 @@ _NOT_REAL = (sp.zoo, sp.oo, -sp.oo, sp.nan, sp.I)
 _SIGNAL = re.compile(r"t|y|x\d+")  # what no parameter may be called
 _RULE = f"allowed: numbers, names, brackets, + - * / ** and {' '.join(FUNCTIONS)}"
 _KINKED: Mapping[str, tuple[Callable[..., Any], Callable[..., Any]]] = MappingProxyType(
-    {"abs": (math.fabs, sp.Abs), "sign": (lambda value: float(value > 0) - float(value < 0), sp.sign)}
+    {
+        "abs": (math.fabs, sp.Abs),
+        "sign": (lambda value: float(value > 0) - float(value < 0), sp.sign),
+        # by way of abs, so that the loops know one kind of kink
+        "min": (min, lambda a, b: (a + b - sp.Abs(a - b)) / 2),
+        "max": (max, lambda a, b: (a + b + sp.Abs(a - b)) / 2),
+    }
 )
+_OF_TWO = ("min", "max")
 
 
 @dataclass(frozen=True)
@@ -78,7 +85,7 @@ def parse(text: str, symbols: Mapping[str, sp.Symbol], where: str, *, kinks: boo
         text: such as ``0.1*sin(x2)*cos(t)``.
         symbols: name -> symbol, for every name allowed in this place; ``pi`` is always allowed.
         where: file and key that a message begins with.
-        kinks: whether abs and sign are allowed too, as in a disturbance.
+        kinks: whether abs, sign, min and max are allowed too, as in a disturbance.
 
     Raises:
         ModelError: anything that is not on the whitelist, too large, or not finite and real.
@@ -155,8 +162,10 @@ def _build(node: ast.expr, place: _Place, depth: int) -> _Term:
         case ast.BinOp(left=left, op=op, right=right) if type(op) in OPERATORS:
             combine = OPERATORS[type(op)]
             return _apply(combine, combine, build(left), build(right))
-        case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]) if name in place.functions:
-            return _call(name, build(argument))
+        case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]) if (
+            name in place.functions and len(arguments) == _arity(name)
+        ):
+            return _call(name, *(build(argument) for argument in arguments))
     raise _refused_node(node, place)
 
 
@@ -185,11 +194,15 @@ def _name(name: str, place: _Place) -> _Term:
     raise _Refused(f"unknown symbol {quoted(name)}", f"{guess}allowed here: {', '.join((*symbols, 'pi'))}")
 
 
-def _call(name: str, argument: _Term) -> _Term:
+def _arity(name: str) -> int:
+    return 2 if name in _OF_TWO else 1
+
+
+def _call(name: str, *arguments: _Term) -> _Term:
     judge = {"exp": exponential_too_large, "tanh": tanh_too_large}.get(name)
-    _bound(judge(argument.expression) if judge else None)
+    _bound(judge(arguments[0].expression) if judge else None)
     numeric, symbolic = _KINKED.get(name) or (getattr(math, name), getattr(sp, name))
-    return _apply(numeric, symbolic, argument)
+    return _apply(numeric, symbolic, *arguments)
 
 
 def _power(base: _Term, exponent: _Term) -> _Term:
@@ -259,13 +272,15 @@ def _smooth(expression: sp.Expr) -> sp.Expr:
 
 
 def _kinked(name: str) -> _Refused:
-    return _Refused(f"{name} has a kink", "allowed in a disturbance only, with the sampled controller")
+    return _Refused(f"{name} has a kink", "allowed in a disturbance only")
 
 
 def _refused_node(node: ast.expr, place: _Place) -> _Refused:
     """Name what is not on the whitelist, in the words of whoever wrote it."""
     match node:
         case ast.Call(func=ast.Name(id=name)) if name in place.functions:
+            if name in _OF_TWO:
+                return _Refused(f"{name} takes two arguments", f"write {name}(a, b)")
             return _Refused(f"{name} takes one argument", f"write {name}(...)")
         case ast.Call(func=ast.Name(id=name)) if name in place.symbols:
             return _Refused(f"{name} is not a function", f"write {name}*(...) for a product")

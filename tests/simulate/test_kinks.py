@@ -1,47 +1,144 @@
-"""A disturbance with a kink: refused where it would go unseen, simulated where the controller is sampled."""
+"""Kinks of the disturbance are events: their instants are located, by both controllers and both evaluators."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from pmjoint_codegen import ClosedLoop
-from pmjoint_codegen.errors import ModelError, UsageError
+from pmjoint_codegen.errors import ModelError, SimulationError, UsageError
+from pmjoint_codegen.simulate.run import Run
+from pmjoint_codegen.simulate.status import Status
 
-FRICTION = ["0", "-0.3*sign(x2) - abs(x1)/10"]
-
-
-@pytest.fixture(scope="module")
-def rough() -> ClosedLoop:
-    """Return the paper's loop with dry friction in place of (37)."""
-    return ClosedLoop.load("paper", disturbance=FRICTION)
+FRICTION = ("0", "-0.3*sign(x2) - abs(x1)/10")
+CONTROLLERS = ("continuous", "sampled")
 
 
-def test_the_continuous_integrator_refuses_it_with_the_reason(rough: ClosedLoop) -> None:
-    assert not rough.manifest.analytic
-    with pytest.raises(UsageError, match=r"has a kink .* use the sampled controller"):
-        rough.simulate(horizon=0.1)
+def load(disturbance: tuple[str, str], evaluator: str = "compiled", reference: str = "sin(t)") -> ClosedLoop:
+    return ClosedLoop.load(
+        "paper", evaluator, reference=reference, disturbance=disturbance, notify=lambda line: None
+    )
 
 
-def test_the_sampled_controller_meets_the_friction_that_was_stated(rough: ClosedLoop) -> None:
-    run = rough.simulate(controller="sampled", horizon=2.0)
+@pytest.mark.parametrize("controller", CONTROLLERS)
+def test_the_controller_meets_the_friction_that_was_stated(controller: str) -> None:
+    run = load(FRICTION).simulate(controller=controller, horizon=2.0)
     expected = -0.3 * np.sign(run["x2"]) - np.abs(run["x1"]) / 10
     moving = np.abs(run["x2"]) > 0
-    np.testing.assert_allclose(run["D2"][moving], expected[moving], rtol=1e-14)
+    if controller == "continuous":
+        np.testing.assert_allclose(run["D2"][moving], expected[moving], rtol=1e-14)
     assert np.any(run["D2"] > 0) and np.any(run["D2"] < 0)
 
 
-def test_a_smooth_stand_in_agrees_to_a_hold_s_accuracy(rough: ClosedLoop) -> None:
-    """Each time x2 meets its kink, friction may turn one hold late: 2*0.3*T in speed, once for the start."""
-    horizon, period = 1.0, 1e-3
-    smooth = ClosedLoop.load("paper", disturbance=["0", "-0.3*tanh(x2/1e-5) - abs(x1)/10"])
-    first, second = (
-        loop.simulate(controller="sampled", horizon=horizon, sample_time=period) for loop in (rough, smooth)
+# Without input the plant is x1' = x2, x2' = d1 x1 + D; each case has its solution in closed form or by parts.
+FREE: dict[str, Any] = dict(parameters={"b0_plant": 1e-12, "d1_plant": -4.0}, horizon=3.0, output_step=0.01)
+
+
+def free_motion(pieces: list[tuple[float, Any]], x0: list[float], t: np.ndarray) -> np.ndarray:
+    """x1 and x2 over t, each piece of D(t, x) up to its end, so that the integrator meets no kink."""
+    states, start, x = np.empty((len(t), 2)), 0.0, np.array(x0)
+    for end, force in pieces:
+        inside = (t >= start) & (t <= end)
+        grid = np.unique([start, *t[inside], end])
+
+        def rates(s: float, y: np.ndarray, force: Any = force) -> list[float]:
+            return [y[1], -4.0 * y[0] + force(s, y)]
+
+        found = solve_ivp(rates, (start, end), x, "DOP853", grid, rtol=1e-12, atol=1e-13, max_step=0.01)
+        states[inside] = found.y.T[np.searchsorted(grid, t[inside])]
+        start, x = end, found.y[:, -1]
+    return states
+
+
+TIMES: dict[str, tuple[str, list[tuple[float, Any]]]] = {
+    "jump": ("sign(t-0.7305)", [(0.7305, lambda t, x: -1.0), (3.0, lambda t, x: 1.0)]),
+    "corner": ("abs(t-1.2345)", [(1.2345, lambda t, x: 1.2345 - t), (3.0, lambda t, x: t - 1.2345)]),
+    "ramp": (
+        "min(max(5*(t-1.01), 0), 2)",
+        [(1.01, lambda t, x: 0.0), (1.41, lambda t, x: 5 * (t - 1.01)), (3.0, lambda t, x: 2.0)],
+    ),
+    "one inside another": (
+        "abs(abs(t-1.5) - 0.25)",
+        [
+            (1.25, lambda t, x: 1.25 - t),
+            (1.5, lambda t, x: t - 1.25),
+            (1.75, lambda t, x: 1.75 - t),
+            (3.0, lambda t, x: t - 1.75),
+        ],
+    ),
+    "a pulse's threshold": (
+        "sign(exp(-((t-2)/0.02)**2) - 0.5)",
+        [
+            (2 - 0.02 * np.log(2) ** 0.5, lambda t, x: -1.0),
+            (2 + 0.02 * np.log(2) ** 0.5, lambda t, x: 1.0),
+            (3.0, lambda t, x: -1.0),
+        ],
+    ),
+}
+
+
+@pytest.mark.parametrize("controller", CONTROLLERS)
+@pytest.mark.parametrize("name", TIMES)
+def test_kinks_over_time_are_met_where_they_are(name: str, controller: str) -> None:
+    text, pieces = TIMES[name]
+    run = load(("0", text)).simulate(x0=[0.3, 0.0], controller=controller, sample_time=0.01, **FREE)
+    wanted = free_motion(pieces, [0.3, 0.0], run.t)
+    assert np.max(np.abs(run.states[:, :2] - wanted)) < 2e-9
+
+
+def test_dry_friction_takes_its_share_of_every_half_swing() -> None:
+    """x'' = -4 x - F sign(x'): each half period pi/2 the amplitude falls by 2 F/4, until the joint sticks."""
+    loop = load(("0", "-0.3*sign(x2)"))
+    for controller in CONTROLLERS:
+        with pytest.raises(SimulationError, match="stuck to a kink") as caught:
+            loop.simulate(x0=[0.5, 0.0], controller=controller, sample_time=0.01, **{**FREE, "horizon": 9.0})
+        run = caught.value.run
+        assert isinstance(run, Run) and run.status == Status.SLIDING
+        # 0.5, -0.35, 0.2, -0.05: then 4*0.05 < 0.3 holds it; three half periods
+        assert f"t = {3 * np.pi / 2:.5f}"[:-1] in run.message
+        turns = [abs(np.interp(k * np.pi / 2, run.t, run["x1"])) for k in (1, 2)]
+        np.testing.assert_allclose(turns, [0.35, 0.2], atol=1e-4)
+
+
+def test_at_rest_under_friction_a_run_ends_with_a_word() -> None:
+    """No number for what the loops cannot tell: speed 0, held from both sides."""
+    with pytest.raises(SimulationError, match="Coulomb friction holds a joint at rest"):
+        load(("0", "-0.3*sign(x2)"), reference="0").simulate(x0=[0.0, 0.0], horizon=1.0)
+
+
+@pytest.mark.parametrize("controller", CONTROLLERS)
+def test_both_evaluators_do_the_same(controller: str) -> None:
+    disturbance = ("0", "-0.3*sign(x2) + 0.2*abs(abs(x1) - 0.5) - max(0, x2 - 1)")
+    settings: dict[str, Any] = dict(horizon=1.5, controller=controller, sample_time=0.02)
+    one, other = (load(disturbance, kind).simulate(**settings) for kind in ("compiled", "interpreted"))
+    assert np.array_equal(one.states, other.states)
+    assert (one.steps, one.ise, one.peaks) == (other.steps, other.ise, other.peaks)
+
+
+@pytest.mark.parametrize("controller", CONTROLLERS)
+def test_a_smooth_stand_in_comes_as_close_as_it_is_narrow(controller: str) -> None:
+    settings: dict[str, Any] = dict(horizon=1.0, controller=controller)
+    run = load(FRICTION).simulate(**settings)
+    far, near = (
+        load(("0", f"-0.3*tanh(x2/{width}) - abs(x1)/10")).simulate(**settings) for width in ("1e-3", "1e-4")
     )
-    turns = 1 + np.count_nonzero(np.diff(np.sign(first["x2"])))
-    assert np.max(np.abs(first["x1"] - second["x1"])) <= turns * 2 * 0.3 * period * horizon
+    apart = [np.max(np.abs(run["x1"] - stand_in["x1"])) for stand_in in (far, near)]
+    assert apart[1] < 0.2 * apart[0] < 1e-4
+
+
+def test_min_and_max_take_two() -> None:
+    with pytest.raises(ModelError, match=r"min takes two arguments; write min\(a, b\)"):
+        load(("0", "min(x1)"))
 
 
 def test_what_the_controller_knows_must_stay_smooth() -> None:
-    with pytest.raises(ModelError, match="abs has a kink"):
+    with pytest.raises(ModelError, match="abs has a kink; allowed in a disturbance only"):
         ClosedLoop.load("paper", reference="abs(sin(t))")
+
+
+def test_a_longest_step_is_a_positive_number() -> None:
+    with pytest.raises(UsageError, match="max step: is 0 s"):
+        load(("0", "0")).simulate(max_step=0.0)
