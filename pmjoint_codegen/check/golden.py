@@ -54,7 +54,7 @@ class Trajectory:
 def default_run(
     evaluator: Evaluator, parameters: dict[str, float] | None = None, output_step: float | None = None
 ) -> Run:
-    """The model's own run, as exactly as the integrator can; sampled where a kink allows no other.
+    """The model's own run, as exactly as the integrator can.
 
     Args:
         evaluator: of the model's kernels.
@@ -65,7 +65,6 @@ def default_run(
         evaluator.manifest,
         parameters=parameters,
         output_step=output_step,
-        controller="continuous" if evaluator.manifest.analytic else "sampled",
         tolerance=TOLERANCE,
     )
     return run(evaluator, settings)

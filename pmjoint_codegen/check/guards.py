@@ -1,9 +1,9 @@
 """Guards: what the kernels say a step can miss against what the derivation does in the complex plane.
 
-A guard bounds the nonlinear part N of every rate and value on a disc: ``|N(z) - N(c)| <= rest``. With F = L + N
-and L linear, ``F(c + d) + F(c - d) - 2 F(c)`` is N's alone and at most ``2 rest``. It is computed at sixty
-digits from the SymPy expressions, at points on the rims of the discs; CasADi and the rules of balls have no
-part in it.
+A guard bounds the nonlinear part N of every rate and value on a disc: ``|N(z) - N(c)| <= rest``. With F = L
++ N and L linear, ``F(c + d) + F(c - d) - 2 F(c)`` is N's alone and at most ``2 rest``. It is computed at
+sixty digits from the SymPy expressions, at points on the rims of the discs; CasADi and the rules of balls
+have no part in it.
 """
 
 from __future__ import annotations
@@ -80,7 +80,11 @@ def _swings(reference: Reference, point: list[Array], random: np.random.Generato
 
 
 def _at(
-    reference: Reference, numbers: Numbers, centre: dict[sp.Symbol, Any], swing: dict[sp.Symbol, Any], sign: int
+    reference: Reference,
+    numbers: Numbers,
+    centre: dict[sp.Symbol, Any],
+    swing: dict[sp.Symbol, Any],
+    sign: int,
 ) -> list[Any]:
     moved = {symbol: centre[symbol] + sign * by for symbol, by in swing.items()}
     return reference.program.run(numbers, centre | moved)

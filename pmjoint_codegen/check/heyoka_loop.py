@@ -72,7 +72,9 @@ class Loop:
         blocks = dict(kernel.inputs)
         symbols = [symbol for block in blocks.values() for symbol in block]
         rates = [sp.sympify(entry) for entry in kernel.outputs[0][1]]
-        program = compile_program([*rates, v], symbols, subject.derivation.equations, kernel.given, kernel.sides)
+        program = compile_program(
+            [*rates, v], symbols, subject.derivation.equations, kernel.given, kernel.sides
+        )
         self.names: Final = tuple(item.name for item in subject.manifest.states)
         self._heyoka: Final = heyoka
         self._width: Final = len(blocks["g"])  # offset and slope of every channel; then comes the limit

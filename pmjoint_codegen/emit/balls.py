@@ -152,9 +152,10 @@ def _tangent(a: Ball) -> Ball:
 
 
 def _hyperbolic_tangent(a: Ball) -> Ball:
-    """``|sinh z / (cosh c cosh(c + z))|`` with ``|cosh(u + iv)|^2 = sinh^2 u + cos^2 v``; nothing overflows."""
+    """``|sinh z / (cosh c cosh(c + z))|`` ; ``|cosh(u + iv)|^2`` is ``sinh^2 u + cos^2 v``."""
     u, r = ca.fabs(a.centre), a.radius
-    quotient = ca.exp(r - u) * (1.0 - ca.exp(-2.0 * r)) / (1.0 + ca.exp(-2.0 * u))  # sinh r / cosh u
+    # sinh r / cosh u, where neither of the two overflows
+    quotient = ca.exp(r - u) * (1.0 - ca.exp(-2.0 * r)) / (1.0 + ca.exp(-2.0 * u))
     grown = ca.exp(ca.fmax(u - r, 0.0))
     sinh = 0.5 * (grown - 1.0 / grown)
     cosine = ca.cos(ca.fmin(r, math.pi / 2))
@@ -187,6 +188,7 @@ def entire() -> frozenset[int]:
     """Operations without a singularity in the complex plane that grow no faster than exp."""
     return frozenset(
         (
-            ca.OP_ASSIGN, ca.OP_ADD, ca.OP_SUB, ca.OP_NEG, ca.OP_TWICE, ca.OP_MUL, ca.OP_SQ, ca.OP_SIN, ca.OP_COS,
+            ca.OP_ASSIGN, ca.OP_ADD, ca.OP_SUB, ca.OP_NEG, ca.OP_TWICE, ca.OP_MUL, ca.OP_SQ,
+            ca.OP_SIN, ca.OP_COS,
         )
     )  # fmt: skip

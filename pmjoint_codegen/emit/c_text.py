@@ -15,7 +15,14 @@ from pmjoint_codegen.emit.scalar_text import HEADER as SAMPLED_HEADER
 from pmjoint_codegen.emit.scalar_text import straight_kernel, wrapper
 from pmjoint_codegen.manifest import Function
 
-STRAIGHT = ("plant", "closed_loop", "taylor", "guard", "plant_taylor", "plant_guard")  # beside the sampled loop's
+STRAIGHT = (
+    "plant",
+    "closed_loop",
+    "taylor",
+    "guard",
+    "plant_taylor",
+    "plant_guard",
+)  # beside the sampled loop's
 _CONVENTION = """\
 /* arg[i] points to input i, res[i] to output i: dense vectors of doubles. iw, w, mem are unused and may be 0.
  * Every function returns 0. None allocates or keeps state. */

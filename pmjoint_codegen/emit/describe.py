@@ -11,7 +11,15 @@ from derive import Derivation, Equation, Model, parameter_symbol
 from pmjoint_codegen import __version__
 from pmjoint_codegen.emit.table import Kernel, kernel_table, vocabulary
 from pmjoint_codegen.identity import Document, model_hash, structure_hash
-from pmjoint_codegen.manifest import EquationText, Function, GuardRule, Manifest, Parameter, Simulation, Variable
+from pmjoint_codegen.manifest import (
+    EquationText,
+    Function,
+    GuardRule,
+    Manifest,
+    Parameter,
+    Simulation,
+    Variable,
+)
 from pmjoint_codegen.report.notation import latex_expression
 from pmjoint_codegen.values import Rule
 

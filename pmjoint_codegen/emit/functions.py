@@ -12,7 +12,6 @@ from pmjoint_codegen.emit.table import Block, Kernel, kernel_table
 from pmjoint_codegen.emit.taylor import taylor_function
 from pmjoint_codegen.emit.translate import Translator
 
-
 GUARDS = ("guard", "plant_guard")  # bounds, not equations
 COMPOSED = ("taylor", "guard", "plant_taylor", "plant_guard", "sample")
 

@@ -17,8 +17,8 @@ from pmjoint_codegen.emit.balls import Ball, entire, fixed, leaf, power, rules
 from pmjoint_codegen.errors import ModelError
 from pmjoint_codegen.manifest import GuardRule
 
-# Where the right-hand side is compared with the polynomials beside the step's end, as Laguerre-like zeros:
-# `1 - place/(N + 3)`. The remainder of Hermite interpolation is then smallest, to a few percent, for N = 5..24.
+# Where the right-hand side is compared with the polynomials beside the step's end: at `1 - place/(N + 3)`.
+# The remainder of Hermite interpolation is then smallest, to a few percent, for N = 5..24.
 INSIDE = (2.849, 0.8916)
 
 
@@ -32,9 +32,9 @@ def guard_function(name: str, function: ca.Function, *, time: str = "t", state: 
         state: name of the input whose entries move, each within a disc of its own.
 
     Returns:
-        Function of the same inputs and ``R``, the disc's radius in time, s, and ``P``, of each entry of the state;
-        its one output ``rest`` has an entry for each entry of the results, in order. Where no bound can be
-        shown the entry is infinite or no number.
+        Function of the same inputs and ``R``, the disc's radius in time, s, and ``P``, of each entry of the
+        state; its one output ``rest`` has an entry for each entry of the results, in order. Where no bound
+        can be shown the entry is infinite or no number.
 
     Raises:
         ModelError: for an operation without a rule.
@@ -104,9 +104,9 @@ def _moving_operations(function: ca.Function) -> set[int]:
 
 
 def rule(order: int, samples: int) -> GuardRule:
-    """Hermite interpolation with a zero of order N at the step's start and `samples` points, the last its end.
+    """Hermite interpolation with an N-fold zero at the step's start and `samples` points, the last its end.
 
-    With F analytic and |F - F(0)| <= r on the disc of radius R = s h, the defect d of degree-N polynomials obeys
+    With F analytic and |F - F(0)| <= r on the disc of radius R = s h, the defect d of polynomials obeys
     ``|d| <= L max_j |d(n_j h)| + W / (s^N prod_j (s - n_j)) s/(s - 1) r`` on the whole step.
     """
     nodes = [*(1.0 - place / (order + 3.0) for place in INSIDE[: samples - 1]), 1.0]

@@ -1,10 +1,10 @@
 """The functions that a sweep evaluates on many trajectories at once, composed from the table's rows.
 
-Continuous: ``taylor_lanes``, coefficients of X, of v, of the tracking error e = y - y_r and of kinks. Its order
-is lower than in single runs: a sweep asks for 1e-6 where a single run asks for 1e-10. See docs/sweep.md for the
-measurement. ``guard_lanes`` and ``rates_lanes`` are what a step is held to. Sampled: ``sample_lanes``, the
-kernel of a single run, and ``plant_lanes``, the plant's coefficients of the same order alone, for holds longer
-than one step, with ``plant_guard_lanes``.
+Continuous: ``taylor_lanes``, coefficients of X, of v, of the tracking error e = y - y_r and of kinks. Its
+order is lower than in single runs: a sweep asks for 1e-6 where a single run asks for 1e-10. See
+docs/sweep.md for the measurement. ``guard_lanes`` and ``rates_lanes`` are what a step is held to. Sampled:
+``sample_lanes``, the kernel of a single run, and ``plant_lanes``, the plant's coefficients of the same
+order alone, for holds longer than one step, with ``plant_guard_lanes``.
 """
 
 from __future__ import annotations

@@ -23,9 +23,9 @@ from derive import Derivation, Model, OutsideClassError, derive
 from pmjoint_codegen.emit.c_text import banner, kernels_header, kernels_source
 from pmjoint_codegen.emit.describe import describe, describe_functions, tool_versions
 from pmjoint_codegen.emit.functions import build_functions
+from pmjoint_codegen.emit.guard import rule_of
 from pmjoint_codegen.emit.lane_text import lanes_header, lanes_source
 from pmjoint_codegen.emit.lanes import lane_functions, lane_sizes
-from pmjoint_codegen.emit.guard import rule_of
 from pmjoint_codegen.emit.sampling import PLANT_ORDER, SAMPLED, sampled_sizes
 from pmjoint_codegen.emit.scalar_text import HEADER as SAMPLED_HEADER
 from pmjoint_codegen.emit.scalar_text import sampled_header

@@ -1,18 +1,19 @@
 """The continuous closed loop, step by step: the readable twin of ``kernels/c/continuous.c``.
 
 Inside one saturation mode, and on one side of every kink, the loop is smooth, so a step is a polynomial: the
-``taylor`` kernel gives its coefficients, for all states, v, e and the arguments of kinks. A step ends where its
-last terms would exceed the tolerance, or earlier where v passes a threshold of its mode or a kink's argument
-passes 0: at that root of the polynomial the state is known as well as at the step's end, and the next step
-begins there in the neighbouring mode or on the other side. Output rows are values of the polynomial.
+``taylor`` kernel gives its coefficients, for all states, v, e and the arguments of kinks. A step ends where
+its last terms would exceed the tolerance, or earlier where v passes a threshold of its mode or a kink's
+argument passes 0: at that root of the polynomial the state is known as well as at the step's end, and the
+next step begins there in the neighbouring mode or on the other side. Output rows are values of the
+polynomial.
 
 Four rules keep it honest. Coefficients at a step's start do not see what is narrow and lies inside it, so the
 ``guard`` kernel bounds, on discs around the start, what the polynomials can miss anywhere (`guard`); the step
-is cut until that is small. At its end, and where there are singularities at two points inside, the polynomials
-must agree with the kernels evaluated there. A step that starts on a threshold or kink, to rounding, goes to
-the side that the first non-zero derivative points to; where both sides of a kink point back, the run ends.
-And where rounding alone would decide between two modes, so that time stands still, one short step leaves the
-thresholds alone.
+is cut until that is small. At its end, and where there are singularities at two points inside, the
+polynomials must agree with the kernels evaluated there. A step that starts on a threshold or kink, to
+rounding, goes to the side that the first non-zero derivative points to; where both sides of a kink point
+back, the run ends. And where rounding alone would decide between two modes, so that time stands still, one
+short step leaves the thresholds alone.
 """
 
 from __future__ import annotations
@@ -125,7 +126,9 @@ class _Loop:
         self.scales = scales(self.c)
         h = first = self.first_step(remaining)
         while True:
-            h = self.stepper.guarded(self.c, progress.t, self.actuation(progress.mode), h, smallest, self.scales)
+            h = self.stepper.guarded(
+                self.c, progress.t, self.actuation(progress.mode), h, smallest, self.scales
+            )
             if h == 0.0:
                 progress.status = Status.STALLED
                 return

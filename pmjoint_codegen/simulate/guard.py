@@ -39,12 +39,13 @@ class Discs:
 def discs(rule: GuardRule, order: int, tolerance: float) -> Discs:
     """The discs to try, in turn, for a local error.
 
-    The last is no larger than the step: with |F - F(0)| <= r on it no term of F of order 1 to N - 1 exceeds r, so
-    that the step misses no more than N r, without any point of comparison.
+    The last is no larger than the step: with |F - F(0)| <= r on it no term of F of order 1 to N - 1 exceeds r,
+    so the step misses no more of F's nonlinear part than N r. The linear part is largest at the step's
+    end, where the two are compared together: 2 N r in all.
     """
     ratios = [_ratio(rule, order, target * tolerance) for target in TARGETS]
     factors = [factor(rule, order, ratio) for ratio in ratios]
-    return Discs((*ratios, 1.0), (*factors, float(order)))
+    return Discs((*ratios, 1.0), (*factors, 2.0 * order))
 
 
 def factor(rule: GuardRule, order: int, ratio: float) -> float:
@@ -62,8 +63,8 @@ def _ratio(rule: GuardRule, order: int, target: float) -> float:
 
 
 def hold_factors(zeros: int) -> list[float]:
-    """``s^-N s/(s - 1)`` for each of `HOLD_RATIOS`: what a step whose defect has an N-fold zero at its start misses.
+    """``s^-N s/(s - 1)`` for each of `HOLD_RATIOS`: what a hold misses without points of comparison.
 
-    Without points of comparison; N is the order for rates, one more for values.
+    Its defect has an N-fold zero at its start; N is the order for rates, one more for values.
     """
     return [math.pow(ratio, -zeros) * ratio / (ratio - 1.0) for ratio in HOLD_RATIOS]

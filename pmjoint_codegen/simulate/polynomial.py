@@ -148,7 +148,7 @@ def note_extremum(c: list[float], t: float, tau: float, i: int, peaks: Array, pe
 
 
 def last_outside(c: Sequence[float], tau: float, band: float) -> float | None:
-    """The last time in [0, tau) at which a channel's magnitude goes from above `band` to below it, or None."""
+    """The last time in [0, tau) at which a channel's magnitude falls below `band`, or None."""
     power, reach = 1.0, 0.0
     for coefficient in c:
         reach += abs(coefficient) * power

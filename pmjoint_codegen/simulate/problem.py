@@ -38,8 +38,8 @@ class Problem:
         nodes: quadrature nodes on (0, 1); a hold that is one step has its own three.
         weights: of the nodes; they add up to 1.
         n_nodes: number of them; 0 leaves out the integral of e^2 and when e settles.
-        n_searched: for the continuous loop, channels, of X, v and e, whose largest magnitudes are searched for
-            inside steps too; the others' are those at the ends of steps.
+        n_searched: for the continuous loop, channels, of X, v and e, whose largest magnitudes are searched
+            for inside steps too; the others' are those at the ends of steps.
         inside: points of a step, as parts of it, at which it is compared with the rates, beside its end.
         n_inside: number of them.
         lebesgue: factor on the largest defect found there.
@@ -172,7 +172,8 @@ class Memory:
         rates: values inside a step.
         g: the mode, then sides, continuous loop.
         w: what the actuator delivers, then sides, sampled loop.
-        window: shape (2 + 2 nx,), of which the guard is known: t and its reach, x and its reach; sampled loop.
+        window: shape (2 + 2 nx,), of which the guard is known: t and its reach, x and its reach; sampled
+        loop.
         sides: on which side of each kink the run is, +1 or -1.
         sample: X at the last sample, sampled loop.
         rows: shape (n_rows, nX), X at the output instants; the first row comes filled in.

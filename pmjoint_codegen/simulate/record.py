@@ -32,8 +32,8 @@ class Record:
         initial_mode: mode label at t = 0.
         peaks: name -> (largest magnitude, its instant in s) of every state, v and e, on the dense output.
         ise: integral of e^2 over the time reached.
-        settling_s: the last instant at which |e| exceeds 2 % of |e(0)|, on the dense output, s; None where e(0)
-            is 0 or no number.
+        settling_s: the last instant at which |e| exceeds 2 % of |e(0)|, on the dense output, s; None where
+            e(0) is 0 or no number.
         steps: accepted integration steps.
         wall_s: time that the run took, s.
     """

@@ -3,8 +3,8 @@
 At ``t_k = k T`` the controller takes y, computes v of (29) and delivers w, which is held until the next
 sample; filters and compensator go on by their exact zero-order-hold discretisation, the plant and the error
 follow their Taylor polynomials: those that come with the sample where the guard shows the hold to be short
-enough for them, else steps of a higher order, guarded as those of the continuous loop and ending at kinks. Output rows between samples show the plant's states as they are and
-everything of the controller as held.
+enough for them, else steps of a higher order, guarded as those of the continuous loop and ending at kinks.
+Output rows between samples show the plant's states as they are and everything of the controller as held.
 """
 
 from __future__ import annotations

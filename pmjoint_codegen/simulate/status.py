@@ -25,12 +25,12 @@ _SENTENCES: Final = {
     Status.DONE: "reached the horizon, {t:.6g} s",
     Status.DIVERGED: "diverged: a state passed {divergence:g} at t = {t:.6g} s",
     Status.NON_FINITE: "a state or the control stopped being a finite number after t = {t:.6g} s",
-    Status.STALLED: "stalled at t = {t:.6g} s: no step that time can resolve is shown to follow the model, as where "
-    "it is singular or nearly a jump, sigma(y) vanishes or a state grows without bound",
+    Status.STALLED: "stalled at t = {t:.6g} s: no step that time can resolve is shown to follow the model, "
+    "as where it is singular or nearly a jump, sigma(y) vanishes or a state grows without bound",
     Status.TOO_MANY_STEPS: "used up {max_steps} steps at t = {t:.6g} s",
     Status.TOO_MANY_SWITCHES: "used up {max_switches} saturation switches at t = {t:.6g} s",
-    Status.SLIDING: "stuck to a kink at t = {t:.6g} s: the rates on both sides of a sign(...) point to it, as "
-    "where Coulomb friction holds a joint at rest; smooth it, such as tanh(x2/0.01), for what follows",
+    Status.SLIDING: "stuck to a kink at t = {t:.6g} s: the rates on both sides of a sign(...) point to it, "
+    "as where Coulomb friction holds a joint at rest; for what follows, smooth it, such as tanh(x2/0.01)",
     Status.KERNEL_FAILED: "a generated kernel reported a failure at t = {t:.6g} s",
 }
 

@@ -1,7 +1,7 @@
 """Whether a step follows the right-hand side all along, and where it meets a kink: for both loops.
 
-The twin of ``kernels/c/guard.c``: same arithmetic, same order. The step is that of a Taylor kernel whose first
-channels have rates and whose others are values; see `guard`.
+The twin of ``kernels/c/guard.c``: same arithmetic, same order. The step is that of a Taylor kernel whose
+first channels have rates and whose others are values; see `guard`.
 """
 
 from __future__ import annotations
@@ -118,8 +118,8 @@ class Stepper:
     ) -> float | None:
         """When a channel passes a level, upwards (+1) or downwards (-1), from 0 to before h, or None.
 
-        On the level, to rounding, the first derivative that does not vanish decides, and the zero at the start
-        is divided out before the search.
+        On the level, to rounding, the first derivative that does not vanish decides, and the zero at the
+        start is divided out before the search.
         """
         q = c[:, channel].tolist()
         q[0] = 0.0 if touching else q[0] - level

@@ -5,9 +5,6 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any, Final
 
-import numpy as np
-
-from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.simulate.disturbance import disturbance_summary
 
 if TYPE_CHECKING:
@@ -20,8 +17,8 @@ def summarise(run: Record) -> dict[str, Any]:
     """Sum up a run; keys in the order in which a reader wants them.
 
     ``ise`` is the integral of e^2 by Gauss-Legendre quadrature of the dense output, step by step;
-    ``max_abs_e``, ``max_abs_v``, ``peaks`` (largest magnitude, its instant) and ``settling_s`` are taken on the
-    dense output as well. None of them depends on the output grid.
+    ``max_abs_e``, ``max_abs_v``, ``peaks`` (largest magnitude, its instant) and ``settling_s`` are taken on
+    the dense output as well. None of them depends on the output grid.
     """
     settings, manifest = run.settings, run.manifest
     return {

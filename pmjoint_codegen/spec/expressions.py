@@ -162,9 +162,9 @@ def _build(node: ast.expr, place: _Place, depth: int) -> _Term:
         case ast.BinOp(left=left, op=op, right=right) if type(op) in OPERATORS:
             combine = OPERATORS[type(op)]
             return _apply(combine, combine, build(left), build(right))
-        case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]) if (
-            name in place.functions and len(arguments) == _arity(name)
-        ):
+        case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]) if name in place.functions and len(
+            arguments
+        ) == _arity(name):
             return _call(name, *(build(argument) for argument in arguments))
     raise _refused_node(node, place)
 

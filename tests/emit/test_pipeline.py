@@ -18,7 +18,6 @@ from pmjoint_codegen.emit import pipeline
 from pmjoint_codegen.emit.c_text import banner
 from pmjoint_codegen.emit.functions import build_functions
 from pmjoint_codegen.emit.pipeline import LOWEST_ORDER, TAYLOR_ORDER, Artifacts, affordable_functions
-from pmjoint_codegen.emit.sampling import SAMPLED
 from pmjoint_codegen.emit.table import kernel_table, vocabulary
 from pmjoint_codegen.identity import structure_hash
 from pmjoint_codegen.kernels.tape import read_tapes

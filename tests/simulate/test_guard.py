@@ -1,4 +1,4 @@
-"""Steps that see what is inside them: narrow features, along whole runs, in both loops and both evaluators."""
+"""Steps that see what is inside them: narrow features along whole runs, both loops, both evaluators."""
 
 from __future__ import annotations
 
@@ -52,7 +52,8 @@ def test_polynomials_follow_the_right_hand_side_all_along(name: str, monkeypatch
         g = self.actuation(self.progress.mode)
         for part in np.linspace(0.0, 1.0, 201):
             worst = max(
-                worst, self.stepper.defect(self.c, self.progress.t, g, part * tau, tau, self.scales) / tolerance
+                worst,
+                self.stepper.defect(self.c, self.progress.t, g, part * tau, tau, self.scales) / tolerance,
             )
         accept(self, values, following, tau, end)
 
@@ -118,7 +119,9 @@ def test_a_step_in_all_but_name_is_stepped_up_to() -> None:
 
 def test_what_no_step_resolves_is_said() -> None:
     loop = load("compiled", "0", ("0", "1/(t-0.5)"))
-    with pytest.raises(SimulationError, match=r"stalled at t = 0\.5 s: no step that time can resolve") as caught:
+    with pytest.raises(
+        SimulationError, match=r"stalled at t = 0\.5 s: no step that time can resolve"
+    ) as caught:
         loop.simulate(x0=[0.0, 0.0], horizon=1.0)
     run = caught.value.run
     assert isinstance(run, Run) and run.status == Status.STALLED
