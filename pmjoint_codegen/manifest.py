@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, Final
@@ -104,11 +105,13 @@ class GuardRule:
     """How far a step's polynomials are compared with the right-hand side, and what that leaves open.
 
     Attributes:
+        order: N of the polynomials.
         inside: points n_j inside the step, as parts of it; its end is compared as well.
         lebesgue: L, factor on the largest defect found at these points.
         remainder: W of the remainder ``W / (s^N prod_j (s - n_j)) s/(s - 1)``, with the end among the n_j.
     """
 
+    order: int
     inside: tuple[float, ...]
     lebesgue: float
     remainder: float
@@ -159,7 +162,7 @@ class Manifest:
         leading: expression of b_m.
         disturbance_bound: D_max, or None.
         kinks: arguments of abs and sign in the plant's rates, inner ones first; each has its zeros located.
-        guards: the rule of the steps of ``taylor`` and of ``plant_taylor``.
+        guards: the rule of the steps of each kernel of Taylor coefficients, by its name.
         states: entries of X.
         blocks: index range of x, xi, Xi, lambda, r in X.
         parameters: entries of p.
@@ -286,7 +289,8 @@ class Manifest:
                 remedy="run pmjoint regenerate; edit the model file instead",
             )
         if contents.pop("schema") == SCHEMA and contents.keys() == {field.name for field in fields(cls)}:
-            return cls._from_contents(contents)
+            with suppress(TypeError, KeyError):  # records inside with other fields
+                return cls._from_contents(contents)
         raise OtherVersionError(
             "was written by another version", where=where, remedy="run pmjoint regenerate"
         )

@@ -22,6 +22,7 @@ import numpy.typing as npt
 from pmjoint_codegen.errors import ModelError, PmjointError
 
 COMPENSATOR = "compensator"  # the switch between (23) and plain clipping
+SETTLED = 0.02  # part of |e(0)| within which e has settled once it stays there
 OWN_SUFFIX = "_plant"  # of the simulated plant's own value of a parameter that the controller uses too
 _POSITIVE_GAINS = ("c", "e", "ck")
 

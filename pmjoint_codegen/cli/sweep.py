@@ -79,6 +79,9 @@ Examples
 @click.option("--no-compensator", is_flag=True, help="Keep r = 0: plain clipping instead of (23).")
 @click.option("--tolerance", type=float, metavar="TOL", default=1e-6, show_default=True, help="Local error.")
 @click.option(
+    "--max-step", type=float, metavar="S", help="No integration step is longer than this, in seconds."
+)
+@click.option(
     "--divergence",
     type=float,
     metavar="X",

@@ -122,7 +122,9 @@ def rule(order: int, samples: int) -> GuardRule:
                 term = term * (x - other) / (node - other)
         lebesgue += np.abs(term)
     step = 1.0 + (order + samples) ** 2 / len(x) ** 2  # between grid points a polynomial rises no further
-    return GuardRule(tuple(nodes[:-1]), _rounded(lebesgue.max() * step), _rounded(product.max() * step))
+    return GuardRule(
+        order, tuple(nodes[:-1]), _rounded(lebesgue.max() * step), _rounded(product.max() * step)
+    )
 
 
 def _rounded(value: float) -> float:

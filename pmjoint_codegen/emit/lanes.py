@@ -36,11 +36,12 @@ def lane_functions(functions: Mapping[str, ca.Function]) -> dict[str, ca.Functio
         "matrices_lanes": _matrices(functions),
         "taylor_lanes": taylor_function("taylor_lanes", loop, LANE_ORDER, state="X"),
         "guard_lanes": _renamed("guard_lanes", functions["guard"]),
-        "rates_lanes": _renamed("rates_lanes", loop),
+        "rates_lanes": _stacked("rates_lanes", loop),
         "arrive_lanes": _arrive(loop.size1_in("X"), _channels(loop), LANE_ORDER),
         "bernstein_lanes": _bernstein(LANE_ORDER),
         "plant_lanes": taylor_function("plant_lanes", functions["plant"], HOLD_ORDER, state="x"),
         "plant_guard_lanes": _renamed("plant_guard_lanes", functions["plant_guard"]),
+        "plant_rates_lanes": _stacked("plant_rates_lanes", functions["plant"]),
         "sample_lanes": _renamed("sample_lanes", functions["sample"]),
     }
 
@@ -64,12 +65,13 @@ def _matrices(functions: Mapping[str, ca.Function]) -> ca.Function:
 def _arrive(states: int, channels: int, order: int) -> ca.Function:
     """The end of a step of ``taylor_lanes``, and what is asked of the step, as straight lines.
 
-    X there, the slopes of X and v there, both by Horner; v and e as ``sum_k a_k s^k`` over s in [0, 1]; the
-    mean of e^2, by five Gauss nodes: what they leave out, the tolerance makes small (below 1e-9 of it).
+    X there and its slopes, both by Horner, and the values of the other channels; v and e as
+    ``sum_k a_k s^k`` over s in [0, 1]; the mean of e^2, by five Gauss nodes: what they leave out, the
+    tolerance makes small (below 1e-9 of it).
     """
     c, h = ca.SX.sym("c", (order + 1) * channels), ca.SX.sym("h")
     values, slopes = [], []
-    for i in range(states + 1):
+    for i in range(channels):
         value, slope = c[order * channels + i], ca.SX(0)
         for k in range(order - 1, -1, -1):
             slope = slope * h + value
@@ -80,8 +82,8 @@ def _arrive(states: int, channels: int, order: int) -> ca.Function:
     for _ in range(order):
         powers.append(powers[-1] * h)
     v, e = ([c[k * channels + i] * powers[k] for k in range(order + 1)] for i in (states, states + 1))
-    results = [values[:states], slopes, v, e, [_mean_square(e)]]
-    names = ["X", "slope", "v", "e", "square"]
+    results = [values[:states], slopes[:states], values[states:], v, e, [_mean_square(e)]]
+    names = ["X", "slope", "ends", "v", "e", "square"]
     return ca.Function(
         "arrive_lanes", [c, h], [ca.vertcat(*entries) for entries in results], ["c", "h"], names
     )
@@ -114,6 +116,14 @@ def _bernstein(order: int) -> ca.Function:
         for j in range(order, level - 1, -1):
             b[j] = b[j] + b[j - 1]
     return ca.Function("bernstein_lanes", [a], [ca.vertcat(*b)], ["a"], ["b"])
+
+
+def _stacked(name: str, function: ca.Function) -> ca.Function:
+    """All results in one, in order: what the channels of a Taylor kernel are held to."""
+    inputs = symbols_of(function)
+    return ca.Function(
+        name, inputs, [ca.densify(ca.vertcat(*function.call(inputs)))], function.name_in(), ["rates"]
+    )
 
 
 def _renamed(name: str, function: ca.Function) -> ca.Function:

@@ -25,8 +25,8 @@ from pmjoint_codegen.emit.describe import describe, describe_functions, tool_ver
 from pmjoint_codegen.emit.functions import build_functions
 from pmjoint_codegen.emit.guard import rule_of
 from pmjoint_codegen.emit.lane_text import lanes_header, lanes_source
-from pmjoint_codegen.emit.lanes import lane_functions, lane_sizes
-from pmjoint_codegen.emit.sampling import PLANT_ORDER, SAMPLED, sampled_sizes
+from pmjoint_codegen.emit.lanes import LANE_ORDER, lane_functions, lane_sizes
+from pmjoint_codegen.emit.sampling import HOLD_ORDER, PLANT_ORDER, SAMPLED, sampled_sizes
 from pmjoint_codegen.emit.scalar_text import HEADER as SAMPLED_HEADER
 from pmjoint_codegen.emit.scalar_text import sampled_header
 from pmjoint_codegen.emit.straight_text import instructions
@@ -86,6 +86,8 @@ def generate(document: Document, model: Model, order: int | None = None) -> Arti
     guards = {
         "taylor": rule_of(functions["closed_loop"], order),
         "plant_taylor": rule_of(functions["plant"], PLANT_ORDER),
+        "taylor_lanes": rule_of(functions["closed_loop"], LANE_ORDER),
+        "plant_lanes": rule_of(functions["plant"], HOLD_ORDER),
     }
     manifest = describe(document, derivation, records, order, guards, hashes)
     return Artifacts(manifest, {**texts, FILE_NAME: manifest.to_json()})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,9 +16,11 @@ from pmjoint_codegen.errors import BuildError, StaleError
 from pmjoint_codegen.identity import canonical_hash
 from pmjoint_codegen.kernels.declarations import MODULE, declarations, load_library, to_module
 from pmjoint_codegen.kernels.evaluator import Array
+from pmjoint_codegen.kernels.guard import HOLD_RATIOS, discs, hold_factors
 from pmjoint_codegen.kernels.processor import Level
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.storage import sha256_file
+from pmjoint_codegen.values import SETTLED
 
 # Bits must not depend on the machine: no contraction. Neither of -fno-math-errno, -fno-trapping-math changes
 # a result; # without them square roots and selections are not vectors. -Wno-psabi: no vector crosses the
@@ -53,6 +56,7 @@ class Runs:
         times: instants at which trajectories are wanted, s, ascending from 0 to the horizon; empty for none.
         divergence: |X_i| above it ends a run.
         max_steps: limit of steps of one run.
+        max_step: s; no step is longer.
     """
 
     x0: Array
@@ -64,6 +68,7 @@ class Runs:
     times: Array
     divergence: float
     max_steps: int
+    max_step: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -114,7 +119,9 @@ class BatchLibrary:
         sweep = self._ffi.new("pmj_sweep *", {name: value for name, value in held.items() if len(value)})
         sweep.runs, sweep.rows = count, rows
         sweep.hold_stride = runs.hold.shape[1] if len(runs.hold) > 1 else 0
-        for name in ("horizon", "sample_time", "tolerance", "divergence", "max_steps"):
+        kept = self._set_rules(sweep, runs)
+        sweep.settled = SETTLED
+        for name in ("horizon", "sample_time", "tolerance", "max_step", "divergence", "max_steps"):
             setattr(sweep, name, getattr(runs, name))
         wanted = {
             name: self._pointer(getattr(outcome, name)) for name in ("metrics", "final", "trajectories")
@@ -122,7 +129,7 @@ class BatchLibrary:
         results = self._ffi.new(
             "pmj_results *", {name: value for name, value in wanted.items() if len(value)}
         )
-        if count:
+        if count and kept:
             (self._lib.pmj_sampled_batch if runs.sample_time else self._lib.pmj_continuous_batch)(
                 sweep, results
             )
@@ -135,6 +142,28 @@ class BatchLibrary:
         if len(p):
             self._lib.pmj_matrices(len(p), self._pointer(p), self._pointer(result))
         return result
+
+    def _set_rules(self, sweep: Any, runs: Runs) -> list[Any]:
+        """Fill in how steps and holds are held to the right-hand side; the pointers live as the result does."""
+        kernel = "plant_lanes" if runs.sample_time else "taylor_lanes"
+        rule, bare = self.manifest.guards[kernel], self.manifest.hold_order
+        around = discs(rule, runs.tolerance)
+        sweep.rule.lebesgue = rule.lebesgue
+        arrays = (
+            (sweep.rule, "inside", rule.inside),
+            (sweep.rule, "ratios", around.ratios),
+            (sweep.rule, "factors", around.factors),
+            (sweep.hold_rule, "ratios", HOLD_RATIOS),
+            (sweep.hold_rule, "factors", hold_factors(bare)),
+            (sweep, "hold_value_factors", hold_factors(bare + 1)),
+        )
+        kept = []
+        for struct, name, values in arrays:
+            kept.append(self._pointer(np.array(values, dtype=np.float64)))
+            setattr(struct, name, kept[-1])
+        sweep.rule.n_inside, sweep.rule.n_ratios = len(rule.inside), len(around.ratios)
+        sweep.hold_rule.n_ratios = len(HOLD_RATIOS)
+        return kept
 
     def _pointer(self, array: Array) -> Any:
         return self._ffi.from_buffer("double[]", array)

@@ -19,7 +19,7 @@ import numpy as np
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate import quadrature
-from pmjoint_codegen.simulate.guard import HOLD_RATIOS, discs, hold_factors
+from pmjoint_codegen.kernels.guard import HOLD_RATIOS, discs, hold_factors
 from pmjoint_codegen.simulate.hold import hold_matrices
 from pmjoint_codegen.simulate.loops import Advance, make_loop
 from pmjoint_codegen.simulate.modes import Actuator, make_actuator
@@ -27,7 +27,8 @@ from pmjoint_codegen.simulate.problem import Memory, Problem, Progress, make_mem
 from pmjoint_codegen.simulate.record import Record
 from pmjoint_codegen.simulate.settings import Settings
 from pmjoint_codegen.simulate.status import Status, sentence
-from pmjoint_codegen.simulate.summary import SETTLED, summarise
+from pmjoint_codegen.simulate.summary import summarise
+from pmjoint_codegen.values import SETTLED
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -102,7 +103,7 @@ def make_problem(evaluator: Evaluator, settings: Settings, actuator: Actuator) -
     sampled = settings.controller == "sampled"
     order = manifest.plant_order if sampled else manifest.order
     guard = manifest.guards["plant_taylor" if sampled else "taylor"]
-    around = discs(guard, order, settings.tolerance)
+    around = discs(guard, settings.tolerance)
     rule = quadrature.long_steps()
     times = settings.times()
     return Problem(

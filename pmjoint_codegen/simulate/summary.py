@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 from pmjoint_codegen.simulate.disturbance import disturbance_summary
 
 if TYPE_CHECKING:
     from pmjoint_codegen.simulate.record import Record
 
-SETTLED: Final = 0.02  # of the initial |e|
 
 
 def summarise(run: Record) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -85,6 +86,7 @@ def _runs(library: BatchLibrary, request: Request, x0: Array, p: Array) -> Runs:
         times=request.times(),
         divergence=request.divergence,
         max_steps=request.max_steps,
+        max_step=math.inf if request.max_step is None else request.max_step,
     )
 
 

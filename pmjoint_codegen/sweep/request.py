@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
@@ -50,6 +51,7 @@ class Request:
         controller: ``continuous`` or ``sampled``.
         sample_time: s; 0 for the continuous controller.
         tolerance: local error, relative to max(1, |value|).
+        max_step: s; no step is longer; None: as long as can be shown to be sound.
         output_step: s, of the trajectories; 0 keeps none.
         divergence: |X_i| above it ends a run.
         max_steps: limit of steps of one run.
@@ -70,6 +72,7 @@ class Request:
     controller: str
     sample_time: float
     tolerance: float
+    max_step: float | None
     output_step: float
     divergence: float
     max_steps: int
@@ -105,6 +108,7 @@ def make_request(
     sample_time: float | None = None,
     compensator: bool | None = None,
     tolerance: float = DEFAULT_TOLERANCE,
+    max_step: float | None = None,
     output_step: float | None = None,
     divergence: float = DEFAULT_DIVERGENCE,
 ) -> Request:
@@ -120,6 +124,7 @@ def make_request(
         sample_time: s.
         compensator: False: r = 0, plain clipping.
         tolerance: local error.
+        max_step: s; no step is longer.
         output_step: s; keeps trajectories.
         divergence: |X_i| above it ends a run.
 
@@ -136,6 +141,7 @@ def make_request(
         sample_time=sample_time,
         compensator=compensator,
         tolerance=tolerance,
+        max_step=max_step,
         output_step=output_step,
     )
     _check_names(manifest, plan, (*(parameters or {}), *(() if compensator is None else (COMPENSATOR,))))
@@ -179,6 +185,7 @@ def _request(
         controller=settings.controller,
         sample_time=settings.sample_time if settings.controller == "sampled" else 0.0,
         tolerance=settings.tolerance,
+        max_step=settings.max_step if math.isfinite(settings.max_step) else None,
         output_step=settings.output_step if output_step is not None else 0.0,
         divergence=settings.divergence,
         max_steps=MAX_STEPS,

@@ -1,5 +1,5 @@
 /* Whether a step follows the right-hand side all along, and where it meets a kink: for both loops. The step is that of a
- * Taylor kernel whose first channels have rates and whose others are values; see simulate/guard.py. */
+ * Taylor kernel whose first channels have rates and whose others are values; see kernels/guard.py. */
 #include "pmjoint_runtime.h"
 
 #include <float.h>

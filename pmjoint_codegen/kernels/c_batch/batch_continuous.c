@@ -5,31 +5,14 @@
 #include <float.h>
 #include <string.h>
 
-/* A step's polynomial may miss the right-hand side at its end by this multiple of the tolerance. */
-#define DEFECT 64.0
 /* A threshold on which rounding alone decides the side is left alone for this long, s. */
 #define UNDECIDED_STEP 1e-7
 
-/* A lane's v, a_k = c_k, into q; see continuous.c: 1 and the time until v passes threshold `index` outwards, or 0. */
-static int passes(const pmj_lane *one, const pmj_lanes *c, int w, int index, int outward, double h, double *tau)
-{
-    double q[PMJ_ORDER + 1];
-    for (int k = 0; k <= PMJ_ORDER; ++k) {
-        q[k] = c[k * CHANNELS + V][w];
-    }
-    q[0] = one->touching == index ? 0.0 : q[0] - one->actuator.at[index];
-    const long long zeros = pmj_leading_zeros(q, PMJ_ORDER, h);
-    if (q[zeros] * outward > 0.0) {
-        *tau = 0.0;
-        return 1;
-    }
-    return pmj_first_crossing(q + zeros, PMJ_ORDER - zeros, h, tau);
-}
-
-/* The long way for lane w: the step to the first threshold within h. 0 where the mode changes without one. */
-static int search(pmj_group *all, const pmj_lanes *c, int w, double h)
+/* The long way for lane w: the step to the first threshold or kink within h. 0 where it is passed without a step. */
+static int search(pmj_group *all, const pmj_flow *flow, const pmj_lanes *c, int w, double h)
 {
     pmj_lane *one = &all->lanes[w];
+    const int thresholds = one->actuator.thresholds;
     double when = 0.0;
     one->crossing = -1;
     one->next_mode = one->mode;
@@ -37,20 +20,35 @@ static int search(pmj_group *all, const pmj_lanes *c, int w, double h)
         all->h[w] = h < UNDECIDED_STEP ? h : UNDECIDED_STEP;
         return 1;
     }
-    if (one->mode > 0 && passes(one, c, w, one->mode - 1, -1, h, &when)) {
+    if (one->mode > 0
+        && pmj_passes_lane(flow, c, w, V, one->actuator.at[one->mode - 1], one->touching == one->mode - 1, -1, h, &when)) {
         one->crossing = one->mode - 1;
         one->next_mode = one->mode - 1;
         h = when;
     }
-    if (one->mode < one->actuator.thresholds && passes(one, c, w, one->mode, 1, h, &when)) {
+    if (one->mode < thresholds
+        && pmj_passes_lane(flow, c, w, V, one->actuator.at[one->mode], one->touching == one->mode, 1, h, &when)) {
         one->crossing = one->mode;
         one->next_mode = one->mode + 1;
         h = when;
+    }
+    for (int j = 0; j < PMJ_NK; ++j) {
+        const int outward = all->g[2 * PMJ_NW + j][w] > 0.0 ? -1 : 1;
+        if (pmj_passes_lane(flow, c, w, E + 1 + j, 0.0, one->touching == thresholds + j, outward, h, &when)) {
+            one->crossing = thresholds + j;
+            one->next_mode = one->mode;
+            h = when;
+        }
     }
     all->h[w] = h;
     if (one->crossing >= 0) {
         all->alert[w] = -1;
         pmj_set_mode(all, w, one->next_mode);
+        if (h == 0.0 && one->crossing >= thresholds) {
+            pmj_flip(all, w, one->crossing - thresholds);
+            all->touching[w] = -1;
+            return 0;
+        }
         if (h == 0.0) {
             pmj_cross(all, w, all->t[w]);
             one->undecided += 1;
@@ -62,17 +60,27 @@ static int search(pmj_group *all, const pmj_lanes *c, int w, double h)
     return 1;
 }
 
-/* A run begins: its mode from v(0). 1 where the coefficients hold in that mode. */
-static int begin(pmj_group *all, const pmj_lanes *c, int w)
+/* A run begins: its sides, and its mode from v(0). 1 where the coefficients hold on these sides in that mode. */
+static int begin(const pmj_sweep *sweep, pmj_group *all, const pmj_lanes *c, int w)
 {
     pmj_lane *one = &all->lanes[w];
+    int moved = 0;
+    for (int j = 0; j < PMJ_NK; ++j) {
+        const double side = c[E + 1 + j][w] < 0.0 ? -1.0 : 1.0;
+        moved |= side != all->g[2 * PMJ_NW + j][w];
+        all->g[2 * PMJ_NW + j][w] = side;
+    }
+    one->passes += 1;
+    if (moved && one->passes <= PMJ_NK) {
+        return 0; /* an argument depends on the sides before its own */
+    }
     all->fresh[w] = 0;
-    all->metrics.band[w] = PMJ_SETTLED * fabs(c[E][w]);
+    all->metrics.band[w] = sweep->settled * fabs(c[E][w]);
     all->metrics.max_e[w] = fabs(c[E][w]);
     all->metrics.max_v[w] = fabs(c[V][w]);
     one->mode = pmj_mode_of(&one->actuator, c[V][w]);
     pmj_set_mode(all, w, one->mode);
-    return one->mode == 0;
+    return one->mode == 0 && !moved;
 }
 
 static int finite_rows(const pmj_lanes *c, int w)
@@ -85,20 +93,21 @@ static int finite_rows(const pmj_lanes *c, int w)
     return 1;
 }
 
-/* Where the step on trial fits: the slope at its end against the right-hand side there. NaN fits nowhere. */
-static pmj_mask fits(const pmj_sweep *sweep, const pmj_group *all, const pmj_lanes *next)
+/* How much of what is allowed the steps on trial miss: at their ends, where `next` is what the kernels say, and inside. */
+static pmj_lanes missed(const pmj_sweep *sweep, const pmj_flow *flow, const pmj_group *all, const pmj_lanes *next)
 {
-    const double allowed = DEFECT * sweep->tolerance;
-    pmj_mask good = all->on_trial;
-    for (int i = 0; i <= V; ++i) {
-        const pmj_lanes miss = pmj_abs(all->slope[i] - next[CHANNELS + i]) * all->scales[i];
-        good = good & (miss * all->h <= allowed);
+    const pmj_stand at = {&all->t_before, next, all->g, all->p, all->scales, all->metrics.max_v};
+    pmj_lanes found[CHANNELS];
+    for (int i = 0; i < CHANNELS; ++i) {
+        found[i] = i < PMJ_NS ? all->slope[i] - next[CHANNELS + i] : all->ends[i - PMJ_NS] - next[i];
     }
-    return good;
+    const pmj_lanes end = sweep->rule.lebesgue / (PMJ_DEFECT * sweep->tolerance)
+                          * pmj_largest_lanes(flow, &at, found, all->h);
+    return pmj_max(all->missed, end);
 }
 
-/* Lane w goes back to where its step began and tries half of it; the status, where that is too small. */
-static int reject(pmj_group *all, const pmj_lanes *next, int w)
+/* Lane w goes back to where its step began and tries a part of it; the status, where that is too small. */
+static int reject(pmj_group *all, const pmj_lanes *next, int w, double part)
 {
     pmj_lane *one = &all->lanes[w];
     const double smallest = PMJ_SMALLEST_STEP * (all->t_before[w] > 1.0 ? all->t_before[w] : 1.0);
@@ -106,7 +115,7 @@ static int reject(pmj_group *all, const pmj_lanes *next, int w)
         all->X[i][w] = all->X_before[i][w];
     }
     all->t[w] = all->t_before[w];
-    all->h_most[w] = 0.5 * all->h[w];
+    all->h_most[w] = part * all->h[w];
     one->crossing = -1;
     pmj_set_mode(all, w, one->mode);
     if (!(all->h_most[w] >= smallest)) {
@@ -115,13 +124,19 @@ static int reject(pmj_group *all, const pmj_lanes *next, int w)
     return PMJ_RUNNING;
 }
 
-/* What an accepted step of lane w leaves to do beyond the arithmetic that all lanes share; the status. */
-static int settle(const pmj_sweep *sweep, pmj_group *all, int w)
+/* What an accepted step of lane w leaves to do beyond the arithmetic that all lanes share; the status. Beyond a kink
+ * the coefficients are others: the lane is not `ready`. */
+static int settle(const pmj_sweep *sweep, pmj_group *all, int w, int *ready)
 {
     pmj_lane *one = &all->lanes[w];
-    one->undecided = all->t[w] > all->t_before[w] ? 0 : one->undecided + 1;
+    const int moved = all->t[w] > all->t_before[w];
+    one->undecided = moved ? 0 : one->undecided + 1;
+    one->flips = moved ? 0 : one->flips;
     one->touching = -1;
-    if (one->crossing >= 0) {
+    if (one->crossing >= one->actuator.thresholds) {
+        pmj_flip(all, w, one->crossing - one->actuator.thresholds);
+        *ready = 0;
+    } else if (one->crossing >= 0) {
         pmj_cross(all, w, all->t[w]);
     }
     all->touching[w] = one->touching >= 0 ? -1 : 0;
@@ -136,10 +151,11 @@ static int settle(const pmj_sweep *sweep, pmj_group *all, int w)
 }
 
 /* Take in what the steps on trial have come to. Gives the lanes whose coefficients `next` hold for a step. */
-static pmj_mask judge(const pmj_sweep *sweep, const pmj_results *results, pmj_group *all, const pmj_lanes *c,
-                      const pmj_lanes *next)
+static pmj_mask judge(const pmj_sweep *sweep, const pmj_results *results, const pmj_flow *flow, pmj_group *all,
+                      const pmj_lanes *c, const pmj_lanes *next)
 {
-    const pmj_mask accepted = fits(sweep, all, next);
+    const pmj_lanes miss = missed(sweep, flow, all, next);
+    const pmj_mask accepted = (miss <= 1.0) & all->on_trial;
     const pmj_mask rejected = all->on_trial & ~accepted;
     pmj_lanes largest = pmj_abs(all->X[0]);
     for (int i = 1; i < PMJ_NS; ++i) {
@@ -154,7 +170,9 @@ static pmj_mask judge(const pmj_sweep *sweep, const pmj_results *results, pmj_gr
     all->metrics.saturated = all->metrics.saturated + spent * all->limited;
     const pmj_mask ended = (all->t >= sweep->horizon) | (largest > sweep->divergence);
     const pmj_mask spent_all = all->tried >= sweep->max_steps;
-    const pmj_mask special = rejected | all->fresh | (spent_all & all->live) | (accepted & (ended | all->alert));
+    const pmj_mask cut = all->h_guarded < all->h_first;
+    all->last_cut = pmj_select(accepted, pmj_select(cut, all->h_guarded, pmj_all(HUGE_VAL)), all->last_cut);
+    const pmj_mask special = rejected | all->fresh | all->stalled | all->sliding | (spent_all & all->live) | (accepted & (ended | all->alert));
     pmj_mask ready = all->live & ~all->fresh & ~rejected;
     if (results->trajectories) {
         for (int w = 0; w < PMJ_WIDTH; ++w) {
@@ -166,6 +184,7 @@ static pmj_mask judge(const pmj_sweep *sweep, const pmj_results *results, pmj_gr
     if (!pmj_any(special)) {
         return ready;
     }
+    const pmj_lanes parts = pmj_shrink_lanes(miss, PMJ_ORDER);
     int loaded = 0;
     for (int w = 0; w < PMJ_WIDTH; ++w) {
         pmj_lane *one = &all->lanes[w];
@@ -174,17 +193,22 @@ static pmj_mask judge(const pmj_sweep *sweep, const pmj_results *results, pmj_gr
             continue;
         }
         if (all->fresh[w]) {
-            ready[w] = begin(all, next, w) ? -1 : 0;
+            ready[w] = begin(sweep, all, next, w) ? -1 : 0;
             status = finite_rows(next, w) ? PMJ_RUNNING : PMJ_NON_FINITE;
         } else if (rejected[w]) {
-            status = reject(all, next, w);
+            status = reject(all, next, w, parts[w]);
         } else if (accepted[w]) {
             if (one->crossing >= 0) {
                 const double new_limited = all->limited[w];
                 const double old_limited = one->actuator.labels[one->mode] != 0 ? 1.0 : 0.0;
                 all->metrics.saturated[w] += all->h[w] * (old_limited - new_limited);
             }
-            status = settle(sweep, all, w);
+            int go = 1;
+            status = settle(sweep, all, w, &go);
+            ready[w] = go ? ready[w] : 0;
+        }
+        if (status == PMJ_RUNNING && (all->stalled[w] || all->sliding[w])) {
+            status = all->sliding[w] ? PMJ_SLIDING : PMJ_STALLED;
         }
         if (status == PMJ_RUNNING && spent_all[w]) {
             status = PMJ_TOO_MANY_STEPS;
@@ -202,29 +226,73 @@ static pmj_mask judge(const pmj_sweep *sweep, const pmj_results *results, pmj_gr
     return ready;
 }
 
+/* The lanes in which v may leave its mode within the steps, or an argument of a kink its side. */
+static pmj_mask risky(const pmj_group *all, const pmj_lanes *c, pmj_mask ready)
+{
+    pmj_lanes a[PMJ_ORDER + 1];
+    pmj_scale(c + V, CHANNELS, PMJ_ORDER, all->h, a);
+    pmj_mask found = pmj_may_leave(a, PMJ_ORDER, all->low, all->high, ready, all->touching) | (ready & all->stuck);
+    for (int j = 0; j < PMJ_NK; ++j) {
+        const pmj_mask above = all->g[2 * PMJ_NW + j] > 0.0;
+        const pmj_lanes low = pmj_select(above, pmj_all(0.0), pmj_all(-HUGE_VAL));
+        const pmj_lanes high = pmj_select(above, pmj_all(HUGE_VAL), pmj_all(0.0));
+        pmj_scale(c + E + 1 + j, CHANNELS, PMJ_ORDER, all->h, a);
+        found = found | pmj_may_leave(a, PMJ_ORDER, low, high, ready, all->touching);
+    }
+    return found;
+}
+
+/* The steps that the guard lets pass, in the lanes that are ready; those in which it finds none are `stalled`. */
+static pmj_mask guard(const pmj_sweep *sweep, const pmj_flow *flow, pmj_group *all, const pmj_stand *at,
+                      pmj_lanes remaining, pmj_mask ready)
+{
+    int likely[PMJ_WIDTH];
+    const pmj_lanes least = pmj_min(PMJ_SMALLEST_STEP * pmj_max(all->t, pmj_all(1.0)), remaining);
+    for (int w = 0; w < PMJ_WIDTH; ++w) {
+        likely[w] = all->lanes[w].disc;
+    }
+    all->h_first = all->h;
+    all->h = pmj_guarded_lanes(flow, &sweep->rule, sweep->tolerance, at, all->h, least, ready, likely);
+    all->h_guarded = all->h;
+    for (int w = 0; w < PMJ_WIDTH; ++w) {
+        all->lanes[w].disc = likely[w];
+    }
+    all->stalled = ready & ~(all->h > 0.0);
+    return ready & ~all->stalled;
+}
+
 /* Make a step in the lanes that are ready; the others stand still. */
-static void advance(const pmj_sweep *sweep, pmj_group *all, const pmj_lanes *c, pmj_mask ready)
+static void advance(const pmj_sweep *sweep, const pmj_flow *flow, pmj_group *all, const pmj_lanes *c, pmj_mask ready)
 {
     const pmj_lanes remaining = sweep->horizon - all->t;
-    pmj_lanes a[PMJ_ORDER + 1];
+    const pmj_stand at = {&all->t, c, all->g_before, all->p, all->scales, all->metrics.max_v};
     pmj_lanes X[PMJ_NS];
+    for (int i = 0; i < 2 * PMJ_NW + PMJ_NK; ++i) {
+        all->g_before[i] = all->g[i];
+    }
     pmj_inverse_scales(c, CHANNELS, all->scales);
     all->h = pmj_min(pmj_step(c, all->scales, CHANNELS, PMJ_ORDER, sweep->tolerance), remaining);
-    all->h = pmj_min(all->h, all->h_most);
-    pmj_scale(c + V, CHANNELS, PMJ_ORDER, all->h, a);
-    const pmj_mask risky = pmj_may_leave(a, PMJ_ORDER, all->low, all->high, ready, all->touching) | (ready & all->stuck);
-    if (pmj_any(risky)) {
+    all->h = pmj_min(pmj_min(all->h, all->h_most), pmj_all(sweep->max_step));
+    all->h = pmj_min(all->h, PMJ_GROWTH * all->last_cut);
+    ready = guard(sweep, flow, all, &at, remaining, ready);
+    const pmj_mask near = risky(all, c, ready);
+    if (pmj_any(near)) {
         for (int w = 0; w < PMJ_WIDTH; ++w) {
-            if (risky[w]) {
-                ready[w] = search(all, c, w, all->h[w]) ? -1 : 0;
+            if (near[w]) {
+                ready[w] = search(all, flow, c, w, all->h[w]) ? -1 : 0;
             }
         }
+    }
+    all->missed = pmj_all(0.0);
+    for (long long j = 0; j < sweep->rule.n_inside; ++j) {
+        const pmj_lanes miss = pmj_missed_lanes(flow, &sweep->rule, sweep->tolerance, &at, all->h, sweep->rule.inside[j]);
+        all->missed = pmj_max(miss, all->missed);
     }
     all->tried = all->tried + 1.0;
     const pmj_lanes end = pmj_select(all->h < remaining, all->t + all->h, pmj_all(sweep->horizon));
     all->t_before = all->t;
     all->t = pmj_select(ready, end, all->t);
-    arrive_lanes(c, &all->h, X, all->slope, all->v, all->e, &all->square);
+    arrive_lanes(c, &all->h, X, all->slope, all->ends, all->v, all->e, &all->square);
     for (int i = 0; i < PMJ_NS; ++i) {
         all->X_before[i] = all->X[i];
         all->X[i] = pmj_select(ready, X[i], all->X[i]);
@@ -234,6 +302,7 @@ static void advance(const pmj_sweep *sweep, pmj_group *all, const pmj_lanes *c, 
 
 void pmj_continuous_batch(const pmj_sweep *sweep, const pmj_results *results)
 {
+    const pmj_flow flow = pmj_closed_loop();
     pmj_group all;
     int current = 0;
     memset(&all, 0, sizeof all);
@@ -245,8 +314,8 @@ void pmj_continuous_batch(const pmj_sweep *sweep, const pmj_results *results)
     pmj_load_actuators(&all);
     while (all.busy > 0) {
         taylor_lanes(&all.t, all.X, all.g, all.p, all.c[1 - current]);
-        const pmj_mask ready = judge(sweep, results, &all, all.c[current], all.c[1 - current]);
+        const pmj_mask ready = judge(sweep, results, &flow, &all, all.c[current], all.c[1 - current]);
         current = 1 - current;
-        advance(sweep, &all, all.c[current], ready);
+        advance(sweep, &flow, &all, all.c[current], ready);
     }
 }

@@ -1,6 +1,12 @@
 #include "continuous_lanes.h"
 #include "pmjoint_runtime.h"
 
+pmj_flow pmj_closed_loop(void)
+{
+    const pmj_flow flow = {CHANNELS, PMJ_NS, V, PMJ_ORDER, guard_lanes, rates_lanes};
+    return flow;
+}
+
 void pmj_set_mode(pmj_group *all, int w, int mode)
 {
     const pmj_actuator *actuator = &all->lanes[w].actuator;
@@ -30,6 +36,10 @@ void pmj_load(const pmj_sweep *sweep, pmj_group *all, int w)
     all->t[w] = 0.0;
     all->h[w] = 0.0;
     all->h_most[w] = HUGE_VAL;
+    all->last_cut[w] = HUGE_VAL;
+    for (int j = 0; j < PMJ_NK; ++j) {
+        all->g[2 * PMJ_NW + j][w] = 1.0;
+    }
     all->tried[w] = 0.0;
     all->accepted[w] = 0.0;
     all->metrics.ise[w] = 0.0;
@@ -43,6 +53,11 @@ void pmj_load(const pmj_sweep *sweep, pmj_group *all, int w)
     all->alert[w] = 0;
     all->touching[w] = 0;
     all->stuck[w] = 0;
+    all->stalled[w] = 0;
+    all->sliding[w] = 0;
+    one->flips = 0;
+    one->passes = 0;
+    one->disc = 0;
     one->row = 0;
 }
 
@@ -90,10 +105,23 @@ void pmj_finish(const pmj_sweep *sweep, const pmj_results *results, pmj_group *a
         results->final[one->run * PMJ_NS + i] = all->X[i][w];
     }
     for (long long row = one->row; results->trajectories && row < sweep->rows; ++row) {
-        double *entry = results->trajectories + (one->run * sweep->rows + row) * CHANNELS;
-        for (int i = 0; i < CHANNELS; ++i) {
+        double *entry = results->trajectories + (one->run * sweep->rows + row) * SHOWN;
+        for (int i = 0; i < SHOWN; ++i) {
             entry[i] = NAN;
         }
+    }
+}
+
+void pmj_flip(pmj_group *all, int w, int j)
+{
+    pmj_lane *one = &all->lanes[w];
+    pmj_lanes *side = &all->g[2 * PMJ_NW + j];
+    (*side)[w] = -(*side)[w];
+    one->touching = one->actuator.thresholds + j;
+    one->crossing = -1;
+    one->flips += 1;
+    if (one->flips > 2 * PMJ_NK) {
+        all->sliding[w] = -1;
     }
 }
 
@@ -122,8 +150,8 @@ void pmj_write_rows(const pmj_sweep *sweep, const pmj_results *results, pmj_grou
     pmj_lane *one = &all->lanes[w];
     while (one->row < sweep->rows && sweep->times[one->row] <= all->t[w]) {
         const double tau = sweep->times[one->row] - all->t_before[w];
-        double *entry = results->trajectories + (one->run * sweep->rows + one->row) * CHANNELS;
-        for (int i = 0; i < CHANNELS; ++i) {
+        double *entry = results->trajectories + (one->run * sweep->rows + one->row) * SHOWN;
+        for (int i = 0; i < SHOWN; ++i) {
             double value = c[PMJ_ORDER * CHANNELS + i][w];
             for (int k = PMJ_ORDER - 1; k >= 0; --k) {
                 value = value * tau + c[k * CHANNELS + i][w];

@@ -3,13 +3,15 @@
 #define PMJOINT_CONTINUOUS_LANES_H
 
 #include "actuator.h"
+#include "guard_lanes.h"
 #include "metrics.h"
 #include "pmjoint_batch.h"
 
-/* Channels of `taylor_lanes`: X, v, e. */
+/* Channels of `taylor_lanes`: X, v, e, then the arguments of kinks. */
 #define V PMJ_NS
 #define E (PMJ_NS + 1)
-#define CHANNELS (PMJ_NS + 2)
+#define SHOWN (PMJ_NS + 2)
+#define CHANNELS (PMJ_NS + 2 + PMJ_NK)
 
 /* What a lane needs only now and then. */
 typedef struct {
@@ -17,9 +19,12 @@ typedef struct {
     pmj_actuator actuator;
     int mode;
     int next_mode;        /* mode after the step on trial */
-    int crossing;         /* threshold that the step on trial ends at, or -1 */
-    int touching;         /* threshold that v stands on, or -1 */
+    int crossing;         /* threshold that the step on trial ends at, or their number + j for kink j, or -1 */
+    int touching;         /* the same, that the run stands on */
     int undecided;        /* switches since time last moved */
+    int flips;            /* changes of side at kinks since time last moved */
+    int passes;           /* evaluations that the sides at the start have taken */
+    int disc;             /* that showed the last step to be sound */
     int switches;
     int before;           /* mode before the last switch */
     double last_switch;
@@ -32,8 +37,11 @@ typedef struct {
     pmj_lanes p[PMJ_NP];
     pmj_lanes X[PMJ_NS];
     pmj_lanes X_before[PMJ_NS]; /* where the step on trial began */
-    pmj_lanes g[2 * PMJ_NW];
-    pmj_lanes slope[PMJ_NS + 1];
+    pmj_lanes g[2 * PMJ_NW + PMJ_NK]; /* the mode, then sides */
+    pmj_lanes g_before[2 * PMJ_NW + PMJ_NK]; /* of the step on trial */
+    pmj_lanes slope[PMJ_NS];
+    pmj_lanes ends[CHANNELS - PMJ_NS]; /* values of the other channels at the end of the step on trial */
+    pmj_lanes missed;     /* what the step on trial misses at points inside it, of what is allowed */
     pmj_lanes scales[CHANNELS]; /* 1/max(1, |c_0|) of the step on trial */
     pmj_lanes v[PMJ_ORDER + 1];  /* of the step on trial, a_k = c_k h^k */
     pmj_lanes e[PMJ_ORDER + 1];
@@ -41,7 +49,10 @@ typedef struct {
     pmj_lanes t;
     pmj_lanes t_before;
     pmj_lanes h;          /* of the step on trial */
-    pmj_lanes h_most;     /* half of a rejected step, else infinite */
+    pmj_lanes h_most;     /* what is left of a rejected step, else infinite */
+    pmj_lanes h_guarded;  /* what the guard has let pass */
+    pmj_lanes h_first;    /* what it was asked for */
+    pmj_lanes last_cut;   /* the last step, if the guard cut it, else infinite */
     pmj_lanes low;        /* thresholds on both sides of the mode */
     pmj_lanes high;
     pmj_lanes tried;      /* steps tried */
@@ -53,11 +64,16 @@ typedef struct {
     pmj_mask alert;       /* a step on trial ends at a threshold, or has begun on one */
     pmj_mask touching;    /* v stands on a threshold of the mode */
     pmj_mask stuck;       /* rounding decides the mode: time has not moved */
+    pmj_mask stalled;     /* the guard has found no step */
+    pmj_mask sliding;     /* both sides of a kink point back to it */
     pmj_metrics metrics;
     pmj_lane lanes[PMJ_WIDTH];
     long long next;       /* first run that waits */
     int busy;             /* lanes that are not empty */
 } pmj_group;
+
+/* The closed loop, as its steps are judged. */
+pmj_flow pmj_closed_loop(void);
 
 /* Put lane w into a mode. */
 void pmj_set_mode(pmj_group *all, int w, int mode);
@@ -67,6 +83,9 @@ void pmj_load(const pmj_sweep *sweep, pmj_group *all, int w);
 
 /* The actuator of every lane that has just been loaded: one call for the group. */
 void pmj_load_actuators(pmj_group *all);
+
+/* Lane w goes to the other side of kink j. */
+void pmj_flip(pmj_group *all, int w, int j);
 
 /* Write down how the run of lane w ended; `c` holds the coefficients there. */
 void pmj_finish(const pmj_sweep *sweep, const pmj_results *results, pmj_group *all, const pmj_lanes *c, int w,

@@ -7,13 +7,11 @@
 
 #include "lanes.h"
 
-#define PMJ_SETTLED 0.02 /* of the initial |e| */
-
 typedef struct {
     pmj_lanes ise;
     pmj_lanes max_e;
     pmj_lanes max_v;
-    pmj_lanes band;      /* PMJ_SETTLED |e(0)| */
+    pmj_lanes band;      /* |e| within which it has settled */
     pmj_lanes settling;  /* the last instant so far at which |e| exceeds the band */
     pmj_lanes saturated; /* time in modes other than 0 */
 } pmj_metrics;

@@ -22,6 +22,16 @@
 #define PMJ_FINAL_SATURATED 10
 #define PMJ_METRICS 11
 
+/* How steps are held to the right-hand side; see kernels/guard.py. */
+typedef struct {
+    const double *inside;    /* [n_inside] points of comparison, as parts of a step, beside its end */
+    long long n_inside;
+    double lebesgue;         /* factor on the largest defect found there */
+    const double *ratios;    /* [n_ratios] radii of discs, as multiples of a step */
+    const double *factors;   /* [n_ratios] what the step can miss, as a multiple of the nonlinear part on the disc */
+    long long n_ratios;
+} pmj_rule;
+
 /* The runs. Arrays are row-major, a row a run; sizes in brackets. */
 typedef struct {
     long long runs;
@@ -34,6 +44,11 @@ typedef struct {
     double horizon;          /* s */
     double sample_time;      /* s; sampled */
     double tolerance;        /* local error, relative to max(1, |value|) */
+    double max_step;         /* s */
+    double settled;          /* part of |e(0)|: e has settled once it stays within it */
+    pmj_rule rule;           /* of steps of `taylor_lanes`; sampled: of `plant_lanes` */
+    pmj_rule hold_rule;      /* sampled: of holds without points of comparison; factors are those of rates */
+    const double *hold_value_factors; /* [hold_rule.n_ratios] of values */
     double divergence;       /* |X_i| above it ends a run */
     double max_steps;        /* limit of steps tried */
 } pmj_sweep;

@@ -36,29 +36,29 @@ class Discs:
     factors: tuple[float, ...]
 
 
-def discs(rule: GuardRule, order: int, tolerance: float) -> Discs:
+def discs(rule: GuardRule, tolerance: float) -> Discs:
     """The discs to try, in turn, for a local error.
 
     The last is no larger than the step: with |F - F(0)| <= r on it no term of F of order 1 to N - 1 exceeds r,
     so the step misses no more of F's nonlinear part than N r. The linear part is largest at the step's
     end, where the two are compared together: 2 N r in all.
     """
-    ratios = [_ratio(rule, order, target * tolerance) for target in TARGETS]
-    factors = [factor(rule, order, ratio) for ratio in ratios]
-    return Discs((*ratios, 1.0), (*factors, 2.0 * order))
+    ratios = [_ratio(rule, target * tolerance) for target in TARGETS]
+    factors = [factor(rule, ratio) for ratio in ratios]
+    return Discs((*ratios, 1.0), (*factors, 2.0 * rule.order))
 
 
-def factor(rule: GuardRule, order: int, ratio: float) -> float:
+def factor(rule: GuardRule, ratio: float) -> float:
     """``W / (s^N prod_j (s - n_j)) s/(s - 1)`` for a disc of s > 1 steps."""
-    product = math.pow(ratio, order) * (ratio - 1.0)
+    product = math.pow(ratio, rule.order) * (ratio - 1.0)
     for node in rule.inside:
         product *= ratio - node
     return rule.remainder / product * ratio / (ratio - 1.0)
 
 
-def _ratio(rule: GuardRule, order: int, target: float) -> float:
+def _ratio(rule: GuardRule, target: float) -> float:
     """A ratio whose factor is about `target`; any above 1 will do, as its own factor goes with it."""
-    degree = order + len(rule.inside) + 1
+    degree = rule.order + len(rule.inside) + 1
     return max(math.pow(rule.remainder / target, 1.0 / degree) + NODES_AWAY, SMALLEST_RATIO)
 
 
