@@ -16,6 +16,14 @@
 #define PMJ_HOLD_ORDER 5
 #define PMJ_NM 8
 #define PMJ_ORDER 12
+#define PMJ_LOOP_BENT_STATES 9
+#define PMJ_LOOP_BENT_STATES_LIST {0, 2, 3, 4, 5, 6, 7, 8, 9}
+#define PMJ_LOOP_BENT_RESTS 5
+#define PMJ_LOOP_BENT_RESTS_LIST {1, 7, 9, 10, 11}
+#define PMJ_PLANT_BENT_STATES 1
+#define PMJ_PLANT_BENT_STATES_LIST {0}
+#define PMJ_PLANT_BENT_RESTS 2
+#define PMJ_PLANT_BENT_RESTS_LIST {1, 2}
 
 void actuation_lanes(const pmj_lanes *p, pmj_lanes *restrict limits);
 void matrices_lanes(const pmj_lanes *p, pmj_lanes *restrict matrices);

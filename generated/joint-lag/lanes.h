@@ -16,6 +16,14 @@
 #define PMJ_HOLD_ORDER 5
 #define PMJ_NM 18
 #define PMJ_ORDER 12
+#define PMJ_LOOP_BENT_STATES 4
+#define PMJ_LOOP_BENT_STATES_LIST {0, 1, 2, 3}
+#define PMJ_LOOP_BENT_RESTS 7
+#define PMJ_LOOP_BENT_RESTS_LIST {1, 2, 3, 9, 12, 13, 14}
+#define PMJ_PLANT_BENT_STATES 4
+#define PMJ_PLANT_BENT_STATES_LIST {0, 1, 2, 3}
+#define PMJ_PLANT_BENT_RESTS 3
+#define PMJ_PLANT_BENT_RESTS_LIST {1, 2, 4}
 
 void actuation_lanes(const pmj_lanes *p, pmj_lanes *restrict limits);
 void matrices_lanes(const pmj_lanes *p, pmj_lanes *restrict matrices);

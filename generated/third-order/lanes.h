@@ -16,6 +16,14 @@
 #define PMJ_HOLD_ORDER 5
 #define PMJ_NM 13
 #define PMJ_ORDER 12
+#define PMJ_LOOP_BENT_STATES 0
+#define PMJ_LOOP_BENT_STATES_LIST {0}
+#define PMJ_LOOP_BENT_RESTS 6
+#define PMJ_LOOP_BENT_RESTS_LIST {1, 2, 8, 10, 11, 12}
+#define PMJ_PLANT_BENT_STATES 0
+#define PMJ_PLANT_BENT_STATES_LIST {0}
+#define PMJ_PLANT_BENT_RESTS 2
+#define PMJ_PLANT_BENT_RESTS_LIST {1, 3}
 
 void actuation_lanes(const pmj_lanes *p, pmj_lanes *restrict limits);
 void matrices_lanes(const pmj_lanes *p, pmj_lanes *restrict matrices);

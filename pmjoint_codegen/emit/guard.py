@@ -75,6 +75,15 @@ def _operation(operation: int, operands: list[Ball], known: Mapping[int, object]
     return fixed(result.centre) if all(operand.constant for operand in operands) else result
 
 
+def bent(guard: ca.Function) -> tuple[list[int], list[int]]:
+    """Which states a guard looks at, and which of its results can differ from 0: the others are linear."""
+    places = guard.jac_sparsity(0, guard.index_in("P"))
+    symbols = [ca.SX.sym(label, guard.size1_in(i)) for i, label in enumerate(guard.name_in())]
+    (rest,) = guard.call(symbols)
+    entries = [i for i in range(rest.size1()) if not rest[i].is_zero()]
+    return sorted(set(places.get_col())), entries
+
+
 def rule_of(function: ca.Function, order: int) -> GuardRule:
     """The rule for steps of polynomials of degree `order` over a right-hand side.
 

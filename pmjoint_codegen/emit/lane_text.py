@@ -28,7 +28,7 @@ def lanes_source(functions: Mapping[str, ca.Function], head: str) -> str:
     return f'{head}#include "lanes.h"\n\n{bodies}\n'
 
 
-def lanes_header(functions: Mapping[str, ca.Function], sizes: Mapping[str, int], head: str) -> str:
+def lanes_header(functions: Mapping[str, ca.Function], sizes: Mapping[str, int | str], head: str) -> str:
     """``lanes.h``: the sizes as constants, for loops that the compiler unrolls, and a declaration a function.
 
     Args:

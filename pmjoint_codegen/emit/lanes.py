@@ -14,6 +14,7 @@ from collections.abc import Mapping
 
 import casadi as ca
 
+from pmjoint_codegen.emit.guard import bent
 from pmjoint_codegen.emit.sampling import HOLD_ORDER, sampled_sizes, symbols_of
 from pmjoint_codegen.emit.table import Vocabulary
 from pmjoint_codegen.emit.taylor import taylor_function
@@ -46,9 +47,14 @@ def lane_functions(functions: Mapping[str, ca.Function]) -> dict[str, ca.Functio
     }
 
 
-def lane_sizes(words: Vocabulary) -> dict[str, int]:
-    """The constants of ``lanes.h``: sizes of all vectors, and the two orders."""
-    return sampled_sizes(words) | {"PMJ_NM": len(words.h) // 2, "PMJ_ORDER": LANE_ORDER}
+def lane_sizes(words: Vocabulary, functions: Mapping[str, ca.Function]) -> dict[str, int | str]:
+    """The constants of ``lanes.h``: sizes of all vectors, the two orders, and what is not linear."""
+    sizes: dict[str, int | str] = {**sampled_sizes(words), "PMJ_NM": len(words.h) // 2, "PMJ_ORDER": LANE_ORDER}
+    for name, guard in (("LOOP", "guard"), ("PLANT", "plant_guard")):
+        for what, places in zip(("STATES", "RESTS"), bent(functions[guard]), strict=True):
+            sizes[f"PMJ_{name}_BENT_{what}"] = len(places)
+            sizes[f"PMJ_{name}_BENT_{what}_LIST"] = f"{{{', '.join(map(str, places or [0]))}}}"
+    return sizes
 
 
 def _channels(function: ca.Function) -> int:

@@ -147,5 +147,5 @@ def _lane_files(
     head = banner([*provenance(document, derivation, ())[:2], what])
     return {
         "lanes.c": lanes_source(lanes, head),
-        "lanes.h": lanes_header(lanes, lane_sizes(words), head),
+        "lanes.h": lanes_header(lanes, lane_sizes(words, functions), head),
     }

@@ -96,7 +96,7 @@ static int finite_rows(const pmj_lanes *c, int w)
 /* How much of what is allowed the steps on trial miss: at their ends, where `next` is what the kernels say, and inside. */
 static pmj_lanes missed(const pmj_sweep *sweep, const pmj_flow *flow, const pmj_group *all, const pmj_lanes *next)
 {
-    const pmj_stand at = {&all->t_before, next, all->g, all->p, all->scales, all->metrics.max_v};
+    const pmj_stand at = {&all->t_before, next, all->g, all->p, all->scales, all->control};
     pmj_lanes found[CHANNELS];
     for (int i = 0; i < CHANNELS; ++i) {
         found[i] = i < PMJ_NS ? all->slope[i] - next[CHANNELS + i] : all->ends[i - PMJ_NS] - next[i];
@@ -246,17 +246,10 @@ static pmj_mask risky(const pmj_group *all, const pmj_lanes *c, pmj_mask ready)
 static pmj_mask guard(const pmj_sweep *sweep, const pmj_flow *flow, pmj_group *all, const pmj_stand *at,
                       pmj_lanes remaining, pmj_mask ready)
 {
-    int likely[PMJ_WIDTH];
     const pmj_lanes least = pmj_min(PMJ_SMALLEST_STEP * pmj_max(all->t, pmj_all(1.0)), remaining);
-    for (int w = 0; w < PMJ_WIDTH; ++w) {
-        likely[w] = all->lanes[w].disc;
-    }
     all->h_first = all->h;
-    all->h = pmj_guarded_lanes(flow, &sweep->rule, sweep->tolerance, at, all->h, least, ready, likely);
+    all->h = pmj_guarded_lanes(flow, &sweep->rule, sweep->tolerance, at, all->h, least, ready, all->disc);
     all->h_guarded = all->h;
-    for (int w = 0; w < PMJ_WIDTH; ++w) {
-        all->lanes[w].disc = likely[w];
-    }
     all->stalled = ready & ~(all->h > 0.0);
     return ready & ~all->stalled;
 }
@@ -265,12 +258,13 @@ static pmj_mask guard(const pmj_sweep *sweep, const pmj_flow *flow, pmj_group *a
 static void advance(const pmj_sweep *sweep, const pmj_flow *flow, pmj_group *all, const pmj_lanes *c, pmj_mask ready)
 {
     const pmj_lanes remaining = sweep->horizon - all->t;
-    const pmj_stand at = {&all->t, c, all->g_before, all->p, all->scales, all->metrics.max_v};
     pmj_lanes X[PMJ_NS];
     for (int i = 0; i < 2 * PMJ_NW + PMJ_NK; ++i) {
         all->g_before[i] = all->g[i];
     }
     pmj_inverse_scales(c, CHANNELS, all->scales);
+    all->control = pmj_inverse_scale(all->metrics.max_v);
+    const pmj_stand at = {&all->t, c, all->g_before, all->p, all->scales, all->control};
     all->h = pmj_min(pmj_step(c, all->scales, CHANNELS, PMJ_ORDER, sweep->tolerance), remaining);
     all->h = pmj_min(pmj_min(all->h, all->h_most), pmj_all(sweep->max_step));
     all->h = pmj_min(all->h, PMJ_GROWTH * all->last_cut);

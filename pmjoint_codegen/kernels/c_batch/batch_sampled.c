@@ -24,7 +24,6 @@ typedef struct {
     int switches;
     int touching; /* the kink that the run stands on, or -1 */
     int flips;    /* changes of side since time last moved */
-    int disc;     /* that showed the last long step to be sound */
     pmj_actuator actuator;
     long long row;
 } lane;
@@ -52,6 +51,7 @@ typedef struct {
     pmj_mask fresh;
     pmj_mask stalled;         /* the guard has found no step */
     pmj_mask sliding;         /* both sides of a kink point back to it */
+    int disc[PMJ_WIDTH];      /* that showed the last long step to be sound */
     pmj_metrics metrics;
     lane lanes[PMJ_WIDTH];
     long long next_run;
@@ -89,7 +89,7 @@ static void load(const pmj_sweep *sweep, group *all, int w)
     all->stalled[w] = 0;
     all->sliding[w] = 0;
     all->window_R[w] = -1.0;
-    one->disc = 0;
+    all->disc[w] = 0;
     one->row = 0;
 }
 
@@ -210,7 +210,12 @@ static pmj_mask whole(const pmj_sweep *sweep, const group *all, const pmj_lanes 
 
 static pmj_flow plant_flow(void)
 {
-    const pmj_flow flow = {CHANNELS, PMJ_NX, -1, PMJ_HOLD_ORDER, plant_guard_lanes, plant_rates_lanes};
+    static const int states[] = PMJ_PLANT_BENT_STATES_LIST;
+    static const int rests[] = PMJ_PLANT_BENT_RESTS_LIST;
+    const pmj_flow flow = {
+        CHANNELS, PMJ_NX, -1, PMJ_HOLD_ORDER, states, PMJ_PLANT_BENT_STATES, rests, PMJ_PLANT_BENT_RESTS,
+        plant_guard_lanes, plant_rates_lanes,
+    };
     return flow;
 }
 
@@ -234,8 +239,10 @@ static pmj_lanes hold_miss(const pmj_sweep *sweep, const group *all, pmj_lanes t
 /* The lanes whose window holds the discs of radius R around t, and where x goes on them. */
 static pmj_mask covered(const group *all, double R)
 {
+    static const int bent[] = PMJ_PLANT_BENT_STATES_LIST;
     pmj_mask inside = pmj_abs(all->t - all->window_t) + R <= all->window_R;
-    for (int i = 0; i < PMJ_NX; ++i) {
+    for (int k = 0; k < PMJ_PLANT_BENT_STATES; ++k) {
+        const int i = bent[k];
         const pmj_lanes spread = pmj_spread(all->c, CHANNELS, PMJ_HOLD_ORDER, i, pmj_all(R));
         inside = inside & (pmj_abs(all->c[i] - all->window_x[i]) + spread <= all->window_P[i]);
     }
@@ -297,17 +304,12 @@ static pmj_lanes long_steps(const pmj_sweep *sweep, const pmj_flow *flow, group 
     pmj_lanes taken = pmj_all(0.0);
     most = pmj_min(pmj_step(all->c, scales, CHANNELS, PMJ_HOLD_ORDER, sweep->tolerance), most);
     while (pmj_any(on)) {
-        int likely[PMJ_WIDTH];
-        for (int w = 0; w < PMJ_WIDTH; ++w) {
-            likely[w] = all->lanes[w].disc;
-        }
-        pmj_lanes h = pmj_guarded_lanes(flow, &sweep->rule, sweep->tolerance, &at, most, smallest, on, likely);
+        pmj_lanes h = pmj_guarded_lanes(flow, &sweep->rule, sweep->tolerance, &at, most, smallest, on, all->disc);
         const pmj_mask lost = on & ~(h > 0.0);
         all->stalled = all->stalled | lost;
         on = on & ~lost;
         for (int w = 0; w < PMJ_WIDTH; ++w) {
             lane *one = &all->lanes[w];
-            one->disc = likely[w];
             kink[w] = on[w] ? -1 : kink[w];
             for (int j = 0; on[w] && j < PMJ_NK; ++j) {
                 double when = 0.0;

@@ -3,7 +3,11 @@
 
 pmj_flow pmj_closed_loop(void)
 {
-    const pmj_flow flow = {CHANNELS, PMJ_NS, V, PMJ_ORDER, guard_lanes, rates_lanes};
+    static const int states[] = PMJ_LOOP_BENT_STATES_LIST;
+    static const int rests[] = PMJ_LOOP_BENT_RESTS_LIST;
+    const pmj_flow flow = {
+        CHANNELS, PMJ_NS, V, PMJ_ORDER, states, PMJ_LOOP_BENT_STATES, rests, PMJ_LOOP_BENT_RESTS, guard_lanes, rates_lanes,
+    };
     return flow;
 }
 
@@ -55,9 +59,9 @@ void pmj_load(const pmj_sweep *sweep, pmj_group *all, int w)
     all->stuck[w] = 0;
     all->stalled[w] = 0;
     all->sliding[w] = 0;
+    all->disc[w] = 0;
     one->flips = 0;
     one->passes = 0;
-    one->disc = 0;
     one->row = 0;
 }
 

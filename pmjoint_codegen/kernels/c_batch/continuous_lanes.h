@@ -24,7 +24,6 @@ typedef struct {
     int undecided;        /* switches since time last moved */
     int flips;            /* changes of side at kinks since time last moved */
     int passes;           /* evaluations that the sides at the start have taken */
-    int disc;             /* that showed the last step to be sound */
     int switches;
     int before;           /* mode before the last switch */
     double last_switch;
@@ -43,6 +42,7 @@ typedef struct {
     pmj_lanes ends[CHANNELS - PMJ_NS]; /* values of the other channels at the end of the step on trial */
     pmj_lanes missed;     /* what the step on trial misses at points inside it, of what is allowed */
     pmj_lanes scales[CHANNELS]; /* 1/max(1, |c_0|) of the step on trial */
+    pmj_lanes control;    /* the same of v at its peak so far */
     pmj_lanes v[PMJ_ORDER + 1];  /* of the step on trial, a_k = c_k h^k */
     pmj_lanes e[PMJ_ORDER + 1];
     pmj_lanes square;     /* mean of e^2 over it */
@@ -66,6 +66,7 @@ typedef struct {
     pmj_mask stuck;       /* rounding decides the mode: time has not moved */
     pmj_mask stalled;     /* the guard has found no step */
     pmj_mask sliding;     /* both sides of a kink point back to it */
+    int disc[PMJ_WIDTH];  /* that showed the last step to be sound */
     pmj_metrics metrics;
     pmj_lane lanes[PMJ_WIDTH];
     long long next;       /* first run that waits */

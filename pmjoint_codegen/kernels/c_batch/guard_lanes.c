@@ -10,27 +10,37 @@ pmj_lanes pmj_shrink_lanes(pmj_lanes miss, int order)
     return pmj_max(pmj_min(factor, pmj_all(0.95)), pmj_all(0.55));
 }
 
+/* One value relative to its channel's scale. */
+static inline pmj_lanes relative(const pmj_flow *flow, const pmj_stand *at, pmj_lanes value, int i, pmj_lanes h)
+{
+    const pmj_lanes scale = i == flow->v ? at->control : i < flow->rates ? h * at->scales[i] : at->scales[i];
+    return pmj_abs(value) * scale;
+}
+
 pmj_lanes pmj_largest_lanes(const pmj_flow *flow, const pmj_stand *at, const pmj_lanes *values, pmj_lanes h)
 {
     pmj_lanes most = pmj_all(0.0);
     pmj_mask bad = {0};
     for (int i = 0; i < flow->channels; ++i) {
-        const pmj_lanes scale = i == flow->v ? 1.0 / pmj_max(at->peak, pmj_all(1.0))
-                                : i < flow->rates ? h * at->scales[i] : at->scales[i];
-        const pmj_lanes value = pmj_abs(values[i]) * scale;
+        const pmj_lanes value = relative(flow, at, values[i], i, h);
         bad = bad | ~(value <= DBL_MAX);
         most = pmj_max(value, most);
     }
     return pmj_select(bad, pmj_all(HUGE_VAL), most);
 }
 
-pmj_lanes pmj_spread(const pmj_lanes *c, int channels, int order, int channel, pmj_lanes R)
+/* The same of the nonlinear parts: those of the other channels are 0. */
+static pmj_lanes largest_rest(const pmj_flow *flow, const pmj_stand *at, const pmj_lanes *rest, pmj_lanes h)
 {
-    pmj_lanes sum = pmj_abs(c[order * channels + channel]);
-    for (int k = order - 1; k >= 1; --k) {
-        sum = sum * R + pmj_abs(c[k * channels + channel]);
+    pmj_lanes most = pmj_all(0.0);
+    pmj_mask bad = {0};
+    for (int k = 0; k < flow->n_rests; ++k) {
+        const int i = flow->rests[k];
+        const pmj_lanes value = relative(flow, at, rest[i], i, h);
+        bad = bad | ~(value <= DBL_MAX);
+        most = pmj_max(value, most);
     }
-    return sum * R;
+    return pmj_select(bad, pmj_all(HUGE_VAL), most);
 }
 
 /* The radius and the factor of each lane's disc at a trial: the one of its last step first. */
@@ -44,14 +54,25 @@ static void choose(const pmj_rule *rule, long long trial, const int *likely, pmj
     }
 }
 
-pmj_lanes pmj_guarded_lanes(const pmj_flow *flow, const pmj_rule *rule, double tolerance, const pmj_stand *at,
-                            pmj_lanes h, pmj_lanes smallest, pmj_mask on, int *likely)
+/* What steps of size h miss of what is allowed, from the guard on discs of `ratio` steps. */
+static pmj_lanes guard_miss(const pmj_flow *flow, double tolerance, const pmj_stand *at, pmj_lanes h, pmj_lanes ratio,
+                            pmj_lanes factor)
 {
-    const int order = flow->order + (int)rule->n_inside + 1;
-    const double allowed = 1.0 / (PMJ_DEFECT * tolerance);
     pmj_lanes P[PMJ_MOST_CHANNELS];
     pmj_lanes rest[PMJ_MOST_CHANNELS];
-    pmj_mask pending = on;
+    const pmj_lanes R = ratio * h;
+    for (int k = 0; k < flow->n_states; ++k) {
+        P[flow->states[k]] = pmj_spread(at->c, flow->channels, flow->order, flow->states[k], R);
+    }
+    flow->guard(at->t, at->c, at->g, at->p, &R, P, rest);
+    return factor * largest_rest(flow, at, rest, h) * (1.0 / (PMJ_DEFECT * tolerance));
+}
+
+/* The long way: where the likely disc does not do for all lanes that are asked for. */
+static pmj_lanes search(const pmj_flow *flow, const pmj_rule *rule, double tolerance, const pmj_stand *at, pmj_lanes h,
+                        pmj_lanes smallest, pmj_mask pending, int *likely)
+{
+    const int order = flow->order + (int)rule->n_inside + 1;
     int kept[PMJ_WIDTH];
     while (pmj_any(pending)) {
         pmj_lanes best = pmj_all(0.0);
@@ -63,12 +84,7 @@ pmj_lanes pmj_guarded_lanes(const pmj_flow *flow, const pmj_rule *rule, double t
             pmj_lanes factor = h;
             int disc[PMJ_WIDTH];
             choose(rule, trial, kept, &ratio, &factor, disc);
-            const pmj_lanes R = ratio * h;
-            for (int i = 0; i < flow->rates; ++i) {
-                P[i] = pmj_spread(at->c, flow->channels, flow->order, i, R);
-            }
-            flow->guard(at->t, at->c, at->g, at->p, &R, P, rest);
-            const pmj_lanes miss = factor * pmj_largest_lanes(flow, at, rest, h) * allowed;
+            const pmj_lanes miss = guard_miss(flow, tolerance, at, h, ratio, factor);
             const pmj_mask passed = (miss <= 1.0) & pending;
             best = pmj_max(pmj_shrink_lanes(miss, order), best);
             pending = pending & ~passed;
@@ -82,6 +98,26 @@ pmj_lanes pmj_guarded_lanes(const pmj_flow *flow, const pmj_rule *rule, double t
         pending = pending & ~lost;
     }
     return h;
+}
+
+pmj_lanes pmj_guarded_lanes(const pmj_flow *flow, const pmj_rule *rule, double tolerance, const pmj_stand *at,
+                            pmj_lanes h, pmj_lanes smallest, pmj_mask on, int *likely)
+{
+    int alike = 1;
+    if (flow->n_rests == 0) {
+        return h;
+    }
+    for (int w = 1; w < PMJ_WIDTH; ++w) {
+        alike &= likely[w] == likely[0];
+    }
+    if (alike) {
+        const pmj_lanes ratio = pmj_all(rule->ratios[likely[0]]);
+        const pmj_lanes miss = guard_miss(flow, tolerance, at, h, ratio, pmj_all(rule->factors[likely[0]]));
+        if (!pmj_any(on & ~(miss <= 1.0))) {
+            return h;
+        }
+    }
+    return search(flow, rule, tolerance, at, h, smallest, on, likely);
 }
 
 pmj_lanes pmj_missed_lanes(const pmj_flow *flow, const pmj_rule *rule, double tolerance, const pmj_stand *at,

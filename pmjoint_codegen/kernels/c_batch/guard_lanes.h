@@ -15,6 +15,10 @@ typedef struct {
     int rates;
     int v;
     int order;
+    const int *states;   /* [n_states] those that are not linear in some channel */
+    int n_states;
+    const int *rests;    /* [n_rests] channels that are not linear in all of them */
+    int n_rests;
     void (*guard)(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, const pmj_lanes *p, const pmj_lanes *R,
                   const pmj_lanes *P, pmj_lanes *restrict rest);
     void (*right)(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, const pmj_lanes *p,
@@ -28,7 +32,7 @@ typedef struct {
     const pmj_lanes *g;      /* actuation, then sides */
     const pmj_lanes *p;
     const pmj_lanes *scales; /* [channels] 1/max(1, |c_0|) */
-    pmj_lanes peak;          /* of v */
+    pmj_lanes control;       /* 1/max(1, |v|), v at its peak so far */
 } pmj_stand;
 
 /* Factor on a step that misses by `miss` times what is allowed, an error of the given order: 0.55 to 0.95. */
@@ -38,7 +42,14 @@ pmj_lanes pmj_shrink_lanes(pmj_lanes miss, int order);
 pmj_lanes pmj_largest_lanes(const pmj_flow *flow, const pmj_stand *at, const pmj_lanes *values, pmj_lanes h);
 
 /* How far a channel can go from its start where time goes anywhere in a disc of radius R. */
-pmj_lanes pmj_spread(const pmj_lanes *c, int channels, int order, int channel, pmj_lanes R);
+static inline pmj_lanes pmj_spread(const pmj_lanes *c, int channels, int order, int channel, pmj_lanes R)
+{
+    pmj_lanes sum = pmj_abs(c[order * channels + channel]);
+    for (int k = order - 1; k >= 1; --k) {
+        sum = sum * R + pmj_abs(c[k * channels + channel]);
+    }
+    return sum * R;
+}
 
 /* The longest steps up to h, in the lanes of `on`, that the guard shows to be sound; 0 where there is none above
  * `smallest`. `likely` is the disc that showed each lane's last step. */
