@@ -248,7 +248,7 @@ static pmj_mask guard(const pmj_sweep *sweep, const pmj_flow *flow, pmj_group *a
 {
     const pmj_lanes least = pmj_min(PMJ_SMALLEST_STEP * pmj_max(all->t, pmj_all(1.0)), remaining);
     all->h_first = all->h;
-    all->h = pmj_guarded_lanes(flow, &sweep->rule, sweep->tolerance, at, all->h, least, ready, all->disc);
+    all->h = pmj_guarded_lanes(flow, &sweep->rule, sweep->tolerance, at, all->h, least, ready, &all->likely);
     all->h_guarded = all->h;
     all->stalled = ready & ~(all->h > 0.0);
     return ready & ~all->stalled;

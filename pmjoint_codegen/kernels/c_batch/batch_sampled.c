@@ -51,7 +51,7 @@ typedef struct {
     pmj_mask fresh;
     pmj_mask stalled;         /* the guard has found no step */
     pmj_mask sliding;         /* both sides of a kink point back to it */
-    int disc[PMJ_WIDTH];      /* that showed the last long step to be sound */
+    pmj_choice likely;
     pmj_metrics metrics;
     lane lanes[PMJ_WIDTH];
     long long next_run;
@@ -89,7 +89,7 @@ static void load(const pmj_sweep *sweep, group *all, int w)
     all->stalled[w] = 0;
     all->sliding[w] = 0;
     all->window_R[w] = -1.0;
-    all->disc[w] = 0;
+    pmj_first_disc(&sweep->rule, &all->likely, w);
     one->row = 0;
 }
 
@@ -304,7 +304,7 @@ static pmj_lanes long_steps(const pmj_sweep *sweep, const pmj_flow *flow, group 
     pmj_lanes taken = pmj_all(0.0);
     most = pmj_min(pmj_step(all->c, scales, CHANNELS, PMJ_HOLD_ORDER, sweep->tolerance), most);
     while (pmj_any(on)) {
-        pmj_lanes h = pmj_guarded_lanes(flow, &sweep->rule, sweep->tolerance, &at, most, smallest, on, all->disc);
+        pmj_lanes h = pmj_guarded_lanes(flow, &sweep->rule, sweep->tolerance, &at, most, smallest, on, &all->likely);
         const pmj_mask lost = on & ~(h > 0.0);
         all->stalled = all->stalled | lost;
         on = on & ~lost;

@@ -1,16 +1,6 @@
 #include "continuous_lanes.h"
 #include "pmjoint_runtime.h"
 
-pmj_flow pmj_closed_loop(void)
-{
-    static const int states[] = PMJ_LOOP_BENT_STATES_LIST;
-    static const int rests[] = PMJ_LOOP_BENT_RESTS_LIST;
-    const pmj_flow flow = {
-        CHANNELS, PMJ_NS, V, PMJ_ORDER, states, PMJ_LOOP_BENT_STATES, rests, PMJ_LOOP_BENT_RESTS, guard_lanes, rates_lanes,
-    };
-    return flow;
-}
-
 void pmj_set_mode(pmj_group *all, int w, int mode)
 {
     const pmj_actuator *actuator = &all->lanes[w].actuator;
@@ -59,7 +49,7 @@ void pmj_load(const pmj_sweep *sweep, pmj_group *all, int w)
     all->stuck[w] = 0;
     all->stalled[w] = 0;
     all->sliding[w] = 0;
-    all->disc[w] = 0;
+    pmj_first_disc(&sweep->rule, &all->likely, w);
     one->flips = 0;
     one->passes = 0;
     one->row = 0;

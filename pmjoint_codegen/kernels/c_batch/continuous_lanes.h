@@ -66,15 +66,23 @@ typedef struct {
     pmj_mask stuck;       /* rounding decides the mode: time has not moved */
     pmj_mask stalled;     /* the guard has found no step */
     pmj_mask sliding;     /* both sides of a kink point back to it */
-    int disc[PMJ_WIDTH];  /* that showed the last step to be sound */
+    pmj_choice likely;
     pmj_metrics metrics;
     pmj_lane lanes[PMJ_WIDTH];
     long long next;       /* first run that waits */
     int busy;             /* lanes that are not empty */
 } pmj_group;
 
-/* The closed loop, as its steps are judged. */
-pmj_flow pmj_closed_loop(void);
+/* The closed loop, as its steps are judged; a constant that the compiler sees. */
+static inline pmj_flow pmj_closed_loop(void)
+{
+    static const int states[] = PMJ_LOOP_BENT_STATES_LIST;
+    static const int rests[] = PMJ_LOOP_BENT_RESTS_LIST;
+    const pmj_flow flow = {
+        CHANNELS, PMJ_NS, V, PMJ_ORDER, states, PMJ_LOOP_BENT_STATES, rests, PMJ_LOOP_BENT_RESTS, guard_lanes, rates_lanes,
+    };
+    return flow;
+}
 
 /* Put lane w into a mode. */
 void pmj_set_mode(pmj_group *all, int w, int mode);
