@@ -127,8 +127,8 @@ def power(a: Ball, exponent: float) -> Ball:
 def _hyperbolic(radius: ca.SX) -> tuple[ca.SX, ca.SX]:
     """``sinh r`` and ``cosh r - 1``, or a little more, from one bound of e^r.
 
-    ``(1 + x)/(1 - x)`` exceeds ``e^(2x)`` for 0 < x < 1; with x = r/16 its eighth power is 1 % above e^r at r = 2,
-    and costs a division.
+    ``(1 + x)/(1 - x)`` exceeds ``e^(2x)`` for 0 < x < 1; with x = r/16 its eighth power is 1 % above e^r at
+    r = 2, and costs a division.
     """
     x = radius / 16.0
     root = (1.0 + x) / _positive(1.0 - x)

@@ -49,7 +49,11 @@ def lane_functions(functions: Mapping[str, ca.Function]) -> dict[str, ca.Functio
 
 def lane_sizes(words: Vocabulary, functions: Mapping[str, ca.Function]) -> dict[str, int | str]:
     """The constants of ``lanes.h``: sizes of all vectors, the two orders, and what is not linear."""
-    sizes: dict[str, int | str] = {**sampled_sizes(words), "PMJ_NM": len(words.h) // 2, "PMJ_ORDER": LANE_ORDER}
+    sizes: dict[str, int | str] = {
+        **sampled_sizes(words),
+        "PMJ_NM": len(words.h) // 2,
+        "PMJ_ORDER": LANE_ORDER,
+    }
     for name, guard in (("LOOP", "guard"), ("PLANT", "plant_guard")):
         for what, places in zip(("STATES", "RESTS"), bent(functions[guard]), strict=True):
             sizes[f"PMJ_{name}_BENT_{what}"] = len(places)

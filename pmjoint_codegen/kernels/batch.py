@@ -86,6 +86,44 @@ class Outcome:
     trajectories: Array
 
 
+@dataclass(frozen=True)
+class StepRules:
+    """How steps and holds of a batch are held to the right-hand side; see `guard`.
+
+    Attributes:
+        lebesgue: factor on the largest defect found at the points of comparison.
+        inside: these points, as parts of a step, beside its end.
+        ratios: radii of discs, as multiples of a step.
+        factors: what the step can miss, as multiples of the nonlinear part on the disc.
+        hold_ratios: the same of holds that need no point of comparison.
+        hold_rate_factors: of their rates.
+        hold_value_factors: of their values.
+    """
+
+    lebesgue: float
+    inside: Array
+    ratios: Array
+    factors: Array
+    hold_ratios: Array
+    hold_rate_factors: Array
+    hold_value_factors: Array
+
+
+def step_rules(manifest: Manifest, runs: Runs) -> StepRules:
+    """The rules of the runs' controller at their tolerance."""
+    rule = manifest.guards["plant_lanes" if runs.sample_time else "taylor_lanes"]
+    around, order = discs(rule, runs.tolerance), manifest.hold_order
+    arrays = (
+        rule.inside,
+        around.ratios,
+        around.factors,
+        HOLD_RATIOS,
+        hold_factors(order),
+        hold_factors(order + 1),
+    )
+    return StepRules(rule.lebesgue, *(np.array(values, dtype=np.float64) for values in arrays))
+
+
 class BatchLibrary:
     """A loaded library; its one method may be called from several threads at once.
 
@@ -144,25 +182,22 @@ class BatchLibrary:
         return result
 
     def _set_rules(self, sweep: Any, runs: Runs) -> list[Any]:
-        """Fill in how steps and holds are held to the right-hand side; the pointers live as the result does."""
-        kernel = "plant_lanes" if runs.sample_time else "taylor_lanes"
-        rule, bare = self.manifest.guards[kernel], self.manifest.hold_order
-        around = discs(rule, runs.tolerance)
-        sweep.rule.lebesgue = rule.lebesgue
-        arrays = (
-            (sweep.rule, "inside", rule.inside),
-            (sweep.rule, "ratios", around.ratios),
-            (sweep.rule, "factors", around.factors),
-            (sweep.hold_rule, "ratios", HOLD_RATIOS),
-            (sweep.hold_rule, "factors", hold_factors(bare)),
-            (sweep, "hold_value_factors", hold_factors(bare + 1)),
+        """Fill in how steps are held to the right-hand side; the pointers live as long as the result."""
+        rules = step_rules(self.manifest, runs)
+        sweep.rule.lebesgue = rules.lebesgue
+        sweep.rule.n_inside, sweep.rule.n_ratios = len(rules.inside), len(rules.ratios)
+        sweep.hold_rule.n_ratios = len(rules.hold_ratios)
+        places = (
+            (sweep.rule, "inside", rules.inside),
+            (sweep.rule, "ratios", rules.ratios),
+            (sweep.rule, "factors", rules.factors),
+            (sweep.hold_rule, "ratios", rules.hold_ratios),
+            (sweep.hold_rule, "factors", rules.hold_rate_factors),
+            (sweep, "hold_value_factors", rules.hold_value_factors),
         )
-        kept = []
-        for struct, name, values in arrays:
-            kept.append(self._pointer(np.array(values, dtype=np.float64)))
-            setattr(struct, name, kept[-1])
-        sweep.rule.n_inside, sweep.rule.n_ratios = len(rule.inside), len(around.ratios)
-        sweep.hold_rule.n_ratios = len(HOLD_RATIOS)
+        kept = [self._pointer(array) for _, _, array in places]
+        for (struct, name, _), pointer in zip(places, kept, strict=True):
+            setattr(struct, name, pointer)
         return kept
 
     def _pointer(self, array: Array) -> Any:

@@ -39,8 +39,8 @@ class Discs:
 def discs(rule: GuardRule, tolerance: float) -> Discs:
     """The discs to try, in turn, for a local error.
 
-    The last is no larger than the step: with |F - F(0)| <= r on it no term of F of order 1 to N - 1 exceeds r,
-    so the step misses no more of F's nonlinear part than N r. The linear part is largest at the step's
+    The last is no larger than the step: with |F - F(0)| <= r on it no term of F of order 1 to N - 1 exceeds
+    r, so the step misses no more of F's nonlinear part than N r. The linear part is largest at the step's
     end, where the two are compared together: 2 N r in all.
     """
     ratios = [_ratio(rule, target * tolerance) for target in TARGETS]

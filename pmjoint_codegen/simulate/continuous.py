@@ -130,7 +130,8 @@ class _Loop:
                 self.c, progress.t, self.actuation(progress.mode), h, smallest, self.scales
             )
             if h == 0.0:
-                progress.status = Status.STALLED
+                finite = bool(np.all(np.isfinite(self.c)))
+                progress.status = Status.STALLED if finite else Status.NON_FINITE
                 return
             self.reach = bounds(self.c, h)
             index, tau = (-1, h) if undecided else self.first_passage(h)

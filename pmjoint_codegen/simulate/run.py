@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator
+from pmjoint_codegen.kernels.guard import HOLD_RATIOS, discs, hold_factors
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate import quadrature
-from pmjoint_codegen.kernels.guard import HOLD_RATIOS, discs, hold_factors
 from pmjoint_codegen.simulate.hold import hold_matrices
 from pmjoint_codegen.simulate.loops import Advance, make_loop
 from pmjoint_codegen.simulate.modes import Actuator, make_actuator

@@ -270,7 +270,7 @@ class _Loop:
         while True:
             h = stepper.guarded(c, progress.t, self.actuation(w), h, least, relative)
             if h == 0.0:
-                finite = bool(np.all(np.isfinite(c[:2])))
+                finite = bool(np.all(np.isfinite(c)))
                 progress.status = Status.STALLED if finite else Status.NON_FINITE
                 return 0.0, -1
             kink, tau = stepper.first_kink(c, bounds(c, h), progress.touching, h, h)

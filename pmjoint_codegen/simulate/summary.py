@@ -11,7 +11,6 @@ if TYPE_CHECKING:
     from pmjoint_codegen.simulate.record import Record
 
 
-
 def summarise(run: Record) -> dict[str, Any]:
     """Sum up a run; keys in the order in which a reader wants them.
 

@@ -10,8 +10,8 @@ import pytest
 
 from pmjoint_codegen.emit.guard import guard_function, rule, rule_of
 from pmjoint_codegen.errors import ModelError
-from pmjoint_codegen.manifest import GuardRule
 from pmjoint_codegen.kernels.guard import discs, factor
+from pmjoint_codegen.manifest import GuardRule
 
 ORDERS = (5, 8, 10, 12, 16)
 
@@ -34,9 +34,7 @@ def test_two_points_inside_let_a_step_come_closer_to_a_singularity(order: int) -
     """At the factor 1e-10 the disc is at most 0.75 of what it is with the end alone; 1.6 is the price."""
     one, three = rule(order, 1), rule(order, 3)
     assert three.lebesgue < 1.6
-    ratios = [
-        next(s for s in np.arange(1.05, 99.0, 0.01) if factor(r, s) < 1e-10) for r in (one, three)
-    ]
+    ratios = [next(s for s in np.arange(1.05, 99.0, 0.01) if factor(r, s) < 1e-10) for r in (one, three)]
     assert ratios[1] < 0.75 * ratios[0]
 
 

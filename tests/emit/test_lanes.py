@@ -27,7 +27,7 @@ def kernels(paper: Derivation) -> dict[str, ca.Function]:
 
 @pytest.fixture(scope="module")
 def lanes(paper: Derivation, kernels: dict[str, ca.Function]) -> dict[str, ca.Function]:
-    return lane_functions(kernels, [symbol.name for symbol in vocabulary(paper).signals])
+    return lane_functions(kernels)
 
 
 def point(function: ca.Function, seed: int) -> list[np.ndarray]:
@@ -40,14 +40,14 @@ def close(found: np.ndarray, wanted: np.ndarray, operations: int) -> bool:
     return bool(np.max(np.abs(found - wanted)) <= operations * EPSILON * max(1.0, np.max(np.abs(wanted))))
 
 
-def test_taylor_lanes_extends_the_taylor_kernel_by_the_error(
+def test_taylor_lanes_give_what_taylor_gives(
     kernels: dict[str, ca.Function], lanes: dict[str, ca.Function]
 ) -> None:
     arguments = point(lanes["taylor_lanes"], 1)
     states = kernels["closed_loop"].size1_in("X")
     c = np.array(lanes["taylor_lanes"](*arguments)).reshape(LANE_ORDER + 1, states + 2)
-    known = np.array(kernels["taylor"](*arguments)).reshape(LANE_ORDER + 1, states + 1)
-    assert close(c[:, :-1], known, kernels["taylor"].n_instructions())
+    known = np.array(kernels["taylor"](*arguments)).reshape(LANE_ORDER + 1, states + 2)
+    assert close(c, known, kernels["taylor"].n_instructions())
     t, X, _, _ = arguments
     k = np.arange(LANE_ORDER + 1)
     sine = np.sin(t[0] + k * np.pi / 2) / np.cumprod(np.maximum(k, 1))  # coefficients of y_r = sin t
@@ -70,11 +70,12 @@ def test_a_step_arrives_where_its_polynomial_does(lanes: dict[str, ca.Function])
     function = lanes["arrive_lanes"]
     c, h = point(function, 3)
     rows = c.reshape(LANE_ORDER + 1, -1)
-    X, slope, v, e, _ = (np.array(part).ravel() for part in function(c, h))
+    X, slope, ends, v, e, _ = (np.array(part).ravel() for part in function(c, h))
     powers = h[0] ** np.arange(LANE_ORDER + 1)
     k = np.arange(LANE_ORDER + 1)
     assert close(X, (powers @ rows)[: len(X)], 50)
     assert close(slope, ((k[1:] * powers[:-1]) @ rows[1:])[: len(slope)], 50)
+    assert close(ends, (powers @ rows)[len(X) :], 50)
     assert close(v, powers * rows[:, -2], 50)
     assert close(e, powers * rows[:, -1], 50)
 
@@ -84,7 +85,7 @@ def test_the_mean_of_a_converging_error_is_exact_enough(lanes: dict[str, ca.Func
     for ratio in (0.1, 0.3, 0.5):  # of neighbouring terms; 0.3 leaves 5e-7 at the last one
         c = np.zeros((LANE_ORDER + 1, 12))
         c[:, -1] = ratio**k * (-1.0) ** (k // 2)
-        square = float(lanes["arrive_lanes"](c.ravel(), 1.0)[4])
+        square = float(lanes["arrive_lanes"](c.ravel(), 1.0)[5])
         product = np.convolve(c[:, -1], c[:, -1])
         degrees = np.arange(len(product))
         nodes, weights = np.polynomial.legendre.leggauss(5)
@@ -140,11 +141,15 @@ def test_an_operation_without_a_form_is_refused() -> None:
 
 
 def test_the_header_holds_sizes_and_every_declaration(
-    paper: Derivation, lanes: dict[str, ca.Function], artifacts: Artifacts
+    paper: Derivation,
+    kernels: dict[str, ca.Function],
+    lanes: dict[str, ca.Function],
+    artifacts: Artifacts,
 ) -> None:
-    sizes = lane_sizes(vocabulary(paper))
+    sizes = lane_sizes(vocabulary(paper), kernels)
     header = lanes_header(lanes, sizes, "")
-    assert dict(re.findall(r"#define (PMJ_\w+) (\d+)", header)) == {k: str(v) for k, v in sizes.items()}
+    assert dict(re.findall(r"#define (PMJ_\w+) (.+)", header)) == {k: str(v) for k, v in sizes.items()}
+    assert sizes["PMJ_PLANT_BENT_STATES_LIST"] == "{1}"  # of the plant, only sin(x2) is not linear in x
     assert all(f"void {name}(" in header for name in lanes)
     assert all(len(line) <= 120 for line in artifacts.files["lanes.h"].splitlines())
     assert artifacts.files["lanes.c"].endswith(lanes_source(lanes, "").removeprefix('#include "lanes.h"\n\n'))

@@ -6,7 +6,8 @@
 #include <stdlib.h>
 
 enum { RUNS, ROWS, STATES, PARAMETERS, HOLD, HOLD_ROWS, SIZES };
-enum { HORIZON, SAMPLE_TIME, TOLERANCE, DIVERGENCE, MAX_STEPS, NUMBERS };
+enum { HORIZON, SAMPLE_TIME, TOLERANCE, DIVERGENCE, MAX_STEPS, MAX_STEP, SETTLED, LEBESGUE, NUMBERS };
+enum { INSIDE, RATIOS, HOLD_RATIOS, RULE_SIZES };
 
 static double *numbers(size_t count)
 {
@@ -34,6 +35,21 @@ int main(void)
     const size_t rows = (size_t)size[ROWS];
     const size_t states = (size_t)size[STATES];
     const double *number = numbers(NUMBERS);
+    const double *lengths = numbers(RULE_SIZES);
+    pmj_rule rule = {.lebesgue = number[LEBESGUE]};
+    pmj_rule hold_rule = {.lebesgue = 0.0};
+    rule.n_inside = (long long)lengths[INSIDE];
+    rule.n_ratios = (long long)lengths[RATIOS];
+    hold_rule.n_ratios = (long long)lengths[HOLD_RATIOS];
+    rule.inside = numbers((size_t)lengths[INSIDE]); /* in the order in which they come */
+    rule.ratios = numbers((size_t)lengths[RATIOS]);
+    rule.factors = numbers((size_t)lengths[RATIOS]);
+    hold_rule.ratios = numbers((size_t)lengths[HOLD_RATIOS]);
+    hold_rule.factors = numbers((size_t)lengths[HOLD_RATIOS]);
+    const double *value_factors = numbers((size_t)lengths[HOLD_RATIOS]);
+    const double *x0 = numbers(runs * states);
+    const double *p = numbers(runs * (size_t)size[PARAMETERS]);
+    const double *hold = numbers((size_t)(size[HOLD] * size[HOLD_ROWS]));
     const pmj_sweep sweep = {
         .runs = size[RUNS],
         .rows = size[ROWS],
@@ -43,9 +59,14 @@ int main(void)
         .tolerance = number[TOLERANCE],
         .divergence = number[DIVERGENCE],
         .max_steps = number[MAX_STEPS],
-        .x0 = numbers(runs * states),
-        .p = numbers(runs * (size_t)size[PARAMETERS]),
-        .hold = numbers((size_t)(size[HOLD] * size[HOLD_ROWS])),
+        .max_step = number[MAX_STEP],
+        .settled = number[SETTLED],
+        .rule = rule,
+        .hold_rule = hold_rule,
+        .hold_value_factors = value_factors,
+        .x0 = x0,
+        .p = p,
+        .hold = hold,
         .times = numbers(rows),
     };
     const pmj_results results = {

@@ -16,12 +16,13 @@ from pmjoint_codegen.kernels import batch
 from pmjoint_codegen.kernels.batch import BatchLibrary, Runs
 from pmjoint_codegen.kernels.declarations import load_module, to_module
 from pmjoint_codegen.kernels.processor import known_levels, usable_levels
+from pmjoint_codegen.provision import provide
 from pmjoint_codegen.simulate.status import Status
 from pmjoint_codegen.sweep.metrics import Column
 
 from .conftest import library, make_runs, sampled
 
-DEFECT = 64.0  # the loops' own: what a step may miss, in multiples of the tolerance
+DEFECT = 10.0  # the loops' own: what a step may miss, in multiples of the tolerance
 COMPILER = find_compiler(os.environ)
 pytestmark = pytest.mark.skipif(COMPILER is None, reason="the batch loops are compiled")
 
@@ -294,3 +295,78 @@ def test_levels_follow_the_processor_and_the_variable() -> None:
     assert [level.name for level in usable_levels({"PMJOINT_VECTOR_LEVEL": "baseline"}, middle)] == names[2:]
     with pytest.raises(Exception, match="PMJOINT_VECTOR_LEVEL: is 'fast'; allowed: x86-64-v4"):
         usable_levels({"PMJOINT_VECTOR_LEVEL": "fast"}, old)
+
+
+FEATURES = {
+    "window of the reference at rest": ("0.25*(tanh(50*(t-5)) - tanh(50*(t-7)))", None, [0.0, 0.0]),
+    "millisecond of disturbance": ("0", ("0", "9*exp(-((t-3.3)/0.001)**2)"), [0.0, 0.0]),
+    "bump over the angle": ("sin(t)", ("0", "3*exp(-10000*(x1-0.5)**2)"), [1.5, 0.0]),
+    "friction": ("sin(t)", ("0", "-0.5*tanh(100*x2)"), [1.5, 0.0]),
+    "kinks": ("sin(t)", ("0", "0.2*abs(abs(x1)-0.5) - max(0, x2-1) + sign(t-2.0305)"), [1.5, 0.0]),
+    "a pulse's threshold": ("0", ("0", "sign(exp(-((t-2)/0.02)**2) - 0.5)"), [0.3, 0.0]),
+}
+
+
+@pytest.mark.parametrize("sample_time", [0.0, 0.01])
+@pytest.mark.parametrize("name", FEATURES)
+def test_lanes_see_what_is_inside_their_steps(cache: Path, name: str, sample_time: float) -> None:
+    """As a single run does, whatever stands in the neighbouring lanes."""
+    reference, disturbance, x0 = FEATURES[name]
+    one, loop = changed(cache, reference, disturbance)
+    start = np.zeros((5, one.manifest.nX))
+    start[:, :2] = [x0, [0.2, -0.3], x0, [1.0, 1.0], x0]
+    runs = replace(make_runs(one, 5, horizon=6.0), x0=start, p=np.tile(own_values(one), (5, 1)))
+    runs = sampled(one, runs, sample_time) if sample_time else runs
+    outcome = one.simulate(runs)
+    kind = {"controller": "sampled", "sample_time": sample_time} if sample_time else {}
+    run = loop.simulate(x0=x0, horizon=6.0, tolerance=1e-11, **kind)  # type: ignore[arg-type]
+    scale = 1.0 + max(run.peaks[state.name][0] for state in one.manifest.states)
+    assert outcome.metrics[0, Column.STATUS] == Status.DONE
+    assert np.max(np.abs(outcome.final[0] - run.states[-1])) <= 2e-7 * scale
+    assert outcome.metrics[0, Column.MAX_ABS_V] == pytest.approx(run.peaks["v"][0], rel=1e-6)
+    assert outcome.metrics[0, Column.ISE] == pytest.approx(run.ise, rel=1e-5, abs=1e-12)
+    for row in (2, 4):
+        assert outcome.metrics[row].tobytes() == outcome.metrics[0].tobytes()
+        assert outcome.final[row].tobytes() == outcome.final[0].tobytes()
+
+
+@pytest.mark.parametrize("sample_time", [0.0, 0.01])
+def test_a_lane_that_sticks_to_a_kink_ends_with_that_status(cache: Path, sample_time: float) -> None:
+    one, _ = changed(cache, "0", ("0", "-0.5*sign(x2)"))
+    runs = make_runs(one, 3, horizon=20.0)
+    runs = sampled(one, runs, sample_time) if sample_time else runs
+    outcome = one.simulate(runs)
+    assert np.all(outcome.metrics[:, Column.STATUS] == Status.SLIDING)
+    assert np.all(outcome.metrics[:, Column.T_END] < 20.0)
+
+
+@pytest.mark.parametrize("sample_time", [0.0, 0.01])
+def test_no_step_of_a_lane_is_longer_than_was_asked(paper: BatchLibrary, sample_time: float) -> None:
+    runs = make_runs(paper, 3, horizon=1.0, max_step=1e-3)
+    runs = sampled(paper, runs, sample_time) if sample_time else runs
+    assert np.all(paper.simulate(runs).metrics[:, Column.STEPS] >= 1000)
+
+
+def own_values(library: BatchLibrary) -> np.ndarray:
+    return np.array([item.value for item in library.manifest.parameters])
+
+
+def changed(
+    cache: Path, reference: str, disturbance: tuple[str, str] | None
+) -> tuple[BatchLibrary, ClosedLoop]:
+    """The paper's model with another reference and disturbance, over lanes and for single runs."""
+    provided = provide(
+        "paper",
+        reference=reference,
+        disturbance=disturbance,
+        environment=os.environ,
+        notify=lambda line: None,
+    )
+    compiler = find_compiler(os.environ)
+    if compiler is None:
+        pytest.skip("the batch loops are compiled")
+    sources = batch.batch_sources(provided.folder)
+    one = batch.load(sources, provided.manifest, usable_levels(os.environ), compiler, cache)
+    return one, ClosedLoop.load(
+        "paper", "compiled", reference=reference, disturbance=disturbance, notify=lambda line: None
+    )

@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 
 from pmjoint_codegen.kernels import batch
-from pmjoint_codegen.kernels.batch import BatchLibrary, Runs
+from pmjoint_codegen.kernels.batch import BatchLibrary, Runs, step_rules
 from pmjoint_codegen.kernels.processor import Level, known_levels, usable_levels
+from pmjoint_codegen.manifest import Manifest
+from pmjoint_codegen.values import SETTLED
 
 from .conftest import library, make_runs, sampled
 
@@ -41,11 +43,18 @@ def as_program(root: Path, model: str, folder: Path, *compiler: str) -> Path:
     return folder / "batch"
 
 
-def answer(runs: Runs, *command: str | Path) -> bytes:
+def answer(manifest: Manifest, runs: Runs, *command: str | Path) -> bytes:
     """What the program answers: metrics, final states, trajectories."""
     sizes = [len(runs.x0), len(runs.times), runs.x0.shape[1], runs.p.shape[1], *runs.hold.shape[::-1]]
+    rules = step_rules(manifest, runs)
     numbers = [runs.horizon, runs.sample_time, runs.tolerance, runs.divergence, runs.max_steps]
-    parts = (np.array(sizes, dtype=np.int64), np.array(numbers), runs.x0, runs.p, runs.hold, runs.times)
+    numbers += [runs.max_step, SETTLED, rules.lebesgue]
+    lengths = [len(rules.inside), len(rules.ratios), len(rules.hold_ratios)]
+    steps = (rules.inside, rules.ratios, rules.factors, rules.hold_ratios, rules.hold_rate_factors)
+    parts = (
+        *(np.array(sizes, dtype=np.int64), np.array(numbers), np.array(lengths, dtype=np.float64), *steps),
+        *(rules.hold_value_factors, runs.x0, runs.p, runs.hold, runs.times),
+    )
     given = b"".join(part.tobytes() for part in parts)
     # The program ends without freeing what it asked for; the loops themselves allocate nothing.
     settings = {**os.environ, "ASAN_OPTIONS": "detect_leaks=0"}
@@ -67,7 +76,7 @@ def test_arm64_gives_the_same_bits(root: Path, cache: Path, model: str, tmp_path
     )
     runs = make_runs(one, 7, horizon=0.5, times=np.linspace(0.0, 0.5, 6))
     for kind in (runs, sampled(one, runs, 0.001)):
-        assert answer(kind, EMULATOR, program) == native(one, kind)
+        assert answer(one.manifest, kind, EMULATOR, program) == native(one, kind)
 
 
 @needs_arm64
@@ -75,7 +84,7 @@ def test_arm64_would_not_with_fused_operations(root: Path, cache: Path, tmp_path
     one = library(root, cache, "paper", known_levels()[0].name)
     program = as_program(root, "paper", tmp_path, *FOR_ARM64, "-ffp-contract=fast")
     runs = make_runs(one, 7, horizon=0.5)
-    assert answer(runs, EMULATOR, program) != native(one, runs)
+    assert answer(one.manifest, runs, EMULATOR, program) != native(one, runs)
 
 
 @pytest.mark.parametrize("level", usable_levels({}), ids=lambda level: level.name)
@@ -95,4 +104,4 @@ def test_sanitizers_find_nothing_and_the_bits_are_the_same(
     runs = make_runs(one, 19, horizon=0.5, times=np.linspace(0.0, 0.5, 8), max_steps=400)
     runs.x0[3, 0], runs.x0[11, 0] = 1e7, 1e302
     for kind in (runs, sampled(one, runs, 0.003)):
-        assert answer(kind, program) == native(one, kind)
+        assert answer(one.manifest, kind, program) == native(one, kind)

@@ -90,7 +90,7 @@ def test_kinks_over_time_are_met_where_they_are(name: str, controller: str) -> N
 
 
 def test_dry_friction_takes_its_share_of_every_half_swing() -> None:
-    """Each half period pi/2 of x'' = -4 x - F sign(x') the amplitude falls by 2 F/4, until the joint sticks."""
+    """Each half period of x'' = -4 x - F sign(x') takes 2 F/4 from the amplitude, until the joint sticks."""
     loop = load(("0", "-0.3*sign(x2)"))
     for controller in CONTROLLERS:
         with pytest.raises(SimulationError, match="stuck to a kink") as caught:

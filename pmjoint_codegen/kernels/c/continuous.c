@@ -297,7 +297,8 @@ static void step(const pmj_problem *problem, const kernels *run, pmj_progress *p
     for (;;) {
         h = pmj_guarded(problem, run->guard, progress, memory, actuation(problem, memory, progress->mode), c, h, smallest);
         if (!(h > 0.0)) {
-            progress->status = h < 0.0 ? PMJ_KERNEL_FAILED : PMJ_STALLED;
+            progress->status = h < 0.0 ? PMJ_KERNEL_FAILED
+                               : pmj_all_finite(c, (problem->order + 1) * width) ? PMJ_STALLED : PMJ_NON_FINITE;
             return;
         }
         double tau = h;

@@ -186,7 +186,7 @@ static double long_step(const pmj_problem *problem, const kernels *plant, pmj_pr
     for (;;) {
         h = pmj_guarded(problem, plant->guard, progress, memory, memory->w, c, h, least);
         if (!(h > 0.0)) {
-            progress->status = h < 0.0 ? PMJ_KERNEL_FAILED : pmj_all_finite(c, 2 * CHANNELS) ? PMJ_STALLED : PMJ_NON_FINITE;
+            progress->status = h < 0.0 ? PMJ_KERNEL_FAILED : pmj_all_finite(c, (problem->order + 1) * CHANNELS) ? PMJ_STALLED : PMJ_NON_FINITE;
             return 0.0;
         }
         double tau = h;

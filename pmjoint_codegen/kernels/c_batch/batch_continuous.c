@@ -83,9 +83,9 @@ static int begin(const pmj_sweep *sweep, pmj_group *all, const pmj_lanes *c, int
     return one->mode == 0 && !moved;
 }
 
-static int finite_rows(const pmj_lanes *c, int w)
+static int finite_rows(const pmj_lanes *c, int w, int rows)
 {
-    for (int i = 0; i < 2 * CHANNELS; ++i) {
+    for (int i = 0; i < rows * CHANNELS; ++i) {
         if (!(fabs(c[i][w]) <= DBL_MAX)) {
             return 0;
         }
@@ -119,7 +119,7 @@ static int reject(pmj_group *all, const pmj_lanes *next, int w, double part)
     one->crossing = -1;
     pmj_set_mode(all, w, one->mode);
     if (!(all->h_most[w] >= smallest)) {
-        return finite_rows(next, w) ? PMJ_STALLED : PMJ_NON_FINITE;
+        return finite_rows(next, w, 2) ? PMJ_STALLED : PMJ_NON_FINITE;
     }
     return PMJ_RUNNING;
 }
@@ -194,7 +194,7 @@ static pmj_mask judge(const pmj_sweep *sweep, const pmj_results *results, const 
         }
         if (all->fresh[w]) {
             ready[w] = begin(sweep, all, next, w) ? -1 : 0;
-            status = finite_rows(next, w) ? PMJ_RUNNING : PMJ_NON_FINITE;
+            status = finite_rows(next, w, 2) ? PMJ_RUNNING : PMJ_NON_FINITE;
         } else if (rejected[w]) {
             status = reject(all, next, w, parts[w]);
         } else if (accepted[w]) {
@@ -208,7 +208,8 @@ static pmj_mask judge(const pmj_sweep *sweep, const pmj_results *results, const 
             ready[w] = go ? ready[w] : 0;
         }
         if (status == PMJ_RUNNING && (all->stalled[w] || all->sliding[w])) {
-            status = all->sliding[w] ? PMJ_SLIDING : PMJ_STALLED;
+            status = all->sliding[w] ? PMJ_SLIDING
+                     : finite_rows(c, w, PMJ_ORDER + 1) ? PMJ_STALLED : PMJ_NON_FINITE;
         }
         if (status == PMJ_RUNNING && spent_all[w]) {
             status = PMJ_TOO_MANY_STEPS;

@@ -50,6 +50,7 @@ typedef struct {
     pmj_mask live;
     pmj_mask fresh;
     pmj_mask stalled;         /* the guard has found no step */
+    pmj_mask overflow;        /* among these, those whose coefficients are no numbers */
     pmj_mask sliding;         /* both sides of a kink point back to it */
     pmj_choice likely;
     pmj_metrics metrics;
@@ -87,6 +88,7 @@ static void load(const pmj_sweep *sweep, group *all, int w)
     all->live[w] = empty ? 0 : -1;
     all->fresh[w] = empty ? 0 : -1;
     all->stalled[w] = 0;
+    all->overflow[w] = 0;
     all->sliding[w] = 0;
     all->window_R[w] = -1.0;
     pmj_first_disc(&sweep->rule, &all->likely, w);
@@ -307,6 +309,9 @@ static pmj_lanes long_steps(const pmj_sweep *sweep, const pmj_flow *flow, group 
         pmj_lanes h = pmj_guarded_lanes(flow, &sweep->rule, sweep->tolerance, &at, most, smallest, on, &all->likely);
         const pmj_mask lost = on & ~(h > 0.0);
         all->stalled = all->stalled | lost;
+        for (int i = 0; i < (PMJ_HOLD_ORDER + 1) * CHANNELS; ++i) { /* the run then counts as not finite */
+            all->overflow = all->overflow | (lost & ~(pmj_abs(all->c[i]) <= DBL_MAX));
+        }
         on = on & ~lost;
         for (int w = 0; w < PMJ_WIDTH; ++w) {
             lane *one = &all->lanes[w];
@@ -437,7 +442,7 @@ static void settle(const pmj_sweep *sweep, const pmj_results *results, group *al
                    pmj_mask last)
 {
     pmj_lanes largest = pmj_all(0.0);
-    pmj_mask bad = ~(pmj_abs(all->v) <= DBL_MAX);
+    pmj_mask bad = ~(pmj_abs(all->v) <= DBL_MAX) | all->overflow;
     for (int i = 0; i < PMJ_NX; ++i) {
         all->X[i] = all->x[i];
     }
