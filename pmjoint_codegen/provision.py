@@ -24,7 +24,7 @@ from pmjoint_codegen.errors import (
 from pmjoint_codegen.identity import canonical_hash, model_hash
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.spec.reader import read_document
-from pmjoint_codegen.storage import replace_folder, sha256_file
+from pmjoint_codegen.storage import drop_link, replace_folder, sha256_file
 from pmjoint_codegen.workspace import cache_dir, called, find_model, generated_root
 
 Notify = Callable[[str], None]
@@ -152,6 +152,7 @@ def _derived(
 ) -> Provided:
     key = canonical_hash([model_hash(document), _toolchain_key()])
     folder = cache_dir(environment, notify) / "models" / key[:32]
+    drop_link(folder)
     with suppress(StaleError):  # not there yet
         manifest = Manifest.read(folder)
         if not any(_altered(folder / file, recorded) for file, recorded in manifest.files.items()):
@@ -166,7 +167,7 @@ def _derived(
             remedy=f"install it: {installing('pmjoint-codegen[derive]')}",
         ) from None
     artifacts = generate(document, model_of(document, str(path)))
-    replace_folder(folder, {name: text.encode() for name, text in artifacts.files.items()})
+    replace_folder(folder, {name: text.encode() for name, text in artifacts.files.items()}, private=True)
     return Provided(artifacts.manifest, folder, committed=False)
 
 

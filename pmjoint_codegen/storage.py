@@ -54,6 +54,17 @@ def ensure_folder(path: Path) -> None:
         probe.unlink()
 
 
+def make_private(path: Path) -> None:
+    """Make a folder with its parents, those that are new for this user alone, whatever the umask.
+
+    Raises:
+        OSError: it cannot be made, or a file is in the way.
+    """
+    for folder in (*reversed(path.parents), path):
+        if not folder.is_dir():
+            folder.mkdir(mode=0o700, exist_ok=True)
+
+
 def ensure_file(path: Path) -> None:
     """Prove that a file can be written at its place, before long work; what stands there stays as it is.
 
@@ -64,6 +75,8 @@ def ensure_file(path: Path) -> None:
         target = Path(os.path.realpath(path))
         if target.is_dir():
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+        if _special(path):
+            return  # opening it could wait for a reader, or be seen by one
         probe = _sibling(target, "tmp")
         probe.touch(exist_ok=False)
         probe.unlink()
@@ -73,10 +86,16 @@ def ensure_file(path: Path) -> None:
 def writing(path: Path) -> Iterator[BinaryIO]:
     """Open a file for writing that takes its place, atomically, when the block ends without an exception.
 
+    A device or a named pipe is written in place: renaming onto it would take it from everyone who uses it.
+
     Raises:
         UsageError: the file cannot be written; whatever stood there before still stands.
     """
     with explained(path):
+        if _special(path):  # asked of the path itself: what /dev/stdout stands for may have no other name
+            with path.open("wb") as stream:
+                yield stream
+            return
         target = Path(os.path.realpath(path))  # a symbolic link is written through, not replaced
         staged = _sibling(target, "tmp")
         try:
@@ -112,13 +131,22 @@ def write_text(path: Path, text: str) -> None:
     write_bytes(path, text.encode("utf-8"))
 
 
-def replace_folder(path: Path, files: Mapping[str, bytes]) -> None:
+def replace_folder(path: Path, files: Mapping[str, bytes], *, private: bool = False) -> None:
     """Make a folder hold exactly these files (name -> content), all at once; other files in it are gone.
+
+    Args:
+        path: the folder; a symbolic link is followed unless `private`.
+        files: what it holds afterwards.
+        private: only this user may write the folder, whatever the umask, and a symbolic link in its place is
+            removed, not followed.
 
     Raises:
         UsageError: the folder cannot be written; whatever stood there before still stands.
     """
     with explained(path):
+        if private:
+            make_private(path.parent)
+            drop_link(path)
         path = Path(os.path.realpath(path))
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.exists() and not path.is_dir():
@@ -128,10 +156,21 @@ def replace_folder(path: Path, files: Mapping[str, bytes]) -> None:
             _sweep(path)
             staged = _sibling(path, "new")
             try:
-                _fill(staged, files)
+                _fill(staged, files, 0o700 if private else 0o777)
                 _put(staged, path)
             finally:
                 shutil.rmtree(staged, ignore_errors=True)
+
+
+def drop_link(path: Path) -> None:
+    """Remove a symbolic link that stands where a folder of the cache belongs; what it points to stays.
+
+    Raises:
+        UsageError: the link cannot be removed.
+    """
+    if path.is_symlink():
+        with explained(path):
+            path.unlink(missing_ok=True)
 
 
 def recover_folder(path: Path) -> None:
@@ -143,6 +182,11 @@ def recover_folder(path: Path) -> None:
     if not path.exists() and _aside(path).exists():
         with explained(path), _locked(path.parent):
             _recover(path)
+
+
+def _special(path: Path) -> bool:
+    """Whether something other than a regular file or a folder stands at a path."""
+    return path.exists() and not path.is_file() and not path.is_dir()
 
 
 def _sibling(path: Path, kind: str) -> Path:
@@ -197,9 +241,9 @@ def _sweep(path: Path) -> None:
         shutil.rmtree(leftover, ignore_errors=True)
 
 
-def _fill(folder: Path, files: Mapping[str, bytes]) -> None:
+def _fill(folder: Path, files: Mapping[str, bytes], mode: int) -> None:
     """Write a new folder down to the disk, so that a power cut after the exchange finds it filled."""
-    folder.mkdir()
+    folder.mkdir(mode)
     for name, data in files.items():
         with (folder / name).open("xb") as stream:
             stream.write(data)

@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 from pmjoint_codegen.errors import ModelError, quoted
+from pmjoint_codegen.storage import make_private
 
 MODELS = "models"
 GENERATED = "generated"
@@ -82,15 +83,16 @@ def generated_root(model_file: Path) -> Path:
 def cache_dir(env: Mapping[str, str], notify: Callable[[str], None] | None = None) -> Path:
     """Folder for compiled kernels and derived models, made if need be.
 
-    ``$PMJOINT_CACHE``, else ``$XDG_CACHE_HOME/pmjoint``, else ``~/.cache/pmjoint``; where that is unusable, a
-    folder under the system's temporary one that belongs to this user alone, and `notify` is told in one line.
+    ``$PMJOINT_CACHE``, else ``$XDG_CACHE_HOME/pmjoint``, else ``~/.cache/pmjoint``. Where that is unusable,
+    or others could plant code in it, it is a folder under the temporary one that belongs to this
+    user alone, and `notify` is told in one line.
     """
     wanted = _wanted_cache(env)
-    if wanted is not None and _usable(wanted):
+    reason = "no home folder is known" if wanted is None else _flaw(wanted)
+    if wanted is not None and reason is None:
         return wanted
     private = _private_temporary()
     if notify is not None:
-        reason = f"{wanted} cannot be written" if wanted else "no home folder is known"
         notify(f"cache: {reason}; using {private} (set PMJOINT_CACHE to a folder of your own)")
     return private
 
@@ -140,13 +142,32 @@ def _wanted_cache(env: Mapping[str, str]) -> Path | None:
     return Path(home) / ".cache" / "pmjoint" if os.path.isabs(home) else None
 
 
-def _usable(folder: Path) -> bool:
-    """Make the folder; say whether files can be made in it."""
+def distrusted(folder: Path) -> str | None:
+    """Say why code from a folder must not be loaded; None where only this user can have put it there.
+
+    The folder must be the user's own and writable by nobody else. Each parent must belong to the user or
+    root, and be writable by nobody else unless it is sticky: who may write a parent may exchange the folder.
+    """
+    place = Path(os.path.realpath(folder))
+    for level in (place, *place.parents):
+        found = level.stat()
+        shared = found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+        if found.st_uid != os.getuid() and (level == place or found.st_uid != 0):
+            return f"{level} belongs to another user"
+        if shared and (level == place or not found.st_mode & stat.S_ISVTX):
+            return f"other users may write to {level}"
+    return None
+
+
+def _flaw(folder: Path) -> str | None:
+    """Make the folder; say why it cannot serve as a cache, if it cannot."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        make_private(folder)
+        if reason := distrusted(folder):
+            return reason
     except (OSError, ValueError):
-        return False
-    return os.access(folder, os.W_OK | os.X_OK)
+        return f"{folder} cannot be written"
+    return None if os.access(folder, os.W_OK | os.X_OK) else f"{folder} cannot be written"
 
 
 def _private_temporary() -> Path:
@@ -158,4 +179,4 @@ def _private_temporary() -> Path:
     except OSError:
         return Path(tempfile.mkdtemp(prefix="pmjoint-"))
     ours = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o077
-    return folder if ours and _usable(folder) else Path(tempfile.mkdtemp(prefix="pmjoint-"))
+    return folder if ours and _flaw(folder) is None else Path(tempfile.mkdtemp(prefix="pmjoint-"))

@@ -203,3 +203,37 @@ def test_replacements_at_once_end_with_one_of_them(tmp_path: Path) -> None:
         thread.join()
     assert contents(folder) in versions
     assert names(tmp_path) == {"g"}
+
+
+def test_a_named_pipe_is_written_not_replaced(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        storage.ensure_file(pipe)
+        storage.write_text(pipe, "text")
+        assert pipe.is_fifo()
+        assert os.read(reader, 10) == b"text"
+    finally:
+        os.close(reader)
+    assert names(tmp_path) == {"pipe"}
+
+
+def test_a_link_in_place_of_a_private_folder_is_not_followed(tmp_path: Path) -> None:
+    target = tmp_path / "target"
+    target.mkdir()
+    (target / "precious").write_text("kept")
+    (tmp_path / "key").symlink_to(target)
+    storage.replace_folder(tmp_path / "key", NEW, private=True)
+    assert contents(target) == {"precious": b"kept"}
+    assert contents(tmp_path / "key") == NEW and not (tmp_path / "key").is_symlink()
+
+
+def test_private_folders_are_private_under_any_umask(tmp_path: Path) -> None:
+    before = os.umask(0)
+    try:
+        storage.replace_folder(tmp_path / "models" / "key", NEW, private=True)
+    finally:
+        os.umask(before)
+    found = tmp_path / "models" / "key"
+    assert [folder.stat().st_mode & 0o777 for folder in (found, found.parent)] == [0o700, 0o700]

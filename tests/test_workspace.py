@@ -144,3 +144,39 @@ def test_a_folder_of_another_user_is_not_trusted(tmp_path: Path, monkeypatch: py
     monkeypatch.setattr(os, "getuid", lambda: claimed)
     assert cache_dir({}).parent == tmp_path
     assert cache_dir({}) != planted
+
+
+@pytest.mark.parametrize("mode", [0o777, 0o775, 0o1777])
+def test_a_named_cache_that_others_can_write_is_not_used(
+    mode: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    planted = tmp_path / "planted"
+    planted.mkdir()
+    planted.chmod(mode)
+    said: list[str] = []
+    found = cache_dir({"PMJOINT_CACHE": str(planted)}, said.append)
+    assert found != planted and found.stat().st_mode & 0o077 == 0
+    assert len(said) == 1 and "other users may write" in said[0]
+
+
+@pytest.mark.parametrize(("mode", "used"), [(0o777, False), (0o775, False), (0o1777, True), (0o755, True)])
+def test_a_parent_that_others_can_write_must_be_sticky(
+    mode: int, used: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    parent = tmp_path / "shared"
+    parent.mkdir()
+    parent.chmod(mode)
+    cache = parent / "cache"
+    assert (cache_dir({"PMJOINT_CACHE": str(cache)}) == cache) is used
+
+
+def test_new_caches_are_private_under_any_umask(tmp_path: Path) -> None:
+    before = os.umask(0)
+    try:
+        found = cache_dir({"PMJOINT_CACHE": str(tmp_path / "a" / "b")})
+    finally:
+        os.umask(before)
+    assert found == tmp_path / "a" / "b"
+    assert [folder.stat().st_mode & 0o777 for folder in (found, found.parent)] == [0o700, 0o700]

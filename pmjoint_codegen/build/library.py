@@ -22,7 +22,7 @@ from typing import Final
 
 from pmjoint_codegen.build.compiler import Compiler
 from pmjoint_codegen.errors import BuildError, UsageError
-from pmjoint_codegen.storage import ensure_folder, replace_folder, sha256
+from pmjoint_codegen.storage import drop_link, ensure_folder, replace_folder, sha256
 
 # Bits must not depend on the machine or the optimiser: no contraction into fused operations.
 FLAGS: Final = ("-O2", "-std=c99", "-ffp-contract=off", "-fPIC", "-shared")
@@ -30,6 +30,8 @@ LIBRARY: Final = "kernels.so"
 HASHES: Final = "sha256.json"
 PRIVATE: Final = ".build-"  # beginning of the name of the folder that a compiler works in
 ABANDONED_S: Final = 24 * 3600.0  # no build takes a day
+
+TIMEOUT_S: Final = 1800.0  # the largest models take minutes; a compiler that hangs is never done
 
 Extras = Callable[[], Mapping[str, bytes]]
 
@@ -60,10 +62,11 @@ def build(
         UsageError: the cache cannot be written.
     """
     folder = cache / build_key(sources, compiler, flags)
+    drop_link(folder)
     if not is_sound(folder):
         files = {LIBRARY: _compile(sources, compiler, cache, flags), **(extras() if extras else {})}
         hashes = {name: sha256(data) for name, data in files.items()}
-        replace_folder(folder, {**files, HASHES: json.dumps(hashes, indent=1).encode()})
+        replace_folder(folder, {**files, HASHES: json.dumps(hashes, indent=1).encode()}, private=True)
     return folder
 
 
@@ -127,8 +130,16 @@ def _call(command: list[str], folder: Path) -> None:
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             check=False,
+            timeout=TIMEOUT_S,
         )
         output, code = done.stdout.decode(errors="replace"), done.returncode
+    except subprocess.TimeoutExpired as error:
+        raise BuildError(
+            f"the C compiler did not end within {TIMEOUT_S:g} s",
+            where=command[0],
+            remedy="choose another one with CC=..., or use --evaluator interpreted",
+            output="",
+        ) from error
     except OSError as error:  # not a program for this machine, for one
         output, code = str(error), -1
     if code != 0 or not (folder / LIBRARY).is_file():

@@ -167,7 +167,11 @@ def _cache(environment: Mapping[str, str]) -> Finding:
             "cache", "machine", "absent", str(folder), "not writable: nothing is kept between runs"
         )
     return Finding(
-        "cache", "machine", "ok", str(folder), "writable: keeps compiled kernels and derived models"
+        "cache",
+        "machine",
+        "ok",
+        str(folder),
+        "writable by you alone: keeps compiled kernels and derived models",
     )
 
 

@@ -6,6 +6,7 @@ library is built; what it yields is kept as Python text beside the library, and 
 
 from __future__ import annotations
 
+import ast
 import re
 import tempfile
 from collections.abc import Iterable
@@ -54,10 +55,30 @@ def to_module(text: str) -> str:
 
 
 def load_module(text: str) -> Any:
-    """The ``ffi`` object of a text that `to_module` made."""
-    scope: dict[str, Any] = {}
-    exec(compile(text, MODULE, "exec"), scope)
-    return scope["ffi"]
+    """The ``ffi`` object of a text that `to_module` made.
+
+    The text is read as data: one call of ``FFI`` with literals. Nothing in it is executed.
+
+    Raises:
+        BuildError: it is anything else.
+    """
+    from _cffi_backend import FFI
+
+    try:
+        *imports, made = ast.parse(text).body
+        if not all(isinstance(line, ast.Import | ast.ImportFrom) for line in imports):
+            raise ValueError("holds statements")
+        if not isinstance(made, ast.Assign) or not isinstance(made.value, ast.Call):
+            raise ValueError("makes no declarations")
+        values = [ast.literal_eval(value) for value in made.value.args]
+        named = {key.arg: ast.literal_eval(key.value) for key in made.value.keywords if key.arg}
+        return FFI(*values, **named)
+    except (ValueError, SyntaxError, TypeError, RecursionError) as error:
+        raise BuildError(
+            f"{MODULE} of a build in the cache is not what was written",
+            remedy="empty the cache folder, which `pmjoint doctor` names",
+            output=str(error),
+        ) from error
 
 
 def load_library(built: Path) -> tuple[Any, Any]:

@@ -60,21 +60,27 @@ class Record:
         return ("t", *self._places)
 
     def __getitem__(self, column: str) -> Array:
-        """One column, shape (rows,).
+        """One column, shape (rows,), to read; a copy of it can be written.
 
         Raises:
             KeyError: there is no such column; the message lists them.
         """
         if column == "t":
-            return self.t
+            return _read_only(self.t)
         try:
             table, index = self._places[column]
         except KeyError:
             raise KeyError(f"no column {column!r}; columns: {', '.join(self.columns)}") from None
-        values: Array = (self.states if table == "states" else self.signals)[:, index]
-        return values
+        return _read_only((self.states if table == "states" else self.signals)[:, index])
 
     @cached_property
     def _places(self) -> Mapping[str, tuple[str, int]]:
         signals = {item.name: ("signals", i) for i, item in enumerate(self.manifest.signals)}
         return signals | {item.name: ("states", i) for i, item in enumerate(self.manifest.states)}
+
+
+def _read_only(values: Array) -> Array:
+    """A view through which the run's own data cannot be changed."""
+    view = values.view()
+    view.setflags(write=False)
+    return view

@@ -94,6 +94,26 @@ def test_a_compiler_that_succeeds_without_a_library_is_a_failure(tmp_path: Path)
         build(SOURCES, Compiler(("/bin/true",), "true"), tmp_path)
 
 
+def test_a_hanging_compiler_ends_with_a_word(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pmjoint_codegen.build.library.TIMEOUT_S", 0.2)
+    hanging = tmp_path / "hanging"
+    hanging.write_text("#!/bin/sh\nexec sleep 10\n")
+    hanging.chmod(0o755)
+    with pytest.raises(BuildError, match=r"did not end within 0\.2 s"):
+        build(SOURCES, Compiler((str(hanging),), "hanging"), tmp_path / "cache")
+
+
+def test_a_link_in_place_of_a_build_is_not_followed(tmp_path: Path, counting: Make) -> None:
+    compiler = counting("cc").compiler
+    precious, cache = tmp_path / "precious", tmp_path / "cache"
+    precious.mkdir()
+    cache.mkdir()
+    (precious / "file").write_text("kept")
+    (cache / build_key(SOURCES, compiler)).symlink_to(precious)
+    assert answer(build(SOURCES, compiler, cache)) == 42
+    assert [file.name for file in precious.iterdir()] == ["file"]
+
+
 def _build_in_child(compiler: Compiler, cache: Path, barrier: object, results: object) -> None:
     barrier.wait()  # type: ignore[attr-defined]
     results.put(answer(build(SOURCES, compiler, cache)))  # type: ignore[attr-defined]

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pmjoint_codegen.closed_loop import ClosedLoop
 from pmjoint_codegen.errors import SimulationError, UsageError
 from pmjoint_codegen.kernels.evaluator import Evaluator
 from pmjoint_codegen.simulate import trajectory
@@ -121,3 +122,10 @@ def test_every_status_has_a_sentence() -> None:
 def test_a_run_survives_the_way_between_processes(short: Run) -> None:
     error = pickle.loads(pickle.dumps(SimulationError("ended", run=short)))
     np.testing.assert_array_equal(error.run["x1"], short["x1"])
+
+
+def test_columns_cannot_change_the_run() -> None:
+    run = ClosedLoop.load("paper").simulate(horizon=0.1)
+    for column in ("t", "x1", "v"):
+        with pytest.raises(ValueError, match="read-only"):
+            run[column][0] = 7.0
