@@ -2,6 +2,7 @@
 
     make bench                     # about ten minutes
     make bench ARGS="law sampled"  # only these tables; writes nothing
+    make bench ARGS=heyoka         # one run and the sweep, against heyoka alone
     make bench-smoke               # --quick: few rounds, small sweeps; writes nothing; part of .ci/run
 
 Each row is a ratio of medians of interleaved runs, beside the ratio that the project promises. Times are
@@ -38,6 +39,11 @@ def parts(quick: bool, folder: Path, figure: Path | None) -> Parts:
     }
 
 
+def against_heyoka(quick: bool) -> list[Section]:
+    """The two ratios that step control must keep, alone; the whole benchmark has them among others."""
+    return [continuous.against_heyoka(quick), sweeps.run(quick, sweeps.AGAINST_HEYOKA)]
+
+
 def main(arguments: list[str]) -> int:
     """Measure, print and write; 1 where a promise is missed, but for a smoke test."""
     quick = "--quick" in arguments
@@ -46,11 +52,12 @@ def main(arguments: list[str]) -> int:
     sections: list[Section] = []
     with tempfile.TemporaryDirectory() as name:
         os.environ["PMJOINT_CACHE"] = str(Path(name) / "cache")
-        known = parts(quick, Path(name), FIGURE if whole else None)
+        every = parts(quick, Path(name), FIGURE if whole else None)
+        known: Parts = {**every, "heyoka": lambda: against_heyoka(quick)}
         if unknown := [part for part in named if part not in known]:
             print(f"benchmarks: no part {', '.join(unknown)}; parts: {', '.join(known)}", file=sys.stderr)
             return 2
-        for part in named or known:
+        for part in named or every:
             for section in known[part]():
                 print(section.text(), end="\n\n", flush=True)
                 sections.append(section)

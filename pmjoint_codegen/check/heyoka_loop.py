@@ -1,5 +1,9 @@
 """The closed loop as heyoka integrates it: the derivation's own expressions, events located by heyoka.
 
+Its steps are short, for a step that is sized from derivatives at its start may pass over what is narrow and
+lies inside. Short steps too are compared with the right-hand side at points inside: a run that leaves its
+equations there is no reference.
+
 What changes from run to run (the limit of u, thresholds of v, the actuator's mode) is a run-time parameter of
 heyoka's, so that many runs need one compilation; other parameters are numbers.
 """
@@ -21,6 +25,11 @@ from pmjoint_codegen.simulate.modes import Actuator
 
 Array = npt.NDArray[np.float64]
 
+LONGEST_STEPS: Final = (2e-3, 2e-4)  # s; the shorter one where the longer leaves a run's equations
+POINTS: Final = (0.25, 0.5, 0.75, 1.0)  # of a step, where its polynomial is compared with the right-hand side
+TRUSTED: Final = 0.1 * ACCURACY  # what a run may leave its equations by: the defect's integral, relative
+# What a rate may be rounded by, relative to itself and to sum |df/dX_j| max(1, |X_j|): a hundred operations.
+ROUNDING: Final = 3e-14
 ONE_THRESHOLD: Final = 1e-3 * ACCURACY  # relative distance below which two thresholds are one
 
 
@@ -51,6 +60,21 @@ class Expressions:
     def apply(self, function: str, *arguments: Any) -> Any:
         """A named function."""
         return getattr(self._heyoka, function)(*arguments)
+
+
+class UntrustedError(ArithmeticError):
+    """A run of heyoka's that leaves its own equations between the ends of its steps.
+
+    Attributes:
+        t: where the worst step begins, s.
+        defect: integral of what it leaves them by, relative.
+    """
+
+    def __init__(self, t: float, defect: float) -> None:
+        """Record where and by how much."""
+        super().__init__(f"leaves its equations by {defect:.3g} in all, most of it near t = {t:.6g} s")
+        self.t: Final = t
+        self.defect: Final = defect
 
 
 class Loop:
@@ -86,6 +110,8 @@ class Loop:
         known[subject.derivation.signals.t.name] = heyoka.time
         *right, self._v = program.run(Expressions(heyoka), {one: known[one.name] for one in symbols})
         self._system = list(zip(variables, right, strict=True))
+        jacobian = heyoka.diff_tensors(right, diff_args=variables).jacobian
+        self._rates = heyoka.cfunc([*right, *np.ravel(jacobian)], vars=variables)
         gradient = heyoka.diff_tensors([self._v], diff_args=variables).gradient
         self._law = heyoka.cfunc([self._v, *gradient], vars=variables)
         self._solvers: dict[int, tuple[Any, _Crossings]] = {}
@@ -101,7 +127,20 @@ class Loop:
 
         Returns:
             The trajectory; NaN from where heyoka could not go on.
+
+        Raises:
+            UntrustedError: the trajectory leaves its own equations between the ends of its steps.
         """
+        *longer, last = LONGEST_STEPS
+        for longest in longer:
+            try:
+                return self._run(t, start, limit, actuator, longest)
+            except UntrustedError:
+                continue
+        return self._run(t, start, limit, actuator, last)
+
+    def _run(self, t: Array, start: Array, limit: float, actuator: Actuator, longest: float) -> Trajectory:
+        """The same, with steps of some length at most."""
         coarse = told_apart(actuator)
         thresholds = coarse.thresholds.tolist()
         mode = int(np.searchsorted(thresholds, self.law(t[:1], start[np.newaxis], limit)[0, 0]))
@@ -111,8 +150,12 @@ class Loop:
         solver.time, solver.state[:] = float(t[0]), start
         solver.pars[:] = [*coarse.modes[mode], limit, *thresholds]
         states = np.full((len(t), len(start)), np.nan)
-        reached = np.asarray(solver.propagate_grid(np.ascontiguousarray(t))[-1])
-        states[: len(reached)] = reached
+        output = solver.propagate_until(float(t[-1]), max_delta_t=longest, c_output=True)[4]
+        reached = 0 if output is None else int(np.searchsorted(t, output.bounds[1], side="right"))
+        if reached:
+            states[:reached] = output(np.ascontiguousarray(t[:reached]))
+        if reached == len(t):
+            self._trust(output, [(float(t[0]), mode), *crossings.found], coarse, limit)
         values = np.hstack([states, self.law(t, states, limit)[:, :1]])
         labels = [(time, coarse.labels[place]) for time, place in crossings.found]
         return Trajectory((*self.names, "v"), t, values, _changes(coarse.labels[mode], labels))
@@ -126,6 +169,58 @@ class Loop:
             time=np.ascontiguousarray(t),
         )
         return np.asarray(values, dtype=np.float64).T
+
+    def defect(self, output: Any, modes: Array, limit: float) -> Array:
+        """By how much every step leaves the equations, shape (steps,): the worst |p' - f| times its length.
+
+        Relative to max(1, |X_i|), beyond what rounding explains.
+
+        Args:
+            output: heyoka's continuous output.
+            modes: offsets and slopes of every channel, step by step, shape (steps, 2 channels).
+            limit: of u.
+        """
+        powers = np.arange(output.tcs.shape[2])
+        lengths = np.diff(output.times)
+        worst = np.zeros(len(lengths))
+        for part in POINTS:
+            tau = part * lengths
+            terms = output.tcs * (tau[:, np.newaxis] ** powers)[:, np.newaxis, :]
+            states = terms.sum(axis=2)
+            # Not by the terms above: a step between two events at one instant has length 0.
+            lower = powers[1:] * tau[:, np.newaxis] ** powers[:-1]
+            slopes = (output.tcs[:, :, 1:] * lower[:, np.newaxis, :]).sum(axis=2)
+            rates, slopes_of_rates = self._of_rates(output.times[:-1] + tau, states, modes, limit)
+            sizes = np.maximum(1.0, np.abs(states))
+            # Terms of a rate cancel, at high gain most of all.
+            terms_of_rates = np.sum(np.abs(slopes_of_rates) * sizes[:, np.newaxis, :], axis=2)
+            rounding = ROUNDING * (np.abs(rates) + terms_of_rates)
+            beyond = np.maximum(np.abs(slopes - rates) - rounding, 0.0) / sizes
+            worst = np.maximum(worst, np.max(beyond, axis=1) * lengths)
+        return worst
+
+    def _of_rates(self, t: Array, states: Array, modes: Array, limit: float) -> tuple[Array, Array]:
+        """X', shape (rows, nX), and its derivatives with respect to X, shape (rows, nX, nX)."""
+        given = np.vstack([modes.T, np.full(len(t), limit)])
+        values = self._rates(
+            np.ascontiguousarray(states.T),
+            pars=np.ascontiguousarray(given[: self._rates.nparams]),
+            time=np.ascontiguousarray(t),
+        )
+        count = len(self.names)
+        both = np.asarray(values, dtype=np.float64).T
+        return both[:, :count], both[:, count:].reshape(-1, count, count)
+
+    def _trust(self, output: Any, modes: list[tuple[float, int]], actuator: Actuator, limit: float) -> None:
+        """Raise `UntrustedError` where a run leaves its equations."""
+        began = np.array([t for t, _ in modes])
+        labels = np.array([mode for _, mode in modes])
+        middles = 0.5 * (output.times[:-1] + output.times[1:])
+        along = labels[np.searchsorted(began, middles, side="right") - 1]
+        defects = self.defect(output, np.asarray(actuator.modes)[along], limit)
+        if not float(np.sum(defects)) <= TRUSTED:
+            place = int(np.argmax(np.where(np.isnan(defects), np.inf, defects)))
+            raise UntrustedError(float(output.times[place]), float(np.sum(defects)))
 
     def scales(self, trajectory: Trajectory, limit: float) -> Array:
         """What the entries of a trajectory are held relative to, shape (rows, columns).

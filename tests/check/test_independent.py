@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import os
 from collections.abc import Sequence
 from itertools import islice
@@ -12,13 +13,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pmjoint_codegen.check import golden, independent
+from pmjoint_codegen.check import golden, heyoka_loop, independent
 from pmjoint_codegen.check.drawn import draws
-from pmjoint_codegen.check.heyoka_loop import Loop, told_apart
+from pmjoint_codegen.check.heyoka_loop import Loop, UntrustedError, told_apart
 from pmjoint_codegen.check.result import Verdict
 from pmjoint_codegen.check.subject import Subject, load_subject
+from pmjoint_codegen.provision import provide
 from pmjoint_codegen.simulate import continuous
 from pmjoint_codegen.simulate.modes import Actuator, make_actuator
+from pmjoint_codegen.simulate.run import initial_state, run
+from pmjoint_codegen.simulate.settings import make_settings
+from pmjoint_codegen.spec import model_of
 
 MODELS = ("paper", "joint", "joint-damped", "joint-exact", "joint-lag", "third-order")
 
@@ -122,3 +127,96 @@ def test_at_high_gain_v_differs_by_more_than_the_states_do(heyoka: Any, paper: S
     states.values[5, 0] += 2e-9
     scales = loop.scales(expected, 10.0)
     assert golden.compare("x", expected, states, "heyoka", scales).verdict is Verdict.FAILED
+
+
+NARROW = ("reference-bump", "reference-window", "disturbance-bump-at-rest", "disturbance-window")
+
+
+def narrow(root: Path, paper: Subject, name: str) -> tuple[Subject, Any]:
+    """The paper's model with a narrow feature, and the case: options, columns, rows made with small steps."""
+    file = root / "tests" / "reference" / "features.json"
+    (case,) = (case for case in json.loads(file.read_text(encoding="utf-8")) if case["name"] == name)
+    options = list(zip(case["args"][::2], case["args"][1::2], strict=True))
+    (reference,) = (value for option, value in options if option == "--reference")
+    disturbance = [value for option, value in options if option == "--disturbance"] or None
+    x0 = [float(x) for option, value in options if option == "--x0" for x in value.split(",")]
+    document = dict(paper.document)
+    document["simulation"] = {**document["simulation"], "reference": reference} | ({"x0": x0} if x0 else {})
+    if disturbance:
+        document["plant"] = {**document["plant"], "disturbance": disturbance}
+    provided = provide(
+        paper.file,
+        reference=reference,
+        disturbance=disturbance,
+        environment=paper.environment,
+        notify=paper.notify,
+    )
+    changed = dataclasses.replace(
+        paper, document=document, model=model_of(document, name), folder=provided.folder
+    )
+    return changed, case
+
+
+def start_of(subject: Subject, case: Any) -> tuple[Any, Actuator, Any]:
+    """Settings, actuator and state that a case begins with."""
+    rows = np.array(case["rows"])
+    settings = make_settings(subject.manifest, x0=rows[0, 1:3], horizon=float(rows[-1, 0]))
+    limits = subject.interpreted.call("actuation", settings.p)[0]
+    return settings, make_actuator(np.asarray(limits)), initial_state(subject.manifest, settings)
+
+
+@pytest.mark.parametrize("name", NARROW)
+def test_the_reference_sees_what_is_narrower_than_a_step(
+    heyoka: Any, root: Path, paper: Subject, name: str
+) -> None:
+    subject, case = narrow(root, paper, name)
+    rows = np.array(case["rows"])
+    settings, actuator, start = start_of(subject, case)
+    loop = Loop(heyoka, subject, settings.parameters)
+    found = loop.run(np.ascontiguousarray(rows[:, 0]), start, 10.0, actuator)
+    order = [found.names.index(column) for column in case["columns"][1:]]
+    off = np.abs(found.values[:, order] - rows[:, 1:]) / (1.0 + np.abs(rows[:, 1:]))
+    assert np.max(off) <= case["tol"]
+
+
+@pytest.mark.parametrize("name", NARROW)
+def test_a_run_that_leaves_its_own_equations_is_no_reference(
+    heyoka: Any, root: Path, paper: Subject, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without a longest step heyoka passes over the feature, or over a part of it."""
+    subject, case = narrow(root, paper, name)
+    settings, actuator, start = start_of(subject, case)
+    loop = Loop(heyoka, subject, settings.parameters)
+    t = np.array([row[0] for row in case["rows"]])
+    monkeypatch.setattr(heyoka_loop, "LONGEST_STEPS", (np.inf,))
+    with pytest.raises(UntrustedError, match="leaves its equations by"):
+        loop.run(t, start, 10.0, actuator)
+    monkeypatch.setattr(heyoka_loop, "LONGEST_STEPS", (np.inf, 2e-3))  # a second try is made
+    assert np.all(np.isfinite(loop.run(t, start, 10.0, actuator).values))
+
+
+def test_the_gate_says_that_it_has_no_reference(
+    heyoka: Any, root: Path, paper: Subject, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    subject, case = narrow(root, paper, "reference-bump")
+    settings, _, _ = start_of(subject, case)
+    done = run(subject.interpreted, settings)
+    monkeypatch.setattr(heyoka_loop, "LONGEST_STEPS", (np.inf,))
+    result = independent.hold(Loop(heyoka, subject, settings.parameters), subject, done)
+    assert result.verdict is Verdict.NOT_RUN
+    assert "heyoka's run is no reference: it leaves its equations" in result.detail
+
+
+def test_a_run_that_passes_over_a_pulse_fails(heyoka: Any, root: Path, paper: Subject) -> None:
+    """At rest, with a pulse of the reference ahead: a run that stays there says that all is done."""
+    subject, case = narrow(root, paper, "reference-bump")
+    settings, _, start = start_of(subject, case)
+    done = run(subject.interpreted, settings)
+    still = dataclasses.replace(
+        done,
+        states=np.tile(start, (len(done.t), 1)),
+        signals=np.tile(done.signals[0], (len(done.t), 1)),
+        switches=(),
+    )
+    result = independent.hold(Loop(heyoka, subject, settings.parameters), subject, still)
+    assert result.verdict is Verdict.FAILED
