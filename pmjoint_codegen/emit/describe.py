@@ -11,7 +11,7 @@ from derive import Derivation, Equation, Model, parameter_symbol
 from pmjoint_codegen import __version__
 from pmjoint_codegen.emit.table import Kernel, kernel_table, vocabulary
 from pmjoint_codegen.identity import Document, model_hash, structure_hash
-from pmjoint_codegen.manifest import EquationText, Function, Manifest, Parameter, Simulation, Variable
+from pmjoint_codegen.manifest import EquationText, Function, Manifest, Parameter, Simulation, Start, Variable
 from pmjoint_codegen.report.notation import latex_expression
 from pmjoint_codegen.values import Rule
 
@@ -84,6 +84,7 @@ def describe(
         disturbance_bound=model.disturbance_bound,
         analytic=not any(entry.has(sp.Abs, sp.sign) for entry in plant.disturbance),
         states=_states(derivation),
+        start=start_of(derivation),
         blocks=_blocks(derivation),
         parameters=_parameters(derivation),
         rules=rules_of(derivation),
@@ -94,7 +95,7 @@ def describe(
         simulation=Simulation(
             reference=str(model.reference),
             disturbance=tuple(str(entry) for entry in model.plant.disturbance),
-            x0=(*simulation.x0, *(0.0 for _ in model.extras)),
+            x0=(*simulation.x0, *(0.0 for _ in range(len(words.x) - len(simulation.x0)))),
             horizon=simulation.horizon,
             output_step=simulation.output_step,
             sample_time=simulation.sample_time,
@@ -119,6 +120,21 @@ def _states(derivation: Derivation) -> tuple[Variable, ...]:
             meanings.get(symbol.name.rstrip("0123456789"), "compensator state (23)"),
         )
         for symbol in (*words.x, *words.s)
+    )
+
+
+def start_of(derivation: Derivation) -> Start:
+    """The states that x0 gives, and the plant's states in them and in the plant's own parameters."""
+    model, words = derivation.model, vocabulary(derivation)
+    if model.start is None:
+        own = _states(derivation)[: len(words.x)]
+        return Start(own, len(own), tuple(state.name for state in own))
+    constants = {item.symbol: item.expression for item in model.constants}
+    forms = (model.start.states[state].xreplace(constants) for state in words.x)
+    return Start(
+        tuple(Variable(item.name, str(item.unit), item.meaning) for item in model.start.variables),
+        model.start.required,
+        tuple(_python(form.xreplace(dict(derivation.own_parameters))) for form in forms),
     )
 
 

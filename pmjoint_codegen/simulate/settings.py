@@ -30,7 +30,7 @@ class Settings:
         parameters: name -> value of every parameter, gain and switch, and of the plant's own, in the kernels'
             order.
         p: the same values as a vector.
-        x0: initial plant states, shape (nx,).
+        x0: initial states as `Manifest.start` has them, physical ones of a joint, shape (nx,).
         horizon: s.
         output_step: s.
         controller: ``continuous`` or ``sampled``.
@@ -93,8 +93,8 @@ def make_settings(
         manifest: the model.
         parameters: overrides of parameters and gains, by name; ``J`` sets what the controller believes and,
             unless ``J_plant`` is given too, what the plant has.
-        x0: initial plant states, those beyond the design's given or left out together; the controller starts
-            at 0.
+        x0: initial states: of a joint theta, theta_dot and, where pressures lag, q1 and q2, given or left out
+            together; of any other plant its own. The controller starts at 0.
         horizon: s.
         output_step: s, at most the horizon.
         controller: ``continuous`` or ``sampled``.
@@ -207,8 +207,8 @@ def _initial(manifest: Manifest, x0: Sequence[float] | Array | None) -> Array:
     entries = (
         manifest.simulation.x0 if x0 is None else tuple(np.atleast_1d(np.asarray(x0, dtype=object)).tolist())
     )
-    if len(entries) == manifest.n:  # as the model file gives them; states beyond the design's start as there
-        entries = (*entries, *manifest.simulation.x0[manifest.n :])
+    if len(entries) == manifest.start.required:  # the others start as in the model file
+        entries = (*entries, *manifest.simulation.x0[manifest.start.required :])
     if len(entries) != manifest.nx:
         raise UsageError(
             f"has {len(entries)} {'entry' if len(entries) == 1 else 'entries'}",
@@ -219,14 +219,13 @@ def _initial(manifest: Manifest, x0: Sequence[float] | Array | None) -> Array:
 
 
 def _initial_rule(manifest: Manifest) -> str:
-    """Say how many initial states there are, with those beyond the design's and without."""
-    names = [state.name for state in manifest.states[: manifest.nx]]
-    extras = names[manifest.n :]
+    """Say how many initial states there are, with those that may be left out and without."""
+    names, required = manifest.start.names, manifest.start.required
     rule = f"{manifest.name} has {manifest.nx} states: {', '.join(names)}"
-    if not extras:
+    if required == len(names):
         return rule
-    values = ", ".join(f"{value:g}" for value in manifest.simulation.x0[manifest.n :])
-    return f"{rule}; give {manifest.nx}, or {manifest.n} for {', '.join(extras)} = {values}"
+    values = ", ".join(f"{value:g}" for value in manifest.simulation.x0[required:])
+    return f"{rule}; give {manifest.nx}, or {required} for {', '.join(names[required:])} = {values}"
 
 
 def _controller(name: str) -> Controller:

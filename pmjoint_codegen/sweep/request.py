@@ -205,8 +205,8 @@ def _lanes(manifest: Manifest) -> str:
 
 
 def varied_names(manifest: Manifest) -> tuple[str, ...]:
-    """What a sweep can vary: initial plant states by the states' names, then every entry of p."""
-    return (*(state.name for state in manifest.states[: manifest.nx]), *manifest.parameter_names)
+    """What a sweep can vary: initial states as x0 has them, by name, then every entry of p."""
+    return (*manifest.start.names, *manifest.parameter_names)
 
 
 def _check_names(manifest: Manifest, plan: Plan, fixed: Collection[str]) -> None:
