@@ -96,6 +96,7 @@ class ClosedLoop:
         sample_time: float | None = None,
         compensator: bool | None = None,
         tolerance: float = DEFAULT_TOLERANCE,
+        divergence: float | None = None,
         progress: Callable[[float], None] | None = None,
     ) -> Run:
         """Integrate the closed loop; what is not given is as the model file says.
@@ -109,6 +110,7 @@ class ClosedLoop:
             sample_time: s, of the sampled controller.
             compensator: False: r = 0, plain clipping.
             tolerance: local error, relative to max(1, |value|).
+            divergence: a state beyond it ends the run; by default 1e4, more for pressures or a distant start.
             progress: told the fraction done now and then.
 
         Raises:
@@ -125,6 +127,7 @@ class ClosedLoop:
             sample_time=sample_time,
             compensator=compensator,
             tolerance=tolerance,
+            divergence=divergence,
         )
         result = run(self.evaluator, settings, progress)
         if result.status != Status.DONE:

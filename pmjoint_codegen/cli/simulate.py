@@ -61,6 +61,12 @@ Examples
 @click.option("--no-compensator", is_flag=True, help="Keep r = 0: plain clipping instead of (23).")
 @click.option("--tolerance", type=float, metavar="TOL", default=1e-10, show_default=True, help="Local error.")
 @click.option(
+    "--divergence",
+    type=float,
+    metavar="X",
+    help="A state beyond it ends the run [default: 1e4, more for pressures in Pa or a distant start].",
+)
+@click.option(
     "--evaluator",
     type=click.Choice(["compiled", "interpreted"]),
     help="How kernels run; by default compiled where a C compiler is found.",

@@ -82,7 +82,7 @@ def run(evaluator: Evaluator, settings: Settings, progress: Tell | None = None) 
         settings=settings,
         evaluator=evaluator.kind,
         status=Status(state.status),
-        message=_message(settings, state),
+        message=_message(evaluator.manifest, settings, memory, state),
         t=problem.times[: state.row],
         states=memory.rows[: state.row],
         signals=signals,
@@ -219,11 +219,14 @@ def _peaks(manifest: Manifest, memory: Memory) -> dict[str, tuple[float, float]]
     return dict(zip(names, pairs, strict=True))
 
 
-def _message(settings: Settings, state: Progress) -> str:
+def _message(manifest: Manifest, settings: Settings, memory: Memory, state: Progress) -> str:
+    beyond = [i for i in range(manifest.nX) if memory.peaks[i] > settings.divergence]
+    first = min(beyond, key=lambda i: (float(memory.peak_times[i]), -float(memory.peaks[i])), default=None)
     return sentence(
         Status(state.status),
         t=state.t,
         divergence=settings.divergence,
         max_steps=settings.max_steps,
         max_switches=settings.max_switches,
+        state="a state" if first is None else manifest.states[first].name,
     )

@@ -13,13 +13,14 @@ import numpy as np
 from pmjoint_codegen.errors import UsageError
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.values import COMPENSATOR, OWN_SUFFIX, check_rules, check_values
+from pmjoint_codegen.values import COMPENSATOR, OWN_SUFFIX, check_rules, check_values, of_plant
 
 Controller = Literal["continuous", "sampled"]
 
 DEFAULT_TOLERANCE: Final = 1e-10
 TOLERANCES: Final = (1e-14, 1e-3)
 MAX_ROWS: Final = 10_000_000
+DIVERGENCE: Final = 1e4  # in the states' units; following a run that has left costs more than all before it
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ class Settings:
     controller: Controller
     sample_time: float
     tolerance: float
-    divergence: float = 1e9
+    divergence: float = DIVERGENCE
     max_steps: int = 10_000_000
     max_switches: int = 100_000
 
@@ -86,6 +87,7 @@ def make_settings(
     sample_time: float | None = None,
     compensator: bool | None = None,
     tolerance: float = DEFAULT_TOLERANCE,
+    divergence: float | None = None,
 ) -> Settings:
     """Complete a run's settings from the model's defaults and check them.
 
@@ -101,6 +103,7 @@ def make_settings(
         sample_time: s; of the sampled controller, at most the horizon.
         compensator: False: r = 0, plain clipping.
         tolerance: local error.
+        divergence: |X_i| above it ends the run; by default see `default_divergence`.
 
     Raises:
         UsageError: for the first setting that is unknown, of the wrong length, or out of its range.
@@ -121,15 +124,17 @@ def make_settings(
     period = _positive("sample time", defaults.sample_time if sample_time is None else sample_time, "s")
     if chosen == "sampled":  # without a second sample, nothing of a sampled controller is seen
         _at_most("sample time", period, length, "the horizon")
+    start = _initial(manifest, x0)
     settings = Settings(
         parameters=values,
         p=np.array(list(values.values())),
-        x0=_initial(manifest, x0),
+        x0=start,
         horizon=length,
         output_step=step,
         controller=chosen,
         sample_time=period,
         tolerance=_tolerance(tolerance),
+        divergence=default_divergence(manifest, values, start) if divergence is None else _limit(divergence),
     )
     wanted = length / step + 1  # infinite where the quotient is beyond floating point
     if wanted > MAX_ROWS + 1 or settings.rows > MAX_ROWS:
@@ -226,6 +231,24 @@ def _initial_rule(manifest: Manifest) -> str:
         return rule
     values = ", ".join(f"{value:g}" for value in manifest.simulation.x0[required:])
     return f"{rule}; give {manifest.nx}, or {required} for {', '.join(names[required:])} = {values}"
+
+
+def default_divergence(manifest: Manifest, values: Mapping[str, float], x0: Array) -> float:
+    """The limit on every |X_i| where none is given: 1e4, or more where a run that stays may need it.
+
+    A pressure is at most P_max from P_0, a difference of two 2 P_max, both in Pa. A start is no divergence.
+    """
+    pressures = [item for item in manifest.states[: manifest.nx] if item.unit == "Pa"]
+    start = 100.0 * float(np.max(np.abs(x0), initial=0.0))
+    supply = 4.0 * of_plant(values, "P_max") if pressures and "P_max" in values else 0.0
+    return min(max(DIVERGENCE, start, supply), float(np.finfo(np.float64).max))
+
+
+def _limit(divergence: object) -> float:
+    number = _number("--divergence", divergence)
+    if number <= 0:
+        raise UsageError(f"is {number:g}", where="--divergence", remedy="allowed: a number greater than 0")
+    return number
 
 
 def _controller(name: str) -> Controller:

@@ -9,6 +9,7 @@ import numpy as np
 
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.simulate.disturbance import disturbance_summary
+from pmjoint_codegen.simulate.status import holds
 
 if TYPE_CHECKING:
     from pmjoint_codegen.simulate.record import Record
@@ -21,7 +22,8 @@ def summarise(run: Record) -> dict[str, Any]:
 
     ``ise`` is the integral of e^2 by Gauss-Legendre quadrature of the dense output, step by step;
     ``max_abs_v`` and ``peaks`` (largest magnitude, its instant) are taken on the dense output. These do not
-    depend on the output grid; ``max_abs_e`` and ``settling_s`` are taken at the output instants.
+    depend on the output grid. ``held`` is false where the joint has left its reference for good, by the rule
+    of sweeps. ``max_abs_e`` and ``settling_s`` are taken at the output instants.
     """
     settings, manifest = run.settings, run.manifest
     return {
@@ -39,6 +41,7 @@ def summarise(run: Record) -> dict[str, Any]:
         "evaluator": run.evaluator,
         "status": run.status.name.lower(),
         "message": run.message,
+        "held": held(run),
         "steps": run.steps,
         "wall_s": run.wall_s,
         "initial_mode": run.initial_mode,
@@ -52,6 +55,15 @@ def summarise(run: Record) -> dict[str, Any]:
         **disturbance_summary(run),
         "peaks": {name: [finite(value), t] for name, (value, t) in run.peaks.items()},
     }
+
+
+def held(run: Record) -> bool:
+    """Whether the run reached its horizon, and not with u at a limit and its largest error; see `holds`."""
+    if not run.t.size:
+        return False
+    e, mode = run["e"], run.switches[-1][1] if run.switches else run.initial_mode
+    ends = (np.abs(e[-1:]), np.max(np.abs(e), keepdims=True), np.array([float(mode != 0)]))
+    return bool(holds(np.array([int(run.status)]), *ends)[0])
 
 
 def saturated_time(run: Record) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any, Final
 
@@ -21,9 +21,6 @@ from pmjoint_codegen.sweep.plan import DRAW, Plan
 from pmjoint_codegen.values import COMPENSATOR
 
 DEFAULT_TOLERANCE: Final = 1e-6
-DEFAULT_DIVERGENCE: Final = (
-    1e4  # a run that passes it has left; following it further costs more than all others
-)
 LANES: Final = "lanes.c"
 MAX_STEPS: Final = 1_000_000
 MAX_TRAJECTORIES: Final = 2**31  # bytes
@@ -106,7 +103,7 @@ def make_request(
     compensator: bool | None = None,
     tolerance: float = DEFAULT_TOLERANCE,
     output_step: float | None = None,
-    divergence: float = DEFAULT_DIVERGENCE,
+    divergence: float | None = None,
 ) -> Request:
     """Complete a sweep from the model's defaults and check it.
 
@@ -121,7 +118,7 @@ def make_request(
         compensator: False: r = 0, plain clipping.
         tolerance: local error.
         output_step: s; keeps trajectories.
-        divergence: |X_i| above it ends a run.
+        divergence: |X_i| above it ends a run; by default as in `make_settings`.
 
     Raises:
         UsageError: for the first setting that is unknown or out of range.
@@ -137,10 +134,11 @@ def make_request(
         compensator=compensator,
         tolerance=tolerance,
         output_step=output_step,
+        divergence=divergence,
     )
     _check_names(manifest, plan, (*(parameters or {}), *(() if compensator is None else (COMPENSATOR,))))
     own = tuple(name for name in manifest.own if name in (parameters or {}))
-    request = _request(manifest, plan, replace(settings, divergence=_positive(divergence)), own, output_step)
+    request = _request(manifest, plan, settings, own, output_step)
     size = 8 * plan.runs * request.instants * (manifest.nX + 2)
     if size > MAX_TRAJECTORIES:
         raise UsageError(
@@ -149,14 +147,6 @@ def make_request(
             remedy=f"at most {MAX_TRAJECTORIES / 2**30:g} GiB: fewer runs, a shorter horizon, a longer step",
         )
     return request
-
-
-def _positive(divergence: float) -> float:
-    if not 0 < divergence < float("inf"):
-        raise UsageError(
-            f"is {divergence:g}", where="--divergence", remedy="allowed: a number greater than 0"
-        )
-    return float(divergence)
 
 
 def _request(
