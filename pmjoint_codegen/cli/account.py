@@ -102,7 +102,7 @@ def _disturbance(run: Run) -> Iterator[tuple[str, ...]]:
     acting = {name: ends for name, ends in summary["disturbance_range"].items() if ends != [0.0, 0.0]}
     if bound is not None and len(acting) < 2:
         return
-    for label, (name, ends) in zip(["disturbance", *[""] * len(acting)], acting.items(), strict=False):
+    for label, (name, ends) in zip(["D", *[""] * len(acting)], acting.items(), strict=False):
         low, high = (_BEYOND if end is None else f"{end:.6g}" for end in ends)
         what = f": {_what(run)}" if label else ""
         yield label, f"{name} = {low} to {high} {units[name]}{what}"
