@@ -11,7 +11,8 @@ disturbance. The simulated plant always is the full physics, written in the desi
 
     x1 = theta,   x_{i+1} = x_i' - phi_i(y) - Phi_i(y) theta    (rates of the design model),
 
-so that what the design leaves out *is* the disturbance D of (12), and a run can report it.
+so that what the design leaves out *is* the disturbance D of (12), and a run can report it. A run is started
+in physical states and reports them; both directions of that map come from the one table of coordinates.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from dataclasses import dataclass, replace
 import sympy as sp
 
 from derive.equation import Equation
-from derive.model import Channel, Demand, ExtraState, OutsideClassError, Plant, parameter_symbol
+from derive.model import Channel, Demand, ExtraState, OutsideClassError, Plant, Start, parameter_symbol
 from derive.units import parse_unit
 
 KEEP = ("damping", "quadratic_gain", "pressure_lag")
@@ -46,16 +47,20 @@ class Joint:
         extras: states of the physics that the design does not have.
         channels: what the actuator delivers: u, and the two pressures' distances from P_0.
         constants: the coefficients (8) as named equations.
+        motion: the angle theta and its rate theta_dot as named equations.
         pressures: the muscle pressures P1 and P2 as named equations.
         demands: what (1)-(4) presume of the parameters.
+        start: the physical states that a run starts from.
     """
 
     plant: Plant
     extras: tuple[ExtraState, ...]
     channels: tuple[Channel, ...]
     constants: tuple[Equation, ...]
+    motion: tuple[Equation, ...]
     pressures: tuple[Equation, ...]
     demands: tuple[Demand, ...]
+    start: Start
 
 
 def force(pressure: sp.Expr, contraction: sp.Expr) -> sp.Expr:
@@ -121,14 +126,16 @@ def reduce_joint(keep: tuple[str, ...], *, lagged: bool, vartheta: sp.Expr, limi
         )
         for state, form in extra_forms.items()
     )
-    pressures = _pressures(back, lagged=lagged)
+    motion, lags = _motion(back), _lags(back, lagged=lagged)
     return Joint(
         replace(design, disturbance=left_out),
         extras,
         _channels(limit),
         _constants(keep),
-        pressures,
+        motion,
+        (*lags, *_pressures(lagged=lagged)),
         demands(lagged=lagged),
+        Start((*motion, *lags), len(motion), {**forms, **extra_forms}),
     )
 
 
@@ -286,17 +293,30 @@ def _channels(limit: sp.Expr) -> tuple[Channel, ...]:
     )
 
 
-def _pressures(back: dict[sp.Symbol, sp.Expr], *, lagged: bool) -> tuple[Equation, ...]:
-    P0, pascal = base_pressure(), parse_unit("Pa")
+def _motion(back: dict[sp.Symbol, sp.Expr]) -> tuple[Equation, ...]:
+    """Angle and angular velocity in the plant's states: x2 is neither where the design keeps damping."""
+    labels = {THETA: ("joint angle", "rad"), OMEGA: ("angular velocity", "rad/s")}
+    return tuple(
+        Equation(state, back[state], "Plant", "(1)", label, parse_unit(unit))
+        for state, (label, unit) in labels.items()
+    )
+
+
+def _lags(back: dict[sp.Symbol, sp.Expr], *, lagged: bool) -> tuple[Equation, ...]:
+    """Lagging pressures, as distances from P_0, in the plant's states."""
     labels = {Q1: "pressure of muscle 1 above P_0", Q2: "pressure of muscle 2 below P_0"}
-    lag = [
+    pascal = parse_unit("Pa")
+    return tuple(
         Equation(q, sp.factor(back[q]), "Plant", "(4)", label, pascal)
         for q, label in labels.items()
         if lagged
-    ]
+    )
+
+
+def _pressures(*, lagged: bool) -> tuple[Equation, ...]:
+    P0, pascal = base_pressure(), parse_unit("Pa")
     first, second = (Q1, Q2) if lagged else (P1, P2)
     return (
-        *lag,
         Equation(parameter_symbol("P1"), P0 + first, "Plant", "(4)", "pressure of muscle 1", pascal),
         Equation(parameter_symbol("P2"), P0 - second, "Plant", "(4)", "pressure of muscle 2", pascal),
     )

@@ -7,6 +7,7 @@ is refused with the reason.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import sympy as sp
@@ -181,7 +182,7 @@ class Simulation:
     """The run that a model file describes.
 
     Attributes:
-        x0: n initial states.
+        x0: n initial states, or the physical ones of `Model.start`.
         horizon: length of the run, s.
         output_step: distance of output instants, s.
         sample_time: hold time of the sampled controller, s.
@@ -234,6 +235,21 @@ class ExtraState:
 
 
 @dataclass(frozen=True)
+class Start:
+    """How the physical states that a run starts from give the states of the simulated plant.
+
+    Attributes:
+        variables: physical states; the expression of each is its value in the plant's states.
+        required: how many of them a run must be given; the others start at 0.
+        states: plant state -> its value in the physical states and the plant's parameters.
+    """
+
+    variables: tuple[Equation, ...]
+    required: int
+    states: Mapping[sp.Symbol, sp.Expr]
+
+
+@dataclass(frozen=True)
 class Demand:
     """What the physics presumes of its parameters: an expression of them that is greater than 0.
 
@@ -271,6 +287,7 @@ class Model:
         channels: what the actuator delivers; the first is u. Empty: u alone, within ``limit``.
         reported: further named signals of the plant, such as muscle pressures.
         demands: what the physics presumes of its parameters, the controller's and the plant's own.
+        start: the physical states that a run starts from; None: those of the plant class.
     """
 
     name: str
@@ -291,6 +308,7 @@ class Model:
     channels: tuple[Channel, ...] = ()
     reported: tuple[Equation, ...] = ()
     demands: tuple[Demand, ...] = ()
+    start: Start | None = None
 
     @property
     def actuator(self) -> tuple[Channel, ...]:

@@ -1,4 +1,7 @@
-"""Draw the figures that README and docs show: `make docs`. The same sources give the same bytes."""
+"""Draw the figures that README and docs show, and fill in stated numbers: `make docs`.
+
+The same sources give the same bytes.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +12,7 @@ from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from docs.stated import REGION, fill
 from pmjoint_codegen import ClosedLoop, Run
 from pmjoint_codegen.cli.main import run
 from pmjoint_codegen.simulate.figures import png
@@ -79,7 +83,6 @@ def from_command(arguments: str, drawn: str, shown: str) -> None:
         write_bytes(FIGURES / shown, (Path(folder) / drawn).read_bytes())
 
 
-REGION = "sweep paper --grid x1=-100:100:401 --grid x2=-40:40:161 --grid compensator=0,1 --out OUT"
 TUNE = (
     'tune paper --perturb "b0~uniform(1.6,2.4)" --perturb "x1~uniform(-3,3)" --plants 16 --seed 7 --max-v 100'
     ' --objective "ise + 0.01*max_abs_v" --out OUT/paper-tuned.toml'
@@ -91,8 +94,9 @@ def main() -> None:
     loop = ClosedLoop.load("paper")
     runs = [loop.simulate(compensator=switch, output_step=0.002) for switch in (True, False)]
     write_bytes(FIGURES / "compensator.png", png(compensator_figure(*runs)))
-    from_command(REGION, "region.png", "region.png")
+    from_command(f"{REGION} --out OUT", "region.png", "region.png")
     from_command(TUNE, "paper-tuned.png", "tune.png")
+    fill()
 
 
 if __name__ == "__main__":

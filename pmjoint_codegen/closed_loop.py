@@ -97,6 +97,7 @@ class ClosedLoop:
         compensator: bool | None = None,
         tolerance: float = DEFAULT_TOLERANCE,
         max_step: float | None = None,
+        divergence: float | None = None,
         progress: Callable[[float], None] | None = None,
     ) -> Run:
         """Integrate the closed loop; what is not given is as the model file says.
@@ -111,6 +112,7 @@ class ClosedLoop:
             compensator: False: r = 0, plain clipping.
             tolerance: local error, relative to max(1, |value|).
             max_step: s; no step of the integration is longer.
+            divergence: a state beyond it ends the run; by default 1e4, more for pressures or a distant start.
             progress: told the fraction done now and then.
 
         Raises:
@@ -128,6 +130,7 @@ class ClosedLoop:
             compensator=compensator,
             tolerance=tolerance,
             max_step=max_step,
+            divergence=divergence,
         )
         result = run(self.evaluator, settings, progress)
         if result.status != Status.DONE:

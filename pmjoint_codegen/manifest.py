@@ -6,16 +6,20 @@ the order in which the kernels take and give their vectors.
 
 from __future__ import annotations
 
+import ast
 import json
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, fields
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+
 from pmjoint_codegen.errors import OtherVersionError, StaleError
 from pmjoint_codegen.storage import sha256
-from pmjoint_codegen.values import OWN_SUFFIX, Rule
+from pmjoint_codegen.values import OWN_SUFFIX, Numbers, Rule, evaluate
 
 FILE_NAME: Final = "model.json"
 SCHEMA: Final = 2
@@ -124,7 +128,7 @@ class Simulation:
     Attributes:
         reference: y_r as a function of t.
         disturbance: one expression a state.
-        x0: initial plant states.
+        x0: initial states, those of `Manifest.start`.
         horizon: s.
         output_step: s.
         sample_time: s.
@@ -138,6 +142,45 @@ class Simulation:
     output_step: float
     sample_time: float
     compensator: bool
+
+
+@dataclass(frozen=True)
+class Start:
+    """What a run starts from, and the plant's states there.
+
+    Attributes:
+        variables: the states that x0 gives, in order: those of the plant or, of a joint, the physical ones.
+        required: how many of them must be given; the others start at 0.
+        terms: the plant's states, one expression each of the variables and of parameters, in Python's
+            notation. They follow the plant's own parameters, so that x0 means the same whatever those are.
+    """
+
+    variables: tuple[Variable, ...]
+    required: int
+    terms: tuple[str, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the variables, in order."""
+        return tuple(item.name for item in self.variables)
+
+    @cached_property
+    def _trees(self) -> tuple[ast.expr, ...]:
+        return tuple(ast.parse(term, mode="eval").body for term in self.terms)
+
+    def states(self, x0: Numbers, parameters: Mapping[str, Numbers]) -> Numbers:
+        """The plant's states at t = 0, shape (runs, nx).
+
+        Args:
+            x0: of the variables, shape (runs, nx), in the units of `variables`.
+            parameters: name -> values, shape (runs,).
+        """
+        if self.terms == self.names:
+            return x0
+        columns = {**parameters, **dict(zip(self.names, x0.T, strict=True))}
+        with np.errstate(all="ignore"):  # what is not finite is refused, or marked, by who asks
+            found = (np.asarray(evaluate(tree, columns), dtype=np.float64) for tree in self._trees)
+            return np.column_stack([np.broadcast_to(values, len(x0)) for values in found])
 
 
 @dataclass(frozen=True)
@@ -164,6 +207,7 @@ class Manifest:
         kinks: arguments of abs and sign in the plant's rates, inner ones first; each has its zeros located.
         guards: the rule of the steps of each kernel of Taylor coefficients, by its name.
         states: entries of X.
+        start: what x0 gives, and the plant's states there.
         blocks: index range of x, xi, Xi, lambda, r in X.
         parameters: entries of p.
         rules: what values of the parameters obey beyond the rules of every design.
@@ -194,6 +238,7 @@ class Manifest:
     kinks: tuple[str, ...]
     guards: Mapping[str, GuardRule]
     states: tuple[Variable, ...]
+    start: Start
     blocks: Mapping[str, tuple[int, int]]
     parameters: tuple[Parameter, ...]
     rules: tuple[Rule, ...]
@@ -307,6 +352,10 @@ class Manifest:
             contents[key] = tuple(record(**item) for item in contents[key])
         contents["rules"] = tuple(
             Rule(**{**item, "terms": tuple(item["terms"])}) for item in contents["rules"]
+        )
+        start = contents["start"]
+        contents["start"] = Start(
+            tuple(Variable(**item) for item in start["variables"]), start["required"], tuple(start["terms"])
         )
         contents["functions"] = tuple(_function(item) for item in contents["functions"])
         contents["blocks"] = {key: tuple(value) for key, value in contents["blocks"].items()}

@@ -179,23 +179,31 @@ def _broken(rule: Rule, found: Sequence[float]) -> str:
 def _terms(rule: Rule, columns: Mapping[str, Numbers]) -> list[Numbers]:
     size = len(next(iter(columns.values())))
     with np.errstate(all="ignore"):  # what is not finite breaks the rule
-        found = (np.asarray(_evaluate(tree, columns), dtype=np.float64) for tree in rule.trees)
+        found = (np.asarray(evaluate(tree, columns), dtype=np.float64) for tree in rule.trees)
         return [np.broadcast_to(term, size) for term in found]
 
 
-def _evaluate(node: ast.expr, columns: Mapping[str, Numbers]) -> Any:
-    """Evaluate the syntax that expressions of a model are made of, and nothing else."""
+def evaluate(node: ast.expr, columns: Mapping[str, Numbers]) -> Any:
+    """Evaluate the syntax that expressions of a model are made of, and nothing else.
+
+    Args:
+        node: syntax of an expression of parameters.
+        columns: name -> numbers, one a design.
+
+    Raises:
+        ValueError: for any other syntax.
+    """
     match node:
         case ast.Constant(value=int() | float() as value):
             return value
         case ast.Name(id=name):
             return columns[name] if name in columns else _CONSTANTS[name]
         case ast.UnaryOp(op=ast.USub(), operand=operand):
-            return -_evaluate(operand, columns)
+            return -evaluate(operand, columns)
         case ast.BinOp(left=left, op=op, right=right):
-            return OPERATORS[type(op)](_evaluate(left, columns), _evaluate(right, columns))
+            return OPERATORS[type(op)](evaluate(left, columns), evaluate(right, columns))
         case ast.Call(func=ast.Name(id=name), args=[argument]):
-            return _FUNCTIONS[name](_evaluate(argument, columns))
+            return _FUNCTIONS[name](evaluate(argument, columns))
     raise ValueError(f"not an expression of parameters: {ast.unparse(node)}")
 
 

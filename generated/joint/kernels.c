@@ -41,7 +41,6 @@
 #define casadi_fmin CASADI_PREFIX(fmin)
 #define casadi_s0 CASADI_PREFIX(s0)
 #define casadi_s1 CASADI_PREFIX(s1)
-#define casadi_s10 CASADI_PREFIX(s10)
 #define casadi_s2 CASADI_PREFIX(s2)
 #define casadi_s3 CASADI_PREFIX(s3)
 #define casadi_s4 CASADI_PREFIX(s4)
@@ -104,9 +103,8 @@ static const casadi_int casadi_s4[3] = {2, 1, 1};
 static const casadi_int casadi_s5[3] = {5, 1, 1};
 static const casadi_int casadi_s6[3] = {12, 1, 1};
 static const casadi_int casadi_s7[3] = {10, 1, 1};
-static const casadi_int casadi_s8[3] = {14, 1, 1};
+static const casadi_int casadi_s8[3] = {16, 1, 1};
 static const casadi_int casadi_s9[3] = {4, 1, 1};
-static const casadi_int casadi_s10[3] = {16, 1, 1};
 
 /* reference:(t,p[33])->(y_r[3]) */
 static int casadi_f0(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
@@ -1180,7 +1178,7 @@ CASADI_SYMBOL_EXPORT int actuation_work_bytes(casadi_int *sz_arg, casadi_int* sz
   return 0;
 }
 
-/* signals:(t,X[10],p[33])->(signals[14]) */
+/* signals:(t,X[10],p[33])->(signals[16]) */
 static int casadi_f8(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a00, a01, a02, a03, a04, a05, a06, a07, a08, a09, a10, a11;
   casadi_real a12, a13, a14, a15, a16, a17, a18, a19, a20, a21, a22, a23;
@@ -1409,10 +1407,12 @@ static int casadi_f8(const casadi_real** arg, casadi_real** res, casadi_int* iw,
   a03=(a03-a21);
   a04=(a04+a03);
   if (res[0]!=0) res[0][11]=a04;
+  if (res[0]!=0) res[0][12]=a00;
+  if (res[0]!=0) res[0][13]=a28;
   a20=(a01+a20);
-  if (res[0]!=0) res[0][12]=a20;
+  if (res[0]!=0) res[0][14]=a20;
   a01=(a01-a02);
-  if (res[0]!=0) res[0][13]=a01;
+  if (res[0]!=0) res[0][15]=a01;
   return 0;
 }
 
@@ -1828,7 +1828,7 @@ CASADI_SYMBOL_EXPORT const casadi_int* sampled_update_sparsity_in(casadi_int i) 
     case 1: return casadi_s3;
     case 2: return casadi_s0;
     case 3: return casadi_s0;
-    case 4: return casadi_s10;
+    case 4: return casadi_s8;
     case 5: return casadi_s1;
     default: return 0;
   }

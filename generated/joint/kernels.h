@@ -58,7 +58,7 @@ int closed_loop(const double **arg, double **res, long long int *iw, double *w, 
 int closed_loop_work(long long int *sz_arg, long long int *sz_res,
     long long int *sz_iw, long long int *sz_w);
 
-/* everything a run reports beside its states: (t[1], X[10], p[33]) -> (signals[14]); 169 operations */
+/* everything a run reports beside its states: (t[1], X[10], p[33]) -> (signals[16]); 169 operations */
 int signals(const double **arg, double **res, long long int *iw, double *w, int mem);
 int signals_work(long long int *sz_arg, long long int *sz_res,
     long long int *sz_iw, long long int *sz_w);

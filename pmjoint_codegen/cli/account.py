@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 _SHOWN = 8  # switches in the table; summary.json holds all of them
 _BEYOND = "beyond floating point"  # of a run that failed
 _PASCALS = 1e5  # in a bar
+RATE = "theta_dot"  # of a joint, whose x2 is a coordinate of the design
 _MODES = {-1: "at -{limit}", 0: "inside its limits", 1: "at {limit}"}
 
 
@@ -55,46 +56,64 @@ def _saturation(run: Run) -> Iterator[tuple[str, ...]]:
 def _peaks(run: Run) -> Iterator[tuple[str, ...]]:
     manifest = run.manifest
     units = {item.name: item.unit for item in (*manifest.signals, *manifest.states)}
-    names = [f"x{i}" for i in range(2, manifest.n + 1)] + [f"r{i}" for i in range(1, manifest.rho + 1)]
+    of_joint = RATE in units
+    names = [] if of_joint else [f"x{i}" for i in range(2, manifest.n + 1)]
+    names += [f"r{i}" for i in range(1, manifest.rho + 1)]
     for label, name in zip(["peaks", *[""] * len(names)], ["v", *names], strict=True):
         size, t = run.peaks[name]
         unit = f" {units[name]}" if units[name] not in ("", "1") else ""
         yield label, f"|{name}| = {size:.6g}{unit} at {t:.6g} s"
+    if of_joint and len(run.t):
+        at = int(abs(run[RATE]).argmax())
+        yield "", f"|{RATE}| = {abs(run[RATE][at]):.6g} {units[RATE]} at {run.t[at]:.6g} s, an output instant"
 
 
 def _tracking(run: Run) -> Iterator[tuple[str, ...]]:
     summary = run.summary
     unit = next((item.unit for item in run.manifest.signals if item.name == "y"), "")
-    yield "settling", _settling(summary["settling_s"], float(run["e"][0]), float(run.t[-1]))
+    if run.summary["status"] == "done" and not summary["held"]:
+        yield "lost", "u is at its limit and |e| is largest at the end: the reference is left for good"
+    yield "settling", _settling(summary["settling_s"], float(run["e"][0]), float(run.t[-1]), unit)
     for label, key, of in (("ISE", "ise", "^2 s"), ("max |e|", "max_abs_e", ""), ("final e", "final_e", "")):
         value = summary[key]
         yield label, _BEYOND if value is None else f"{value:.6g} {unit}{of}"
 
 
-def _settling(settled: float | None, initial: float, end: float) -> str:
+def _settling(settled: float | None, initial: float, end: float, unit: str) -> str:
+    """Name the band in y's unit: 2 % of a small start may be less than what the disturbance leaves of e."""
     if settled is None:
         return "e starts at 0" if initial == 0.0 else _BEYOND
+    band = f"{0.02 * abs(initial):.6g} {unit}, 2 % of the initial |e|"
     if settled >= end:
-        return f"not by {end:.6g} s (|e| > 2 % of the initial |e|)"
-    return f"{settled:.6g} s (last |e| > 2 % of the initial |e|)"
+        return f"not by {end:.6g} s (|e| > {band})"
+    return f"{settled:.6g} s (last |e| > {band})"
 
 
 def _disturbance(run: Run) -> Iterator[tuple[str, ...]]:
-    """Say how large D of (12) was, what it is, and whether it kept to the bound that the proof presumes."""
+    """Say how large each component of D (12) was and what it is; |D| only where a bound of the proof asks."""
     summary, bound = run.summary, run.manifest.disturbance_bound
-    largest, parts = summary["disturbance_max"], summary["disturbance_max_components"]
-    if largest == 0.0 and bound is None:
-        return
-    of_joint = bool(summary["pressures"])
-    what = "all that the design leaves out of the joint" if of_joint else "unknown to the controller"
-    size = _BEYOND if largest is None else f"{largest:.6g}"
-    held = bound is None or (largest is not None and largest <= bound)
-    presumed = "" if bound is None else f"; D_max = {bound:g}{'' if held else ' is exceeded'}"
-    yield "max |D|", f"{size}: {what}{presumed}"
+    if bound is not None:
+        largest = summary["disturbance_max"]
+        size = _BEYOND if largest is None else f"{largest:.6g}"
+        held = largest is not None and largest <= bound
+        presumed = f"D_max = {bound:g}{'' if held else ' is exceeded'}"
+        yield "max |D|", f"{size}: unknown to the controller; {presumed}"
     units = {item.name: item.unit for item in run.manifest.signals}
-    shown = [f"|{name}| = {part:.6g} {units[name]}" for name, part in parts.items() if part]
-    if len(shown) > 1:
-        yield "", ", ".join(shown)
+    acting = {name: ends for name, ends in summary["disturbance_range"].items() if ends != [0.0, 0.0]}
+    if bound is not None and len(acting) < 2:
+        return
+    for label, (name, ends) in zip(["D", *[""] * len(acting)], acting.items(), strict=False):
+        low, high = (_BEYOND if end is None else f"{end:.6g}" for end in ends)
+        what = f": {_what(run)}" if label else ""
+        yield label, f"{name} = {low} to {high} {units[name]}{what}"
+
+
+def _what(run: Run) -> str:
+    """Say what D is: physics that the design neglects, and what it believes wrongly of the plant."""
+    stated = run.manifest.stated(run.settings.parameters)
+    own = [name for name in stated if name in run.manifest.own]
+    first = "neglected physics" if run.summary["pressures"] else "the model's disturbance"
+    return f"{first}, and model mismatch ({', '.join(own)})" if own else first
 
 
 def _pressures(run: Run) -> Iterator[tuple[str, ...]]:

@@ -64,6 +64,12 @@ Examples
     "--max-step", type=float, metavar="S", help="No integration step is longer than this, in seconds."
 )
 @click.option(
+    "--divergence",
+    type=float,
+    metavar="X",
+    help="A state beyond it ends the run [default: 1e4, more for pressures in Pa or a distant start].",
+)
+@click.option(
     "--evaluator",
     type=click.Choice(["compiled", "interpreted"]),
     help="How kernels run; by default compiled where a C compiler is found.",

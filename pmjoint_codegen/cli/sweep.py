@@ -85,9 +85,7 @@ Examples
     "--divergence",
     type=float,
     metavar="X",
-    default=1e4,
-    show_default=True,
-    help="A state beyond it ends a run.",
+    help="A state beyond it ends a run [default: 1e4, more for pressures in Pa or a distant start].",
 )
 @click.option(
     "--trajectories",

@@ -18,6 +18,7 @@ from pmjoint_codegen.manifest import (
     Manifest,
     Parameter,
     Simulation,
+    Start,
     Variable,
 )
 from pmjoint_codegen.report.notation import latex_expression
@@ -97,6 +98,7 @@ def describe(
         kinks=tuple(str(argument) for argument in words.kinks),
         guards=guards,
         states=_states(derivation),
+        start=start_of(derivation),
         blocks=_blocks(derivation),
         parameters=_parameters(derivation),
         rules=rules_of(derivation),
@@ -107,7 +109,7 @@ def describe(
         simulation=Simulation(
             reference=str(model.reference),
             disturbance=tuple(str(entry) for entry in model.plant.disturbance),
-            x0=(*simulation.x0, *(0.0 for _ in model.extras)),
+            x0=(*simulation.x0, *(0.0 for _ in range(len(words.x) - len(simulation.x0)))),
             horizon=simulation.horizon,
             output_step=simulation.output_step,
             sample_time=simulation.sample_time,
@@ -132,6 +134,21 @@ def _states(derivation: Derivation) -> tuple[Variable, ...]:
             meanings.get(symbol.name.rstrip("0123456789"), "compensator state (23)"),
         )
         for symbol in (*words.x, *words.s)
+    )
+
+
+def start_of(derivation: Derivation) -> Start:
+    """The states that x0 gives, and the plant's states in them and in the plant's own parameters."""
+    model, words = derivation.model, vocabulary(derivation)
+    if model.start is None:
+        own = _states(derivation)[: len(words.x)]
+        return Start(own, len(own), tuple(state.name for state in own))
+    constants = {item.symbol: item.expression for item in model.constants}
+    forms = (model.start.states[state].xreplace(constants) for state in words.x)
+    return Start(
+        tuple(Variable(item.name, str(item.unit), item.meaning) for item in model.start.variables),
+        model.start.required,
+        tuple(_python(form.xreplace(dict(derivation.own_parameters))) for form in forms),
     )
 
 

@@ -86,10 +86,11 @@ def pressures(run: Record) -> Mapping[str, Pressure]:
 def disturbance_summary(run: Record) -> dict[str, Any]:
     """What ``summary.json`` says of D and the pressures, all of it at the output instants.
 
-    ``disturbance_max`` is the largest |D|, ``disturbance_max_components`` the largest magnitude of each
-    component, ``disturbance_bound`` the D_max that the model file presumes (null where it presumes none);
-    ``pressures`` holds least, greatest, the range commanded, and whether that was clipped, in Pa (null where
-    the model is no joint).
+    ``disturbance_max`` is the largest |D|, as (9) bounds it, null where no bound is presumed and components
+    of several units act; ``disturbance_range`` holds least and greatest value of each component;
+    ``disturbance_max_components`` its largest magnitude; ``disturbance_bound`` the D_max that the model file
+    presumes, or null. ``pressures`` holds least, greatest, the range commanded, and whether that was clipped,
+    in Pa, or null where the model is no joint.
     """
     muscles = {
         name: {
@@ -102,11 +103,24 @@ def disturbance_summary(run: Record) -> dict[str, Any]:
         for name, item in pressures(run).items()
     }
     return {
-        "disturbance_max": _largest(disturbance_norm(run)),
+        "disturbance_max": _largest(disturbance_norm(run)) if _is_one_quantity(run) else None,
+        "disturbance_range": {name: _range(run[name]) for name in disturbance_names(run)},
         "disturbance_max_components": {name: _largest(run[name]) for name in disturbance_names(run)},
         "disturbance_bound": run.manifest.disturbance_bound,
         "pressures": muscles or None,
     }
+
+
+def _is_one_quantity(run: Record) -> bool:
+    """Whether |D| is a number with a meaning: rad/s and rad/s^2 do not add up."""
+    acting = [name for name in disturbance_names(run) if np.any(run[name] != 0.0)]
+    return run.manifest.disturbance_bound is not None or len(acting) < 2
+
+
+def _range(values: Array) -> list[float | None]:
+    """Least and greatest value; None where it is no number that JSON can hold."""
+    ends = (float(np.min(values, initial=np.inf)), float(np.max(values, initial=-np.inf)))
+    return [end if np.isfinite(end) else None for end in ends]
 
 
 def _largest(values: Array) -> float | None:

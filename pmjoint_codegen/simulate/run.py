@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 INSTANTANEOUS: Final = ("y", "y_r", "e")  # of the signals, what a sampled controller does not hold
+LAGGED: Final = frozenset({"q1", "q2"})  # states of pressures that lag
 BUDGET: Final = 2000  # steps between two looks at progress and Ctrl-C
 FEW_SWITCHES: Final = 1000  # more begin the run again, with room for as many as the settings allow
 
@@ -83,7 +84,7 @@ def run(evaluator: Evaluator, settings: Settings, progress: Tell | None = None) 
         settings=settings,
         evaluator=evaluator.kind,
         status=Status(state.status),
-        message=_message(settings, state),
+        message=_message(evaluator.manifest, settings, memory, state),
         t=problem.times[: state.row],
         states=memory.rows[: state.row],
         signals=signals,
@@ -172,9 +173,10 @@ def _integrate(
 
 
 def initial_state(manifest: Manifest, settings: Settings) -> Array:
-    """X(0): the plant as set, the controller at 0; shape (nX,)."""
+    """X(0): the plant as x0 has it, the controller at 0; shape (nX,)."""
     state = np.zeros(manifest.nX)
-    state[: manifest.nx] = settings.x0
+    values = {name: np.array([value]) for name, value in settings.parameters.items()}
+    state[: manifest.nx] = manifest.start.states(settings.x0[np.newaxis], values)[0]
     return state
 
 
@@ -199,7 +201,19 @@ def _signals(evaluator: Evaluator, problem: Problem, memory: Memory, rows: int) 
     signals[:, y] = memory.rows[:rows, 0]
     signals[:, y_r] = evaluator.call("reference", times, problem.p)[0][:, 0]
     signals[:, e] = signals[:, y] - signals[:, y_r]
+    moving = _moving(evaluator.manifest)
+    if moving:
+        (live,) = evaluator.call("signals", times, memory.rows[:rows], problem.p)
+        signals[:, moving] = live[:, moving]
     return signals
+
+
+def _moving(manifest: Manifest) -> list[int]:
+    """A joint's physical signals that follow from the plant's states alone, and so move between samples."""
+    names = set(manifest.start.names)
+    if names >= LAGGED:  # pressures with states of their own; without, they are commands, which are held
+        names |= {"P1", "P2"}
+    return [i for i, item in enumerate(manifest.signals) if item.name in names]
 
 
 def _index(manifest: Manifest, name: str) -> int:
@@ -224,11 +238,14 @@ def _peaks(manifest: Manifest, memory: Memory) -> dict[str, tuple[float, float]]
     return dict(zip(names, pairs, strict=True))
 
 
-def _message(settings: Settings, state: Progress) -> str:
+def _message(manifest: Manifest, settings: Settings, memory: Memory, state: Progress) -> str:
+    beyond = [i for i in range(manifest.nX) if memory.peaks[i] > settings.divergence]
+    first = min(beyond, key=lambda i: (float(memory.peak_times[i]), -float(memory.peaks[i])), default=None)
     return sentence(
         Status(state.status),
         t=state.t,
         divergence=settings.divergence,
         max_steps=settings.max_steps,
         max_switches=settings.max_switches,
+        state="a state" if first is None else manifest.states[first].name,
     )

@@ -13,13 +13,14 @@ import numpy as np
 from pmjoint_codegen.errors import UsageError
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.values import COMPENSATOR, OWN_SUFFIX, check_rules, check_values
+from pmjoint_codegen.values import COMPENSATOR, OWN_SUFFIX, check_rules, check_values, of_plant
 
 Controller = Literal["continuous", "sampled"]
 
 DEFAULT_TOLERANCE: Final = 1e-10
 TOLERANCES: Final = (1e-14, 1e-3)
 MAX_ROWS: Final = 10_000_000
+DIVERGENCE: Final = 1e4  # in the states' units; following a run that has left costs more than all before it
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,7 @@ class Settings:
         parameters: name -> value of every parameter, gain and switch, and of the plant's own, in the kernels'
             order.
         p: the same values as a vector.
-        x0: initial plant states, shape (nx,).
+        x0: initial states as `Manifest.start` has them, physical ones of a joint, shape (nx,).
         horizon: s.
         output_step: s.
         controller: ``continuous`` or ``sampled``.
@@ -51,7 +52,7 @@ class Settings:
     sample_time: float
     tolerance: float
     max_step: float = math.inf
-    divergence: float = 1e9
+    divergence: float = DIVERGENCE
     max_steps: int = 10_000_000
     max_switches: int = 100_000
 
@@ -89,6 +90,7 @@ def make_settings(
     compensator: bool | None = None,
     tolerance: float = DEFAULT_TOLERANCE,
     max_step: float | None = None,
+    divergence: float | None = None,
 ) -> Settings:
     """Complete a run's settings from the model's defaults and check them.
 
@@ -96,8 +98,8 @@ def make_settings(
         manifest: the model.
         parameters: overrides of parameters and gains, by name; ``J`` sets what the controller believes and,
             unless ``J_plant`` is given too, what the plant has.
-        x0: initial plant states, those beyond the design's given or left out together; the controller starts
-            at 0.
+        x0: initial states: of a joint theta, theta_dot and, where pressures lag, q1 and q2, given or left out
+            together; of any other plant its own. The controller starts at 0.
         horizon: s.
         output_step: s, at most the horizon.
         controller: ``continuous`` or ``sampled``.
@@ -105,6 +107,7 @@ def make_settings(
         compensator: False: r = 0, plain clipping.
         tolerance: local error.
         max_step: s; no step of the integration is longer.
+        divergence: |X_i| above it ends the run; by default see `default_divergence`.
 
     Raises:
         UsageError: for the first setting that is unknown, of the wrong length, or out of its range.
@@ -119,16 +122,18 @@ def make_settings(
     period = _positive("sample time", defaults.sample_time if sample_time is None else sample_time, "s")
     if chosen == "sampled":  # without a second sample, nothing of a sampled controller is seen
         _at_most("sample time", period, length, "the horizon")
+    start = _initial(manifest, x0)
     settings = Settings(
         parameters=values,
         p=np.array(list(values.values())),
-        x0=_initial(manifest, x0),
+        x0=start,
         horizon=length,
         output_step=step,
         controller=chosen,
         sample_time=period,
         tolerance=_tolerance(tolerance),
         max_step=math.inf if max_step is None else _positive("max step", max_step, "s"),
+        divergence=default_divergence(manifest, values, start) if divergence is None else _limit(divergence),
     )
     wanted = length / step + 1  # infinite where the quotient is beyond floating point
     if wanted > MAX_ROWS + 1 or settings.rows > MAX_ROWS:
@@ -206,8 +211,8 @@ def _initial(manifest: Manifest, x0: Sequence[float] | Array | None) -> Array:
     entries = (
         manifest.simulation.x0 if x0 is None else tuple(np.atleast_1d(np.asarray(x0, dtype=object)).tolist())
     )
-    if len(entries) == manifest.n:  # as the model file gives them; states beyond the design's start as there
-        entries = (*entries, *manifest.simulation.x0[manifest.n :])
+    if len(entries) == manifest.start.required:  # the others start as in the model file
+        entries = (*entries, *manifest.simulation.x0[manifest.start.required :])
     if len(entries) != manifest.nx:
         raise UsageError(
             f"has {len(entries)} {'entry' if len(entries) == 1 else 'entries'}",
@@ -218,14 +223,31 @@ def _initial(manifest: Manifest, x0: Sequence[float] | Array | None) -> Array:
 
 
 def _initial_rule(manifest: Manifest) -> str:
-    """Say how many initial states there are, with those beyond the design's and without."""
-    names = [state.name for state in manifest.states[: manifest.nx]]
-    extras = names[manifest.n :]
+    """Say how many initial states there are, with those that may be left out and without."""
+    names, required = manifest.start.names, manifest.start.required
     rule = f"{manifest.name} has {manifest.nx} states: {', '.join(names)}"
-    if not extras:
+    if required == len(names):
         return rule
-    values = ", ".join(f"{value:g}" for value in manifest.simulation.x0[manifest.n :])
-    return f"{rule}; give {manifest.nx}, or {manifest.n} for {', '.join(extras)} = {values}"
+    values = ", ".join(f"{value:g}" for value in manifest.simulation.x0[required:])
+    return f"{rule}; give {manifest.nx}, or {required} for {', '.join(names[required:])} = {values}"
+
+
+def default_divergence(manifest: Manifest, values: Mapping[str, float], x0: Array) -> float:
+    """The limit on every |X_i| where none is given: 1e4, or more where a run that stays may need it.
+
+    A pressure is at most P_max from P_0, a difference of two 2 P_max, both in Pa. A start is no divergence.
+    """
+    pressures = [item for item in manifest.states[: manifest.nx] if item.unit == "Pa"]
+    start = 100.0 * float(np.max(np.abs(x0), initial=0.0))
+    supply = 4.0 * of_plant(values, "P_max") if pressures and "P_max" in values else 0.0
+    return min(max(DIVERGENCE, start, supply), float(np.finfo(np.float64).max))
+
+
+def _limit(divergence: object) -> float:
+    number = _number("--divergence", divergence)
+    if number <= 0:
+        raise UsageError(f"is {number:g}", where="--divergence", remedy="allowed: a number greater than 0")
+    return number
 
 
 def _controller(name: str) -> Controller:

@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.assumptions import sentence
-from pmjoint_codegen.simulate.disturbance import disturbance_names, disturbance_norm, pressures
+from pmjoint_codegen.simulate.disturbance import disturbance_names, pressures
 from pmjoint_codegen.simulate.status import Status
 
 if TYPE_CHECKING:
     from pmjoint_codegen.simulate.record import Record
 
 BLACK, BLUE, RED, GREY = "#111111", "#1f4e79", "#b03a2e", "#777777"
-NORM = "|D|"
 PASCALS_IN_BAR = 1e5
 _COLOURS = (BLACK, BLUE, RED, GREY)
 _LIMITS = {-1: "$-u_{\\max}$", 1: "$u_{\\max}$"}
@@ -27,7 +26,7 @@ class Line:
     """One curve.
 
     Attributes:
-        column: name of the signal in the run; ``a-b`` is a difference of two, ``|D|`` the norm of D.
+        column: name of the signal in the run; ``a-b`` is a difference of two.
         label: text in the legend.
         colour: of the line.
         dash: matplotlib's line style.
@@ -42,8 +41,6 @@ class Line:
 
     def values(self, run: Record) -> Array:
         """Give the curve at the run's output instants, shape (rows,)."""
-        if self.column == NORM:
-            return disturbance_norm(run)
         if self.unit != 1.0:
             return run[self.column] / self.unit
         first, _, second = self.column.partition("-")
@@ -97,7 +94,7 @@ def sheets(run: Record) -> tuple[Sheet, ...]:
         ("tracking_error", (output_panel(manifest), error_panel(manifest)), tracking)
     ]
     for i in range(2, manifest.n + 1):
-        plans.append((f"x{i}", (_single(manifest, f"x{i}", f"$x_{i}$"),), f"State $x_{i}$."))
+        plans.append((f"x{i}", *_state(run, i)))
     for i in range(1, manifest.rho + 1):
         which = "last state, driven by $u - v$" if i == manifest.rho else f"state {i}"
         panel = _single(manifest, f"r{i}", f"$r_{i}$")
@@ -119,7 +116,7 @@ def overview_panels(run: Record) -> tuple[Panel, ...]:
     both = (Line("v", "$v$", BLUE), Line("u", "$u$"))
     v_u = Panel(both, "$v,\\ u$" + unit_text(manifest, "u"), _clip(run), (_limit(run),))
     first = min(2, manifest.n)
-    states = _family(manifest, "x", range(first, manifest.n + 1))
+    states = _rate(manifest) if pressures(run) else _family(manifest, "x", range(first, manifest.n + 1))
     r = _family(manifest, "r", range(1, manifest.rho + 1))
     return output_panel(manifest), error_panel(manifest), states, r, v_u, miss_panel(manifest)
 
@@ -204,6 +201,24 @@ def _family(manifest: Manifest, stem: str, indices: range) -> Panel:
     return Panel(lines, f"${stem}$")
 
 
+def _rate(manifest: Manifest) -> Panel:
+    """Show a joint's angular velocity."""
+    return _single(manifest, "theta_dot", "$\\dot\\theta$")
+
+
+def _state(run: Record, i: int) -> tuple[tuple[Panel, ...], str]:
+    """Show one state; a joint's x2 and so on are coordinates of the design: the velocity stands beside x2."""
+    panel = _single(run.manifest, f"x{i}", f"$x_{i}$")
+    if not pressures(run):
+        return (panel,), f"State $x_{i}$."
+    if i > 2:
+        return (panel,), f"Coordinate $x_{i}$ of the design."
+    return (
+        _rate(run.manifest),
+        panel,
+    ), "Angular velocity $\\dot\\theta$, and $x_2$, a coordinate of the design."
+
+
 def _input_panels(run: Record) -> tuple[Panel, ...]:
     unit, levels = unit_text(run.manifest, "u"), (_limit(run),)
     return (
@@ -223,24 +238,24 @@ def _estimate_panels(manifest: Manifest) -> tuple[Panel, ...]:
 
 
 def _pressure_panels(run: Record) -> tuple[Panel, ...]:
-    """Show both muscles' pressures between empty and full, and |D| with its presumed bound."""
-    limit, bound = pressures(run)["P1"].limit / PASCALS_IN_BAR, run.manifest.disturbance_bound
+    """Show both muscles' pressures between empty and full, and each component of D that acts, or the last."""
+    limit, names = pressures(run)["P1"].limit / PASCALS_IN_BAR, disturbance_names(run)
     lines = (
         Line("P1", "$P_1$", BLUE, unit=PASCALS_IN_BAR),
         Line("P2", "$P_2$", RED, "--", unit=PASCALS_IN_BAR),
     )
-    left_out = Panel((Line(NORM, "$|D|$"),), "$|D|$", marks=() if bound is None else (bound,))
-    return Panel(lines, "$P_1,\\ P_2$ (bar)", marks=(0.0, limit)), left_out
+    acting = [name for name in names if run[name].any()] or names[-1:]
+    left_out = (_single(run.manifest, name, f"$D_{name[1:]}$") for name in acting)
+    return Panel(lines, "$P_1,\\ P_2$ (bar)", marks=(0.0, limit)), *left_out
 
 
 def _pressure_text(run: Record) -> str:
-    """Say which pressures were clipped, and what |D| is."""
+    """Say which pressures were clipped, and what D is."""
     clipped = [f"${name[0]}_{name[1]}$" for name, item in pressures(run).items() if item.clipped]
     cut = f" ({' and '.join(clipped)} clipped)" if clipped else ""
-    units = ", ".join(unit_text(run.manifest, name).strip(" ()") for name in disturbance_names(run))
     return (
-        f"Muscle pressures between empty and $P_{{\\max}}${cut}; norm of $D$ (12): all that the design "
-        f"leaves out of the joint, components in {units}."
+        f"Muscle pressures between empty and $P_{{\\max}}${cut}; components of $D$ (12) that act: what the "
+        "design neglects of the physics, and what it believes wrongly of the plant."
     )
 
 

@@ -3,7 +3,15 @@
 from __future__ import annotations
 
 from enum import IntEnum
-from typing import Final
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+# of the largest |e|: a lost joint leaves exponentially, so its last error is its largest
+GROWING: Final = 0.95
+
+Floats = npt.NDArray[np.float64]
 
 
 class Status(IntEnum):
@@ -23,7 +31,7 @@ class Status(IntEnum):
 _SENTENCES: Final = {
     Status.RUNNING: "interrupted at t = {t:.6g} s",
     Status.DONE: "reached the horizon, {t:.6g} s",
-    Status.DIVERGED: "diverged: a state passed {divergence:g} at t = {t:.6g} s",
+    Status.DIVERGED: "diverged: {state} passed {divergence:g} at t = {t:.6g} s",
     Status.NON_FINITE: "a state or the control stopped being a finite number after t = {t:.6g} s",
     Status.STALLED: "stalled at t = {t:.6g} s: no step that time can resolve is shown to follow the model, "
     "as where it is singular or nearly a jump, sigma(y) vanishes or a state grows without bound",
@@ -35,7 +43,15 @@ _SENTENCES: Final = {
 }
 
 
-def sentence(status: Status, *, t: float, divergence: float, max_steps: int, max_switches: int) -> str:
+def sentence(
+    status: Status,
+    *,
+    t: float,
+    divergence: float,
+    max_steps: int,
+    max_switches: int,
+    state: str = "a state",
+) -> str:
     """Say how a run ended.
 
     Args:
@@ -44,7 +60,20 @@ def sentence(status: Status, *, t: float, divergence: float, max_steps: int, max
         divergence: bound on every state.
         max_steps: limit of the run.
         max_switches: limit of the run.
+        state: name of the state that passed the bound.
     """
     return _SENTENCES[status].format(
-        t=t, divergence=divergence, max_steps=max_steps, max_switches=max_switches
+        t=t, divergence=divergence, max_steps=max_steps, max_switches=max_switches, state=state
     )
+
+
+def holds(
+    status: npt.NDArray[Any], final_e: Floats, max_abs_e: Floats, final_saturated: Floats
+) -> npt.NDArray[np.bool_]:
+    """Whether a run reached the horizon, and not with a lost joint's input and error there.
+
+    A lost joint's input is at its limit to the end, and its error is largest there. A run that is held may
+    still be far from its reference: its settling time then is the horizon.
+    """
+    bounded = (np.abs(final_e) < GROWING * max_abs_e) | (final_saturated == 0)
+    return np.asarray((status == int(Status.DONE)) & bounded)

@@ -5,7 +5,10 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from pmjoint_codegen.simulate.disturbance import disturbance_summary
+from pmjoint_codegen.simulate.status import holds
 
 if TYPE_CHECKING:
     from pmjoint_codegen.simulate.record import Record
@@ -16,7 +19,8 @@ def summarise(run: Record) -> dict[str, Any]:
 
     ``ise`` is the integral of e^2 by Gauss-Legendre quadrature of the dense output, step by step;
     ``max_abs_e``, ``max_abs_v``, ``peaks`` (largest magnitude, its instant) and ``settling_s`` are taken on
-    the dense output as well. None of them depends on the output grid.
+    the dense output as well. None of them depends on the output grid. ``held`` is false where the joint has
+    left its reference for good, by the rule of sweeps.
     """
     settings, manifest = run.settings, run.manifest
     return {
@@ -34,6 +38,7 @@ def summarise(run: Record) -> dict[str, Any]:
         "evaluator": run.evaluator,
         "status": run.status.name.lower(),
         "message": run.message,
+        "held": held(run),
         "steps": run.steps,
         "wall_s": run.wall_s,
         "initial_mode": run.initial_mode,
@@ -47,6 +52,15 @@ def summarise(run: Record) -> dict[str, Any]:
         **disturbance_summary(run),
         "peaks": {name: [finite(value), t] for name, (value, t) in run.peaks.items()},
     }
+
+
+def held(run: Record) -> bool:
+    """Whether the run reached its horizon, and not with u at a limit and its largest error; see `holds`."""
+    if not run.t.size:
+        return False
+    e, mode = run["e"], run.switches[-1][1] if run.switches else run.initial_mode
+    ends = (np.abs(e[-1:]), np.array([run.peaks["e"][0]]), np.array([float(mode != 0)]))
+    return bool(holds(np.array([int(run.status)]), *ends)[0])
 
 
 def saturated_time(run: Record) -> float:

@@ -19,12 +19,12 @@ _BLOCK: Final = 4096  # rows that are text at a time: a long run's whole text ta
 
 
 def csv_columns(manifest: Manifest) -> tuple[str, ...]:
-    """Names and order of the columns: t, y, y_r, e, states, errors, virtual controls, v, u, physics."""
+    """Names and order: t, y, y_r, e, states, errors, virtual controls, v, u, estimate, D, physics."""
     signals = [item.name for item in manifest.signals]
     first = signals.index("e") + 1
     errors = signals[first : signals.index("v")]
-    physics = signals[signals.index(f"D{manifest.n}") + 1 :]
-    return ("t", "y", "y_r", "e", *(item.name for item in manifest.states), *errors, "v", "u", *physics)
+    rest = signals[signals.index("u") + 1 :]  # x_hat, D, then what a joint reports of its physics
+    return ("t", "y", "y_r", "e", *(item.name for item in manifest.states), *errors, "v", "u", *rest)
 
 
 def csv_blocks(run: Record) -> Iterator[str]:

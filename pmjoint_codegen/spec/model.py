@@ -76,7 +76,8 @@ def _physics(spec: ModelSpec, parameters: tuple[Parameter, ...], where: str) -> 
         "constants": joint.constants,
         "extras": joint.extras,
         "channels": joint.channels,
-        "reported": joint.pressures,
+        "reported": (*joint.motion, *joint.pressures),
+        "start": joint.start,
         "demands": joint.demands,
     }
 

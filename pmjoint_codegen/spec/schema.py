@@ -213,13 +213,25 @@ def _check_plant(plant: PlantSpec, where: str) -> None:
 def _check_lengths(spec: ModelSpec, where: str) -> None:
     """Compare gains and initial state with the order n and the relative degree rho."""
     design, n, rho = spec.design, spec.order, spec.relative_degree
-    of_order = {"design.k": design.k, "simulation.x0": spec.simulation.x0}
+    of_order = {"design.k": design.k}
+    if spec.joint is None:
+        of_order["simulation.x0"] = spec.simulation.x0
+    else:
+        _check_start(spec.joint, spec.simulation.x0, where)
     of_degree = {"design.c": design.c, "design.e": design.e, "design.ck": design.ck}
     degree = "relative degree = order + 1 - length of b" if spec.plant else "relative degree of the joint"
     for lists, wanted, why in ((of_order, n, "order of the plant"), (of_degree, rho, degree)):
         for key, entries in lists.items():
             if len(entries) != wanted:
                 raise _wrong_length(where, key, len(entries), f"{wanted} ({why})")
+
+
+def _check_start(joint: JointSpec, x0: Sized, where: str) -> None:
+    """A joint starts in its own states: angle and rate and, where pressures lag, their distances from P_0."""
+    lagged = joint.tau is not None
+    if len(x0) != 2 and not (lagged and len(x0) == 4):
+        rule = "2 (theta, theta_dot), or 4 with q1 and q2" if lagged else "2 (theta, theta_dot)"
+        raise _wrong_length(where, "simulation.x0", len(x0), rule)
 
 
 def _wrong_length(where: str, key: str, found: int, allowed: str) -> ModelError:

@@ -31,7 +31,7 @@ def check_model(model: Model, where: str) -> None:
         key = f"{where}: joint, coefficient {constant.name}"
         values[constant.symbol] = _finite(constant.expression, values, key)
     _check_input([_finite(entry, values, f"{where}: {key}") for key, entry in _input(model)], model, where)
-    start = values | _initial_point(model)
+    start = values | _initial_point(model, values)
     for reported in model.reported:
         key = f"{where}: joint, {reported.name}"
         start[reported.symbol] = _finite(reported.expression, start, key)
@@ -79,12 +79,18 @@ def _check_reference(model: Model, start: Point, where: str) -> None:
             )
 
 
-def _initial_point(model: Model) -> dict[sp.Symbol, float]:
-    """Where a run starts: t = 0, x = x0, y = x1, nothing delivered yet."""
+def _initial_point(model: Model, values: Point) -> dict[sp.Symbol, float]:
+    """Where a run starts: t = 0, x from x0, y = x1, nothing delivered yet."""
     x0 = model.simulation.x0
-    states = {parameter_symbol(f"x{i}"): value for i, value in enumerate(x0, start=1)}
-    states |= {state.symbol: 0.0 for state in model.extras} | {item.symbol: 0.0 for item in model.actuator}
-    return states | {parameter_symbol("y"): x0[0], parameter_symbol("t"): 0.0}
+    if model.start is None:
+        states = {parameter_symbol(f"x{i}"): value for i, value in enumerate(x0, start=1)}
+    else:
+        given = {item.symbol: 0.0 for item in model.start.variables}
+        given |= dict(zip(given, x0, strict=False))
+        point = {**values, **given}
+        states = {state: value_at(form, point) for state, form in model.start.states.items()}
+    at_rest = {item.symbol: 0.0 for item in model.actuator}
+    return states | at_rest | {parameter_symbol("y"): x0[0], parameter_symbol("t"): 0.0}
 
 
 def _entries(plant: Plant) -> Iterable[tuple[str, sp.Expr]]:

@@ -61,17 +61,19 @@ def fill_in(manifest: Manifest, request: Request, columns: Mapping[str, Array]) 
     """
     count = len(next(iter(columns.values())))
     x0 = np.zeros((count, manifest.nX))
-    x0[:, : manifest.nx] = request.x0
+    given = np.tile(np.array(request.x0), (count, 1))
     p = np.tile(np.array(request.p), (count, 1))
-    states = [state.name for state in manifest.states[: manifest.nx]]
+    states = manifest.start.names
     for name, values in columns.items():
         if name in states:
-            x0[:, states.index(name)] = values
+            given[:, states.index(name)] = values
         else:
             p[:, manifest.parameter_names.index(name)] = values
     for own, name in manifest.own.items():
         if own not in columns and own not in request.own:
             p[:, manifest.parameter_names.index(own)] = p[:, manifest.parameter_names.index(name)]
+    # After every parameter is in place: what x0 means to the plant depends on the plant's own values.
+    x0[:, : manifest.nx] = manifest.start.states(given, dict(zip(manifest.parameter_names, p.T, strict=True)))
     return x0, p
 
 

@@ -197,7 +197,7 @@ def _parameters(request: Request, manifest: Manifest) -> dict[str, float]:
 
 
 def _units(manifest: Manifest) -> dict[str, dict[str, str]]:
-    states = {item.name: (item.unit, item.about) for item in manifest.states[: manifest.nx]}
+    states = {item.name: (item.unit, item.about) for item in manifest.start.variables}
     parameters = {item.name: (item.unit, item.about) for item in manifest.parameters}
     return {name: {"units": u, "long_name": about} for name, (u, about) in (states | parameters).items()}
 

@@ -110,7 +110,7 @@ def _figures(dataset: xr.Dataset, manifest: Manifest) -> dict[str, Figure]:
         return {"curves": curves(dataset, names[0])}
     x, y = names[:2]
     sliced, note = _slice(dataset, names[2:])
-    states = {state.name for state in manifest.states[: manifest.nx]}
+    states = set(manifest.start.names)
     figures = {"region": region(sliced, manifest, x, y, note)} if {x, y} <= states else {}
     for name in ("ise", "max_abs_v", "settling_s", "saturated_s"):
         figures[f"map_{name}"] = metric_map(sliced, name, x, y, note)

@@ -5,23 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
-import numpy as np
-import numpy.typing as npt
-
-from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.simulate.status import Status
+from pmjoint_codegen.simulate.status import holds
 from pmjoint_codegen.sweep.parts import parts
-from pmjoint_codegen.sweep.validity import Mask
 
 if TYPE_CHECKING:
     import xarray as xr
-
-GROWING: Final = (
-    0.95  # of the largest |e|: a lost joint leaves exponentially, so its last error is its largest
-)
 
 ENDS: Final = ("status", "final_e", "max_abs_e", "final_saturated")  # arguments of `holds`, in the dataset
 
@@ -72,13 +63,3 @@ def held_share(dataset: xr.Dataset) -> float:
         for part in parts(tuple(lengths.values()))
     )
     return held_runs / dataset["status"].size
-
-
-def holds(status: npt.NDArray[Any], final_e: Array, max_abs_e: Array, final_saturated: Array) -> Mask:
-    """Whether a run reached the horizon, and not with a lost joint's input and error there.
-
-    A lost joint's input is at its limit to the end, and its error is largest there. A run that is held may
-    still be far from its reference: its settling time then is the horizon.
-    """
-    bounded = (np.abs(final_e) < GROWING * max_abs_e) | (final_saturated == 0)
-    return np.asarray((status == int(Status.DONE)) & bounded)

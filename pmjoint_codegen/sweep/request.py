@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any, Final
 
@@ -22,9 +22,6 @@ from pmjoint_codegen.sweep.plan import DRAW, Plan
 from pmjoint_codegen.values import COMPENSATOR
 
 DEFAULT_TOLERANCE: Final = 1e-6
-DEFAULT_DIVERGENCE: Final = (
-    1e4  # a run that passes it has left; following it further costs more than all others
-)
 LANES: Final = "lanes.c"
 MAX_STEPS: Final = 1_000_000
 MAX_TRAJECTORIES: Final = 2**31  # bytes
@@ -110,7 +107,7 @@ def make_request(
     tolerance: float = DEFAULT_TOLERANCE,
     max_step: float | None = None,
     output_step: float | None = None,
-    divergence: float = DEFAULT_DIVERGENCE,
+    divergence: float | None = None,
 ) -> Request:
     """Complete a sweep from the model's defaults and check it.
 
@@ -126,7 +123,7 @@ def make_request(
         tolerance: local error.
         max_step: s; no step is longer.
         output_step: s; keeps trajectories.
-        divergence: |X_i| above it ends a run.
+        divergence: |X_i| above it ends a run; by default as in `make_settings`.
 
     Raises:
         UsageError: for the first setting that is unknown or out of range.
@@ -143,10 +140,11 @@ def make_request(
         tolerance=tolerance,
         max_step=max_step,
         output_step=output_step,
+        divergence=divergence,
     )
     _check_names(manifest, plan, (*(parameters or {}), *(() if compensator is None else (COMPENSATOR,))))
     own = tuple(name for name in manifest.own if name in (parameters or {}))
-    request = _request(manifest, plan, replace(settings, divergence=_positive(divergence)), own, output_step)
+    request = _request(manifest, plan, settings, own, output_step)
     size = 8 * plan.runs * request.instants * (manifest.nX + 2)
     if size > MAX_TRAJECTORIES:
         raise UsageError(
@@ -155,14 +153,6 @@ def make_request(
             remedy=f"at most {MAX_TRAJECTORIES / 2**30:g} GiB: fewer runs, a shorter horizon, a longer step",
         )
     return request
-
-
-def _positive(divergence: float) -> float:
-    if not 0 < divergence < float("inf"):
-        raise UsageError(
-            f"is {divergence:g}", where="--divergence", remedy="allowed: a number greater than 0"
-        )
-    return float(divergence)
 
 
 def _request(
@@ -212,8 +202,8 @@ def _lanes(manifest: Manifest) -> str:
 
 
 def varied_names(manifest: Manifest) -> tuple[str, ...]:
-    """What a sweep can vary: initial plant states by the states' names, then every entry of p."""
-    return (*(state.name for state in manifest.states[: manifest.nx]), *manifest.parameter_names)
+    """What a sweep can vary: initial states as x0 has them, by name, then every entry of p."""
+    return (*manifest.start.names, *manifest.parameter_names)
 
 
 def _check_names(manifest: Manifest, plan: Plan, fixed: Collection[str]) -> None:

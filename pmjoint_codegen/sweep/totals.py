@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from pmjoint_codegen.simulate.status import holds
 from pmjoint_codegen.sweep.metrics import status_meanings
 from pmjoint_codegen.sweep.parts import parts
-from pmjoint_codegen.sweep.reach import ENDS, holds
+from pmjoint_codegen.sweep.reach import ENDS
 from pmjoint_codegen.sweep.validity import Mask
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ import pytest
 from pmjoint_codegen.build.compiler import find_compiler
 from pmjoint_codegen.kernels import compiled, interpreted
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator, Kernel, Kind
-from pmjoint_codegen.manifest import Function, Manifest, Parameter, Simulation, Variable
+from pmjoint_codegen.manifest import Function, Manifest, Parameter, Simulation, Start, Variable
 
 ORDER = 8
 KERNELS_H = """
@@ -181,6 +181,7 @@ def polynomial_manifest() -> Manifest:
         disturbance_bound=None,
         analytic=True,
         states=(Variable("x1", "", ""),),
+        start=Start((Variable("x1", "", ""),), 1, ("x1",)),
         blocks={"x": (0, 1)},
         parameters=tuple(Parameter(name, 1.0, "", "", "plant") for name in names),
         rules=(),

@@ -14,7 +14,7 @@ from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.simulate.disturbance import Pressure, disturbance_norm, pressures
 from pmjoint_codegen.simulate.figures import draw
 from pmjoint_codegen.simulate.run import Run
-from pmjoint_codegen.simulate.sheets import NORM, caption, sheets
+from pmjoint_codegen.simulate.sheets import caption, sheets
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +71,19 @@ def test_norm_is_over_components() -> None:
     run = ClosedLoop.load("joint-lag").simulate(horizon=2.0)
     expected = np.sqrt(run["D1"] ** 2 + run["D2"] ** 2 + run["D3"] ** 2)
     np.testing.assert_allclose(disturbance_norm(run), expected, rtol=1e-15)
-    assert run.summary["disturbance_max"] == np.max(expected) > 0
+    assert np.max(expected) > 0
+    assert run.summary["disturbance_max"] is None  # rad/s^2 and rad/s^3 do not add up
+    ends = run.summary["disturbance_range"]
+    assert ends["D3"] == [run["D3"].min(), run["D3"].max()]
+    assert f"D3 = {ends['D3'][0]:.6g} to {ends['D3'][1]:.6g} rad/s^3" in account(run, (), ())
+    assert "max |D|" not in account(run, (), ())
+
+
+def test_mismatch_and_neglected_physics_have_their_own_words() -> None:
+    loop = ClosedLoop.load("joint-damped")
+    assert "rad/s^2: neglected physics\n" in account(loop.simulate(horizon=1.0), (), ())
+    wrong = account(loop.simulate(horizon=1.0, parameters={"J_plant": 0.06}), (), ())
+    assert "rad/s: neglected physics, and model mismatch (J_plant)\n" in wrong
 
 
 def test_declared_bound_stands_beside_what_was_found() -> None:
@@ -97,7 +109,7 @@ def test_clipped_pressures_are_said_plainly(clipped: Run) -> None:
     assert first.clipped and second.clipped
     table = account(clipped, (), ())
     assert "P1 is clipped: -1.5 to" in table
-    assert "all that the design leaves out of the joint" in table
+    assert "rad/s^2: neglected physics" in table
     assert json.loads(json.dumps(clipped.summary, allow_nan=False))["pressures"]["P1"]["clipped"] is True
 
 
@@ -142,6 +154,6 @@ def test_joints_have_a_sheet_of_pressures(clipped: Run) -> None:
     muscles, left_out = sheet.panels
     assert muscles.marks == (0.0, 5.0)
     np.testing.assert_array_equal(muscles.lines[0].values(clipped), clipped["P1"] / 1e5)
-    assert left_out.lines[0].column == NORM
-    np.testing.assert_array_equal(left_out.lines[0].values(clipped), disturbance_norm(clipped))
+    np.testing.assert_array_equal(left_out.lines[0].values(clipped), clipped["D2"])  # with its sign
+    assert left_out.label == "$D_2$ (rad/s$^{2}$)"
     assert len(draw(clipped, sheet).axes) in (2, 4)

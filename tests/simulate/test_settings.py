@@ -206,11 +206,12 @@ def test_the_plant_may_be_what_no_design_presumes(root: Path) -> None:
 
 def test_states_beyond_the_design_s_may_be_left_out_as_in_the_file(root: Path) -> None:
     manifest = Manifest.read(root / "generated" / "joint-lag")
-    assert make_settings(manifest, x0=[0.1, 0.2, 0.3]).x0.tolist() == [0.1, 0.2, 0.3, 0.0]
-    assert make_settings(manifest, x0=[0.1, 0.2, 0.3, 4e4]).x0.tolist() == [0.1, 0.2, 0.3, 4e4]
-    line = "x0: has 2 entries; joint-lag has 4 states: x1, x2, x3, x4; give 4, or 3 for x4 = 0"
+    assert make_settings(manifest, x0=[0.1, 0.2]).x0.tolist() == [0.1, 0.2, 0.0, 0.0]
+    assert make_settings(manifest, x0=[0.1, 0.2, 3e4, 4e4]).x0.tolist() == [0.1, 0.2, 3e4, 4e4]
+    states = "theta, theta_dot, q1, q2"
+    line = f"x0: has 3 entries; joint-lag has 4 states: {states}; give 4, or 2 for q1, q2 = 0, 0"
     with pytest.raises(UsageError, match=f"^{line}$"):
-        make_settings(manifest, x0=[0.1, 0.2])
+        make_settings(manifest, x0=[0.1, 0.2, 0.3])
 
 
 def test_one_sample_may_last_the_whole_run_and_an_idle_sample_time_does_not_matter(

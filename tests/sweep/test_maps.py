@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pmjoint_codegen.simulate.status import holds
 from pmjoint_codegen.sweep.drive import drive
 from pmjoint_codegen.sweep.plan import make_plan
-from pmjoint_codegen.sweep.reach import Border, border, held, holds
+from pmjoint_codegen.sweep.reach import Border, border, held
 from pmjoint_codegen.sweep.request import make_request
 from pmjoint_codegen.sweep.store import MADE_OF_IT, Store
 

@@ -1,0 +1,60 @@
+"""A run that leaves its reference says so, soon, by name, and by the rule of sweeps."""
+
+from __future__ import annotations
+
+import pytest
+
+from pmjoint_codegen import ClosedLoop
+from pmjoint_codegen.cli.account import account
+from pmjoint_codegen.errors import SimulationError, UsageError
+from pmjoint_codegen.simulate.run import Run
+from pmjoint_codegen.simulate.settings import DIVERGENCE, make_settings
+from pmjoint_codegen.sweep.plan import make_plan
+from pmjoint_codegen.sweep.request import make_request
+
+
+@pytest.fixture(scope="module")
+def paper() -> ClosedLoop:
+    return ClosedLoop.load("paper")
+
+
+@pytest.mark.parametrize("evaluator", ["compiled", "interpreted"])
+@pytest.mark.parametrize("controller", ["continuous", "sampled"])
+def test_a_lost_joint_ends_soon_and_names_its_state(evaluator: str, controller: str) -> None:
+    loop = ClosedLoop.load("paper", evaluator)
+    with pytest.raises(SimulationError, match=r"diverged: r2 passed 10000 at t = 2\.80") as caught:
+        loop.simulate(parameters={"d1": 10.0}, controller=controller)
+    run = caught.value.run
+    assert isinstance(run, Run)
+    assert run.steps < 10_000  # a million without the limit
+    assert run.summary["held"] is False
+
+
+def test_the_limit_is_an_option(paper: ClosedLoop) -> None:
+    with pytest.raises(SimulationError, match="r2 passed 50 at"):
+        paper.simulate(parameters={"d1": 10.0}, divergence=50.0)
+    with pytest.raises(UsageError, match=r"^--divergence: is 0; allowed: a number greater than 0$"):
+        paper.simulate(divergence=0.0)
+
+
+def test_single_runs_and_sweeps_have_one_limit(paper: ClosedLoop) -> None:
+    plan = make_plan(("c1=10,15",), (), None, 0, "latin-hypercube")
+    assert make_request(paper.manifest, plan).divergence == make_settings(paper.manifest).divergence
+    assert make_settings(paper.manifest).divergence == DIVERGENCE
+
+
+def test_the_limit_leaves_room_for_pressures_and_for_the_start(paper: ClosedLoop) -> None:
+    lagging = ClosedLoop.load("joint-lag").manifest
+    assert make_settings(lagging).divergence == 4 * 5e5
+    assert make_settings(lagging, parameters={"P_max": 6e5}).divergence == 4 * 6e5
+    assert make_settings(paper.manifest, x0=[-2e4, 0.0]).divergence == 2e6
+
+
+def test_a_run_that_ends_far_away_at_its_limit_is_lost(paper: ClosedLoop) -> None:
+    lost = paper.simulate(x0=[60.0, 20.0], horizon=5.0)
+    assert lost.summary["status"] == "done"
+    assert lost.summary["held"] is False
+    assert "the reference is left for good" in account(lost, (), ())
+    kept = paper.simulate()
+    assert kept.summary["held"] is True
+    assert "lost" not in account(kept, (), ())
