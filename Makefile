@@ -27,7 +27,7 @@ check: environment ## hold generated/ against the models: staleness, proofs, err
 	@$(run) pmjoint_codegen check $(ARGS)
 
 coverage: environment-dev ## branch coverage of the derivation and of what checks it; at least 95 %
-	@$(run) pytest -q tests/derive tests/check tests/cli/test_check.py --cov=derive --cov=pmjoint_codegen.check \
+	@$(run) pytest -q tests/derive tests/check tests/cli/test_check.py --cov=pmjoint_derive --cov=pmjoint_codegen.check \
 		--cov-branch --cov-report=term-missing:skip-covered --cov-fail-under=95 $(ARGS)
 
 lint: environment-dev ## style and types

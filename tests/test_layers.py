@@ -18,7 +18,7 @@ PACKAGE = "pmjoint_codegen"
 GROUND_FLOOR = ("errors", "storage", "workspace", "identity", "manifest", "values")
 RUNTIME = ("build", "kernels", "simulate", "sweep", "tune")
 FACADE = ("closed_loop",)
-SYMBOLIC = {"derive", "sympy", "casadi", "pydantic"}
+SYMBOLIC = {"pmjoint_derive", "sympy", "casadi", "pydantic"}
 TOOLCHAIN = {f"{PACKAGE}.{name}" for name in ("spec", "emit", "report", "audit", "check", "provision")}
 
 
@@ -108,7 +108,7 @@ def test_every_module_has_a_layer() -> None:
 
 
 def test_derive_is_mathematics_alone() -> None:
-    allowed = {"sympy", "derive", *sys.stdlib_module_names}
+    allowed = {"sympy", "pmjoint_derive", *sys.stdlib_module_names}
     assert faults(sorted((ROOT / "derive").rglob("*.py")), lambda found: found.top in allowed) == []
 
 

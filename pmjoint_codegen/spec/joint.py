@@ -1,7 +1,7 @@
 """``[joint]``: the physical joint in place of ``[plant]``, and what a design keeps of it.
 
 Its numbers become parameters of the model, settable at run time like any other; its expressions come from
-`derive.joint`.
+`pmjoint_derive.joint`.
 """
 
 from __future__ import annotations

@@ -222,6 +222,7 @@ def sources(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("sources")
     for name in ("derive", "pmjoint_codegen", "generated/paper"):
         shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
+    (folder / "pmjoint_derive").symlink_to("derive")
     (folder / "models").mkdir()
     shutil.copy(ROOT / "models" / "paper.toml", folder / "models")
     return folder
