@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import sympy as sp
 
-from derive.equation import Equation
+from pmjoint_derive.equation import Equation
 
 
 class OutsideClassError(ValueError):

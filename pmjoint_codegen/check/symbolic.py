@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from derive import parameter_symbol
 from pmjoint_codegen.check.error_bound import LITERAL_ROUNDINGS, walk
 from pmjoint_codegen.check.points import batches, describe_point
 from pmjoint_codegen.check.precise import Numbers
@@ -29,6 +28,7 @@ from pmjoint_codegen.check.subject import Subject
 from pmjoint_codegen.emit.sampling import SAMPLED
 from pmjoint_codegen.kernels.tape import Tape
 from pmjoint_codegen.manifest import Function
+from pmjoint_derive import parameter_symbol
 
 Array = npt.NDArray[np.float64]
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import casadi as ca
 import sympy as sp
 
-from derive import Derivation
 from pmjoint_codegen.emit.sampling import sampled_functions
 from pmjoint_codegen.emit.table import Block, Kernel, kernel_table
 from pmjoint_codegen.emit.taylor import taylor_function
 from pmjoint_codegen.emit.translate import Translator
+from pmjoint_derive import Derivation
 
 
 def build_function(kernel: Kernel, derivation: Derivation) -> ca.Function:

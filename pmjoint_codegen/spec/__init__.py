@@ -20,7 +20,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from derive import Model
+    from pmjoint_derive import Model
 
 __all__ = ["model_of"]
 
