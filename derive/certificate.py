@@ -1,4 +1,4 @@
-"""V, its rate and its bound (19), (30)-(35) as named equations, from the expressions of `pmjoint_derive.lyapunov`."""
+"""V, its rate and its bound (19), (30)-(35) as named equations, from the expressions of `lyapunov`."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """The physics of the joint: what the paper's own (1)-(4) imply, by substitution and nothing else.
 
-The joint that this project derives and simulates (`pmjoint_derive.joint`) is written independently; the audit says
-whether the two agree, and takes a measured joint from the model file ``joint``.
+The joint that this project derives and simulates (`pmjoint_derive.joint`) is written independently; the audit
+says whether the two agree, and takes a measured joint from the model file ``joint``.
 """
 
 from __future__ import annotations

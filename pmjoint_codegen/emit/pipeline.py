@@ -2,7 +2,7 @@
 
 Stages, input to output:
 
-    derive           derive.Model        -> Derivation (named equations)
+    derive           Model               -> Derivation (named equations)
     build_functions  Derivation          -> CasADi functions, one a row of the table, and the loops' own
     kernels_source   functions           -> kernels.c
     sampled_header   functions           -> sampled.h, what the sampled loop takes in
