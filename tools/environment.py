@@ -93,6 +93,13 @@ def create() -> None:
         )
 
 
+def link_mathematics() -> None:
+    """Make the link by which derive/ is imported, where the project came in an archive without links."""
+    link = ROOT / "pmjoint_derive"
+    if not link.exists():
+        link.symlink_to("derive")
+
+
 def replace_pip() -> None:
     """Install the locked pip by the one that came with Python, of which no more than that is asked."""
     if not stamp(INSTALLER).exists():
@@ -114,6 +121,7 @@ def fill(locks: Sequence[str]) -> None:
             pip_install("--require-hashes", "--only-binary", ":all:", "-r", f"requirements/{lock}.txt")
             stamp(lock).touch()
     if not stamp(PROJECT).exists():
+        link_mathematics()
         pip_install("--no-deps", "--no-build-isolation", "--editable", ".")
         stamp(PROJECT).touch()
 

@@ -21,6 +21,7 @@ def environment(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     (tmp_path / "requirements").mkdir()
+    (tmp_path / "derive").mkdir()
     for name in ("pyproject.toml", *(f"requirements/{name}.txt" for name in LOCKS)):
         (tmp_path / name).write_text("1", encoding="utf-8")
     record = tmp_path / "record"
@@ -117,6 +118,11 @@ def test_a_whole_environment_in_a_checkout_that_cannot_be_written_is_used(
     done(environment, "simulate")
     monkeypatch.setattr(environment.os, "access", lambda *_arguments: False)
     assert done(environment, "simulate") == []
+
+
+def test_an_archive_without_links_gets_the_one_that_imports_need(environment: ModuleType) -> None:
+    done(environment, "simulate")
+    assert (environment.ROOT / "pmjoint_derive").readlink() == Path("derive")
 
 
 def test_pip_has_no_cache_without_a_home(environment: ModuleType, tmp_path: Path) -> None:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import importlib.util
 import os
 import re
+import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import ModuleType
 
@@ -29,8 +30,8 @@ def quiet(command: Sequence[str | Path], cwd: Path) -> subprocess.CompletedProce
 
 
 @pytest.fixture
-def aged(root: Path, tmp_path: Path) -> Callable[[str], ModuleType]:
-    """Return what loads tools/environment.py of a copy of the project, on a machine that has one old pip."""
+def aged(root: Path, tmp_path: Path) -> Iterator[Callable[[str], ModuleType]]:
+    """Yield what loads tools/environment.py of a copy of the project, on a machine that has one old pip."""
     clone = tmp_path / "a folder with spaces"
     clone.mkdir()
     listing = quiet(["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"], root)
@@ -70,7 +71,8 @@ def aged(root: Path, tmp_path: Path) -> Callable[[str], ModuleType]:
         module.create = create_aged  # type: ignore[attr-defined]
         return module
 
-    return load
+    yield load
+    shutil.rmtree(clone)  # an environment is larger than what pytest should keep
 
 
 def pip_version(venv: Path) -> str:
