@@ -54,15 +54,8 @@ def aged(root: Path, tmp_path: Path) -> Iterator[Callable[[str], ModuleType]]:
 
         def create_aged() -> None:
             create()
-            pip = [
-                module.VENV / "bin" / "python",
-                "-m",
-                "pip",
-                "-q",
-                "--disable-pip-version-check",
-                "install",
-            ]
-            done = quiet([*pip, f"pip=={version}"], clone)
+            pip = [module.VENV / "bin" / "python", "-m", "pip", "--disable-pip-version-check", "install"]
+            done = quiet([*pip, "-q", "--force-reinstall", f"pip=={version}"], clone)  # asks the index always
             if done.returncode and not os.environ.get("CI"):
                 pytest.skip(f"no index: {done.stderr.strip().splitlines()[-1]}")
             assert done.returncode == 0, done.stderr
