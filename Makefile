@@ -27,7 +27,7 @@ check: environment ## hold generated/ against the models: staleness, proofs, err
 	@$(run) pmjoint_codegen check $(ARGS)
 
 coverage: environment-dev ## branch coverage of the derivation and of what checks it; at least 95 %
-	@$(run) pytest -q tests/derive tests/check tests/cli/test_check.py --cov=derive --cov=pmjoint_codegen.check \
+	@$(run) pytest -q tests/derive tests/check tests/cli/test_check.py --cov=pmjoint_derive --cov=pmjoint_codegen.check \
 		--cov-branch --cov-report=term-missing:skip-covered --cov-fail-under=95 $(ARGS)
 
 lint: environment-dev ## style and types
@@ -50,10 +50,13 @@ docs: environment-dev ## draw docs/figures (make bench: its own) and write docs/
 	@$(run) pmjoint_codegen audit --format markdown --out docs/audit.md
 
 # UPGRADE=--upgrade takes the newest versions that pyproject.toml allows; without it, pins stay where they can.
-compile = UV_CUSTOM_COMPILE_COMMAND="make lock" $(run) uv pip compile --quiet --universal --python-version 3.11 \
-	--generate-hashes --no-emit-index-url --group editable --extra derive $(UPGRADE) pyproject.toml
+# Extras stay in the locks: an old pip takes `coverage[toml]` for another requirement than `coverage==...`.
+pin = UV_CUSTOM_COMPILE_COMMAND="make lock" $(run) uv pip compile --quiet --universal --python-version 3.11 \
+	--generate-hashes --no-emit-index-url --no-strip-extras $(UPGRADE)
+compile = $(pin) --group editable --extra derive pyproject.toml
 
-lock: environment-dev ## pin every dependency with its hashes in requirements/
+lock: environment-dev ## pin every dependency, and the pip that installs them, with its hashes in requirements/
+	@$(pin) --group installer --output-file requirements/installer.txt
 	@$(compile) --output-file requirements/simulate.txt
 	@$(compile) --extra test --extra dev --extra sweep --constraint requirements/simulate.txt --output-file requirements/dev.txt
 	@$(compile) --extra test --extra dev --extra sweep --extra bench --constraint requirements/dev.txt \

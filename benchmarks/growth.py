@@ -16,13 +16,13 @@ from math import comb
 from pathlib import Path
 from typing import Any
 
-from derive import derive
 from pmjoint_codegen import ClosedLoop
 from pmjoint_codegen.build.compiler import find_compiler
 from pmjoint_codegen.emit.pipeline import generate
 from pmjoint_codegen.kernels import compiled
 from pmjoint_codegen.kernels.processor import usable_levels
 from pmjoint_codegen.spec import model_of
+from pmjoint_derive import derive
 
 HEAD = (
     "model         derive (s)  emit (s)  compile (s)  C (kB)  operations  order  steps  run (ms)  "

@@ -1,9 +1,17 @@
 """The mathematics: a model in, named equations out. SymPy only; reads and writes no file."""
 
-from derive.derivation import Derivation, derive
-from derive.equation import Equation, Equations
-from derive.model import Gains, Model, OutsideClassError, Parameter, Plant, Simulation, parameter_symbol
-from derive.signals import Signals
+from pmjoint_derive.derivation import Derivation, derive
+from pmjoint_derive.equation import Equation, Equations
+from pmjoint_derive.model import (
+    Gains,
+    Model,
+    OutsideClassError,
+    Parameter,
+    Plant,
+    Simulation,
+    parameter_symbol,
+)
+from pmjoint_derive.signals import Signals
 
 __all__ = [
     "Derivation",

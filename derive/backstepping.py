@@ -18,13 +18,13 @@ from dataclasses import dataclass
 
 import sympy as sp
 
-from derive.closed_loop import disturbance_symbols, output_disturbance
-from derive.compensator import compensator_rates
-from derive.equation import Equation
-from derive.filters import estimate, filter_rates, input_filter_rates, input_filters
-from derive.model import Plant, parameter_symbol
-from derive.signals import Signals, Units, free, partial_name
-from derive.units import SECOND
+from pmjoint_derive.closed_loop import disturbance_symbols, output_disturbance
+from pmjoint_derive.compensator import compensator_rates
+from pmjoint_derive.equation import Equation
+from pmjoint_derive.filters import estimate, filter_rates, input_filter_rates, input_filters
+from pmjoint_derive.model import Plant, parameter_symbol
+from pmjoint_derive.signals import Signals, Units, free, partial_name
+from pmjoint_derive.units import SECOND
 
 SECTION = "Backstepping"
 OMEGA = "Omega"

@@ -1,4 +1,4 @@
-"""V, its rate and its bound (19), (30)-(35) as named equations, from the expressions of `derive.lyapunov`."""
+"""V, its rate and its bound (19), (30)-(35) as named equations, from the expressions of `lyapunov`."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import sympy as sp
 
-from derive.closed_loop import disturbance_symbols, output_disturbance
-from derive.derivation import Derivation
-from derive.equation import Equation
-from derive.lyapunov import (
+from pmjoint_derive.closed_loop import disturbance_symbols, output_disturbance
+from pmjoint_derive.derivation import Derivation
+from pmjoint_derive.equation import Equation
+from pmjoint_derive.lyapunov import (
     certified_rate,
     error_weight,
     lyapunov_matrix,
@@ -17,7 +17,7 @@ from derive.lyapunov import (
     squares,
     symmetric_matrix,
 )
-from derive.model import parameter_symbol
+from pmjoint_derive.model import parameter_symbol
 
 _READABLE = 4  # order up to which P is written in the gains: its entries grow threefold with each order
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import sympy as sp
 
-from derive.equation import Equation
-from derive.filters import shift_matrix
-from derive.model import Model, Plant, parameter_symbol
-from derive.signals import Signals, Units, derivative_name
-from derive.units import SECOND, parse_unit
+from pmjoint_derive.equation import Equation
+from pmjoint_derive.filters import shift_matrix
+from pmjoint_derive.model import Model, Plant, parameter_symbol
+from pmjoint_derive.signals import Signals, Units, derivative_name
+from pmjoint_derive.units import SECOND, parse_unit
 
 # the disturbance that the paper simulates, (37); any other is the D of (12)
 _EXAMPLE = sp.sin(parameter_symbol("x2")) * sp.cos(parameter_symbol("t")) / 10

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import sympy as sp
 
-from derive.closed_loop import disturbance_symbols
-from derive.compensator import compensator_matrix
-from derive.derivation import Derivation
-from derive.filters import filter_matrix
-from derive.lyapunov import Identity
-from derive.sampling import Hold
-from derive.signals import derivative_name
+from pmjoint_derive.closed_loop import disturbance_symbols
+from pmjoint_derive.compensator import compensator_matrix
+from pmjoint_derive.derivation import Derivation
+from pmjoint_derive.filters import filter_matrix
+from pmjoint_derive.lyapunov import Identity
+from pmjoint_derive.sampling import Hold
+from pmjoint_derive.signals import derivative_name
 
 
 def reference_identities(derivation: Derivation) -> list[Identity]:

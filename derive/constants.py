@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 
 import sympy as sp
 
-from derive.equation import Equation
-from derive.model import Plant, parameter_symbol
-from derive.signals import Signals, Units
-from derive.units import SECOND, Unit
+from pmjoint_derive.equation import Equation
+from pmjoint_derive.model import Plant, parameter_symbol
+from pmjoint_derive.signals import Signals, Units
+from pmjoint_derive.units import SECOND, Unit
 
 SECTION = "Plant"
 

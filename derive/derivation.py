@@ -22,22 +22,22 @@ from dataclasses import dataclass
 
 import sympy as sp
 
-from derive.backstepping import backstep, error_rate_equations
-from derive.closed_loop import (
+from pmjoint_derive.backstepping import backstep, error_rate_equations
+from pmjoint_derive.closed_loop import (
     actuator_equations,
     error_equations,
     extra_equations,
     plant_equations,
     reference_equations,
 )
-from derive.compensator import compensator_equations
-from derive.constants import name_constants
-from derive.equation import Equation, Equations
-from derive.filters import filter_equations
-from derive.model import Model, OutsideClassError, Plant
-from derive.sampling import sampling_equations
-from derive.signals import Signals, Units
-from derive.true_plant import true_plant
+from pmjoint_derive.compensator import compensator_equations
+from pmjoint_derive.constants import name_constants
+from pmjoint_derive.equation import Equation, Equations
+from pmjoint_derive.filters import filter_equations
+from pmjoint_derive.model import Model, OutsideClassError, Plant
+from pmjoint_derive.sampling import sampling_equations
+from pmjoint_derive.signals import Signals, Units
+from pmjoint_derive.true_plant import true_plant
 
 
 @dataclass(frozen=True)

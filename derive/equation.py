@@ -13,7 +13,7 @@ from types import MappingProxyType
 
 import sympy as sp
 
-from derive.units import Unit
+from pmjoint_derive.units import Unit
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import sympy as sp
 
-from derive.equation import Equation
-from derive.model import Plant, parameter_symbol
-from derive.signals import Signals, Units, derivative_name
-from derive.units import SECOND
+from pmjoint_derive.equation import Equation
+from pmjoint_derive.model import Plant, parameter_symbol
+from pmjoint_derive.signals import Signals, Units, derivative_name
+from pmjoint_derive.units import SECOND
 
 SECTION = "Filters"
 

@@ -21,9 +21,17 @@ from dataclasses import dataclass, replace
 
 import sympy as sp
 
-from derive.equation import Equation
-from derive.model import Channel, Demand, ExtraState, OutsideClassError, Plant, Start, parameter_symbol
-from derive.units import parse_unit
+from pmjoint_derive.equation import Equation
+from pmjoint_derive.model import (
+    Channel,
+    Demand,
+    ExtraState,
+    OutsideClassError,
+    Plant,
+    Start,
+    parameter_symbol,
+)
+from pmjoint_derive.units import parse_unit
 
 KEEP = ("damping", "quadratic_gain", "pressure_lag")
 LAG = "tau"

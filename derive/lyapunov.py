@@ -25,12 +25,12 @@ from dataclasses import dataclass
 
 import sympy as sp
 
-from derive.backstepping import unknown_output_rate
-from derive.closed_loop import disturbance_symbols, output_disturbance
-from derive.derivation import Derivation
-from derive.filters import filter_matrix, shift_matrix
-from derive.model import parameter_symbol
-from derive.signals import Signals, derivative_name, partial_name
+from pmjoint_derive.backstepping import unknown_output_rate
+from pmjoint_derive.closed_loop import disturbance_symbols, output_disturbance
+from pmjoint_derive.derivation import Derivation
+from pmjoint_derive.filters import filter_matrix, shift_matrix
+from pmjoint_derive.model import parameter_symbol
+from pmjoint_derive.signals import Signals, derivative_name, partial_name
 
 
 @dataclass(frozen=True)

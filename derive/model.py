@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import sympy as sp
 
-from derive.equation import Equation
+from pmjoint_derive.equation import Equation
 
 
 class OutsideClassError(ValueError):

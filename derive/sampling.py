@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import sympy as sp
 
-from derive.equation import Equation, Equations
-from derive.model import parameter_symbol
-from derive.signals import Signals, Units, derivative_name
+from pmjoint_derive.equation import Equation, Equations
+from pmjoint_derive.model import parameter_symbol
+from pmjoint_derive.signals import Signals, Units, derivative_name
 
 SECTION = "Sampled"
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import sympy as sp
 
-from derive.model import Model, Plant, parameter_symbol
-from derive.units import SECOND, Unit, parse_unit
+from pmjoint_derive.model import Model, Plant, parameter_symbol
+from pmjoint_derive.units import SECOND, Unit, parse_unit
 
 
 def named(stem: str, count: int, first: int = 1) -> tuple[sp.Symbol, ...]:

@@ -17,11 +17,11 @@ from dataclasses import dataclass
 
 import sympy as sp
 
-from derive.closed_loop import disturbance_symbols
-from derive.equation import Equation, Equations
-from derive.model import Model, Plant, parameter_symbol
-from derive.signals import Signals, Units, derivative_name, free
-from derive.units import SECOND
+from pmjoint_derive.closed_loop import disturbance_symbols
+from pmjoint_derive.equation import Equation, Equations
+from pmjoint_derive.model import Model, Plant, parameter_symbol
+from pmjoint_derive.signals import Signals, Units, derivative_name, free
+from pmjoint_derive.units import SECOND
 
 SECTION = "True plant"
 SUFFIX = "_plant"

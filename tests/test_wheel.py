@@ -11,7 +11,10 @@ from pathlib import Path
 
 import pytest
 
-CARRIED = {name: f"pmjoint_codegen/_data/{name}" for name in ("models", "generated", "golden")}
+CARRIED = {
+    **{name: f"pmjoint_codegen/_data/{name}" for name in ("models", "generated", "golden")},
+    "derive": "pmjoint_derive",
+}
 
 
 def succeed(*command: str, cwd: Path, **env: str) -> str:
@@ -48,7 +51,7 @@ def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_wheel_holds_the_checkout(root: Path, wheel: Path) -> None:
-    listing = succeed("git", "ls-files", "--", *CARRIED, "pmjoint_codegen", "derive", cwd=root)
+    listing = succeed("git", "ls-files", "--", *CARRIED, "pmjoint_codegen", cwd=root)
     expected = set()
     for name in listing.splitlines():
         top, _, rest = name.partition("/")
@@ -56,6 +59,7 @@ def test_wheel_holds_the_checkout(root: Path, wheel: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         held = {name for name in archive.namelist() if ".dist-info/" not in name}
     assert expected - held == set()
+    assert {name.partition("/")[0] for name in held} == {"pmjoint_codegen", "pmjoint_derive"}
     assert {
         "pmjoint_codegen/_data/models/paper.toml",
         "pmjoint_codegen/_data/generated/paper/kernels.c",
@@ -88,6 +92,18 @@ def test_wheel_derives_outside_the_checkout(installed: Path, tmp_path: Path) -> 
         PYTHONPATH=str(installed),
     )
     assert (tmp_path / "other" / "summary.json").is_file()
+
+
+@pytest.fixture(params=["checkout", "wheel"])
+def path(request: pytest.FixtureRequest, root: Path) -> Path:
+    """Return the folder that the packages are imported from."""
+    return root if request.param == "checkout" else request.getfixturevalue("installed")
+
+
+def test_a_module_of_the_users_that_is_called_derive_is_left_alone(path: Path, tmp_path: Path) -> None:
+    (tmp_path / "derive.py").write_text("raise RuntimeError('the wrong module')\n", encoding="utf-8")
+    command = [sys.executable, "-m", "pmjoint_codegen", "derive", "paper", "--format", "json"]
+    assert json.loads(succeed(*command, cwd=tmp_path, PYTHONPATH=str(path)))["equations"]
 
 
 def test_wheel_checks_outside_the_checkout(installed: Path, tmp_path: Path) -> None:

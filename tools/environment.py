@@ -3,10 +3,12 @@
     python3 tools/environment.py simulate [dev [bench]]
 
 Each name stands for `requirements/<name>.txt`; a later lock adds to an earlier one. Standard library only,
-since this runs before anything is installed. A lock's stamp is written last and is named after the content of
-the lock, the interpreter and the place of the checkout. So an interrupted installation is begun again, a
-second call costs nothing, and a changed lock, interpreter or place rebuilds `.venv` from nothing. The project
-itself is installed editable, anew when pyproject.toml changes. Two calls at once wait for each other.
+since this runs before anything is installed. The pip that comes with Python may be years old, so it installs
+one thing only: the pip of `requirements/installer.txt`, hash checked, which installs the rest. A lock's stamp
+is written last and is named after the content of the lock, the interpreter and the place of the checkout. So
+an interrupted installation is begun again, a second call costs nothing, and a changed lock, interpreter or
+place rebuilds `.venv` from nothing. The project itself is installed editable, anew when pyproject.toml
+changes. Two calls at once wait for each other.
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ OLDEST = (3, 11)
 ROOT = Path(__file__).resolve().parent.parent
 VENV = ROOT / ".venv"
 PYTHON = os.path.realpath(sys.executable)  # the system's own, even when `.venv` itself is activated
+INSTALLER = "installer"
 PROJECT = "project"
 
 
@@ -35,15 +38,25 @@ def stamp(held: str) -> Path:
 
 def is_stale(locks: Sequence[str]) -> bool:
     """Say whether `.venv` is missing, half made, or holds an older state of one of these locks."""
-    if not stamp(locks[0]).exists():
+    if not (stamp(INSTALLER).exists() and stamp(locks[0]).exists()):
         return True
     return any(not stamp(lock).exists() for lock in locks for _ in VENV.glob(f"holds-{lock}-*"))
 
 
 def pip_environment(env: Mapping[str, str]) -> dict[str, str]:
-    """Return `env` with pip never asking, and without its cache where the home folder cannot hold one."""
-    changes = {"PIP_DISABLE_PIP_VERSION_CHECK": "1", "PIP_NO_INPUT": "1", "PIP_ROOT_USER_ACTION": "ignore"}
-    if not os.access(Path(env.get("HOME") or "~").expanduser(), os.W_OK):
+    """Return `env` with pip never asking, and without its cache where the home folder cannot hold one.
+
+    What the user configures stays: index, mirrors, proxies, certificates. `user = true` alone cannot, as no
+    virtual environment has a user's folder.
+    """
+    changes = {
+        "PIP_DISABLE_PIP_VERSION_CHECK": "1",
+        "PIP_NO_INPUT": "1",
+        "PIP_ROOT_USER_ACTION": "ignore",
+        "PIP_USER": "0",
+    }
+    home = env.get("HOME") or os.path.expanduser("~")  # which stays `~` for a user without a home
+    if not os.access(home, os.W_OK):
         changes["PIP_NO_CACHE_DIR"] = "1"
     return {**env, **changes}
 
@@ -80,8 +93,23 @@ def create() -> None:
         )
 
 
+def link_mathematics() -> None:
+    """Make the link by which derive/ is imported, where the project came in an archive without links."""
+    link = ROOT / "pmjoint_derive"
+    if not link.exists():
+        link.symlink_to("derive")
+
+
+def replace_pip() -> None:
+    """Install the locked pip by the one that came with Python, of which no more than that is asked."""
+    if not stamp(INSTALLER).exists():
+        pip_install("--require-hashes", "--no-deps", "-r", f"requirements/{INSTALLER}.txt")
+        stamp(INSTALLER).touch()
+
+
 def fill(locks: Sequence[str]) -> None:
-    """Install what is missing: each lock, every file checked against its hash, then the project itself."""
+    """Install what is missing: pip, then each lock, every hash checked, then the project itself."""
+    replace_pip()
     for lock in locks:
         if not stamp(lock).exists():
             print(
@@ -89,9 +117,11 @@ def fill(locks: Sequence[str]) -> None:
                 file=sys.stderr,
                 flush=True,
             )
-            pip_install("--require-hashes", "-r", f"requirements/{lock}.txt")
+            # Wheels alone: what builds a source archive is named in no lock, and may need a compiler.
+            pip_install("--require-hashes", "--only-binary", ":all:", "-r", f"requirements/{lock}.txt")
             stamp(lock).touch()
     if not stamp(PROJECT).exists():
+        link_mathematics()
         pip_install("--no-deps", "--no-build-isolation", "--editable", ".")
         stamp(PROJECT).touch()
 
@@ -106,7 +136,7 @@ def main(locks: Sequence[str]) -> None:
     folder = os.open(ROOT, os.O_RDONLY)
     try:
         fcntl.flock(folder, fcntl.LOCK_EX)
-        if not all(stamp(held).exists() for held in (*locks, PROJECT)):
+        if not all(stamp(held).exists() for held in (INSTALLER, *locks, PROJECT)):
             demand_writable()
         if is_stale(locks):
             create()

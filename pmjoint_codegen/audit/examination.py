@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from derive import derive
 from pmjoint_codegen.audit import claims, designing, filtering, modelling, stability
 from pmjoint_codegen.audit.findings import Finding
 from pmjoint_codegen.audit.ground import Ground
@@ -18,6 +17,7 @@ from pmjoint_codegen.audit.runs import Laboratory, Notify, experiments
 from pmjoint_codegen.spec import model_of
 from pmjoint_codegen.spec.reader import read_document
 from pmjoint_codegen.workspace import find_model
+from pmjoint_derive import derive
 
 Progress = Callable[[float], None]
 

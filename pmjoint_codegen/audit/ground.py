@@ -19,12 +19,12 @@ from typing import Any
 
 import sympy as sp
 
-from derive import Derivation, Signals, parameter_symbol
-from derive.filters import filter_matrix, shift_matrix
-from derive.units import Unit
 from pmjoint_codegen.audit.joint import joint_symbols
 from pmjoint_codegen.audit.notation import Scope, value
 from pmjoint_codegen.audit.paper import DESIGN, JOINT, Printed
+from pmjoint_derive import Derivation, Signals, parameter_symbol
+from pmjoint_derive.filters import filter_matrix, shift_matrix
+from pmjoint_derive.units import Unit
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """The physics of the joint: what the paper's own (1)-(4) imply, by substitution and nothing else.
 
-The joint that this project derives and simulates (`derive.joint`) is written independently; the audit says
-whether the two agree, and takes a measured joint from the model file ``joint``.
+The joint that this project derives and simulates (`pmjoint_derive.joint`) is written independently; the audit
+says whether the two agree, and takes a measured joint from the model file ``joint``.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ from types import MappingProxyType
 
 import sympy as sp
 
-from derive import parameter_symbol
-from derive.joint import acceleration, base_pressure
 from pmjoint_codegen.audit.notation import Scope, chain, value
 from pmjoint_codegen.audit.paper import Printed
 from pmjoint_codegen.spec.reader import read_document
 from pmjoint_codegen.workspace import find_model
+from pmjoint_derive import parameter_symbol
+from pmjoint_derive.joint import acceleration, base_pressure
 
 MEASURED = "joint"  # model file
 _POSITIVE = "J b_v r l_0 k_0 k_u u_0 D_max u_M"

@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 import sympy as sp
 
-from derive import Derivation
-from derive.closed_loop import output_disturbance
-from derive.filters import filter_matrix
-from derive.lyapunov import lyapunov_matrix
+from pmjoint_derive import Derivation
+from pmjoint_derive.closed_loop import output_disturbance
+from pmjoint_derive.filters import filter_matrix
+from pmjoint_derive.lyapunov import lyapunov_matrix
 
 Array = npt.NDArray[np.float64]
 

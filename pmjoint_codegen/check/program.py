@@ -13,7 +13,7 @@ from typing import Any, Protocol
 
 import sympy as sp
 
-from derive import Equations
+from pmjoint_derive import Equations
 
 
 class Algebra(Protocol):

@@ -6,14 +6,14 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from derive import Derivation
-from derive.closed_loop import output_disturbance
-from derive.consistency import consistency_identities
-from derive.filters import filter_matrix
-from derive.lyapunov import Identity, prove
 from pmjoint_codegen.check.certificate import certify, numeric
 from pmjoint_codegen.check.result import Difference, GateResult, failed, passed
 from pmjoint_codegen.check.subject import Subject
+from pmjoint_derive import Derivation
+from pmjoint_derive.closed_loop import output_disturbance
+from pmjoint_derive.consistency import consistency_identities
+from pmjoint_derive.filters import filter_matrix
+from pmjoint_derive.lyapunov import Identity, prove
 
 NAME = "proof"
 LONGEST = 300  # characters of a remainder that a report shows

@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 import sympy as sp
 
-from derive import Derivation
 from pmjoint_codegen.check.precise import Number, Numbers, PowerSeries, Series
 from pmjoint_codegen.check.program import Program, compile_program
 from pmjoint_codegen.emit.table import Kernel, actuator_limits, vocabulary
+from pmjoint_derive import Derivation
 
 Array = npt.NDArray[np.float64]
 Rows = list[list[Number]]  # one row a point

@@ -8,7 +8,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from derive import Derivation, Model, derive
 from pmjoint_codegen.build.compiler import Compiler, find_compiler
 from pmjoint_codegen.emit.table import Kernel, kernel_table
 from pmjoint_codegen.identity import Document
@@ -18,6 +17,7 @@ from pmjoint_codegen.kernels.processor import usable_levels
 from pmjoint_codegen.kernels.tape import FILE_NAME, Tape, read_tapes
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.workspace import cache_dir, generated_root
+from pmjoint_derive import Derivation, Model, derive
 
 Notify = Callable[[str], None]
 

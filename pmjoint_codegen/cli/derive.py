@@ -35,14 +35,14 @@ def command(model: str, form: str) -> None:
     meaning and its unit.
     """
     with activity(f"deriving {model}"):
-        from derive import derive
-        from derive.certificate import certificate_equations
         from pmjoint_codegen.report.latex import latex_report
         from pmjoint_codegen.report.record import derivation_record
         from pmjoint_codegen.report.text import text_report
         from pmjoint_codegen.spec import model_of
         from pmjoint_codegen.spec.reader import read_document
         from pmjoint_codegen.workspace import find_model
+        from pmjoint_derive import derive
+        from pmjoint_derive.certificate import certificate_equations
 
         path = find_model(model)
         source = model_of(read_document(path), str(path))

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 import casadi as ca
 import sympy as sp
 
-from derive import Derivation, Equation, Model, parameter_symbol
 from pmjoint_codegen import __version__
 from pmjoint_codegen.emit.table import Kernel, kernel_table, vocabulary
 from pmjoint_codegen.identity import Document, model_hash, structure_hash
@@ -23,6 +22,7 @@ from pmjoint_codegen.manifest import (
 )
 from pmjoint_codegen.report.notation import latex_expression
 from pmjoint_codegen.values import Rule
+from pmjoint_derive import Derivation, Equation, Model, parameter_symbol
 
 
 def tool_versions() -> dict[str, str]:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import casadi as ca
 import sympy as sp
 
-from derive import Derivation
 from pmjoint_codegen.emit.guard import guard_function
 from pmjoint_codegen.emit.sampling import sampled_functions
 from pmjoint_codegen.emit.table import Block, Kernel, kernel_table
 from pmjoint_codegen.emit.taylor import taylor_function
 from pmjoint_codegen.emit.translate import Translator
+from pmjoint_derive import Derivation
 
 GUARDS = ("guard", "plant_guard")  # bounds, not equations
 COMPOSED = ("taylor", "guard", "plant_taylor", "plant_guard", "sample")

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import sympy as sp
 
-from derive import Equations
+from pmjoint_derive import Equations
 
 
 def kink_arguments(rates: Iterable[sp.Symbol], equations: Equations) -> tuple[sp.Expr, ...]:

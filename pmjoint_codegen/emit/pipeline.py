@@ -2,7 +2,7 @@
 
 Stages, input to output:
 
-    derive           derive.Model        -> Derivation (named equations)
+    derive           Model               -> Derivation (named equations)
     build_functions  Derivation          -> CasADi functions, one a row of the table, and the loops' own
     kernels_source   functions           -> kernels.c
     sampled_header   functions           -> sampled.h, what the sampled loop takes in
@@ -19,7 +19,6 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from derive import Derivation, Model, OutsideClassError, derive
 from pmjoint_codegen.emit.c_text import banner, kernels_header, kernels_source
 from pmjoint_codegen.emit.describe import describe, describe_functions, tool_versions
 from pmjoint_codegen.emit.functions import build_functions
@@ -38,6 +37,7 @@ from pmjoint_codegen.kernels.tape import FILE_NAME as TAPE
 from pmjoint_codegen.kernels.tape import write_tapes
 from pmjoint_codegen.manifest import FILE_NAME, Function, Manifest
 from pmjoint_codegen.storage import sha256
+from pmjoint_derive import Derivation, Model, OutsideClassError, derive
 
 TAYLOR_ORDER = 16  # least time to 1e-9 for the paper's loop; see docs/design.md
 LOWEST_ORDER = 8

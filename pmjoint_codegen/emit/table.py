@@ -16,14 +16,14 @@ from dataclasses import dataclass, field
 
 import sympy as sp
 
-from derive import Derivation, parameter_symbol
-from derive.closed_loop import disturbance_symbols
-from derive.compensator import compensator_matrix
-from derive.filters import filter_matrix
-from derive.sampling import Hold
-from derive.signals import derivative_name, named
-from derive.true_plant import own_symbol, seen_symbol
 from pmjoint_codegen.emit.kinks import kink_arguments
+from pmjoint_derive import Derivation, parameter_symbol
+from pmjoint_derive.closed_loop import disturbance_symbols
+from pmjoint_derive.compensator import compensator_matrix
+from pmjoint_derive.filters import filter_matrix
+from pmjoint_derive.sampling import Hold
+from pmjoint_derive.signals import derivative_name, named
+from pmjoint_derive.true_plant import own_symbol, seen_symbol
 
 Block = tuple[str, tuple[sp.Expr, ...]]
 

@@ -12,8 +12,8 @@ from collections.abc import Callable, Mapping
 import casadi as ca
 import sympy as sp
 
-from derive import Equations
 from pmjoint_codegen.errors import ModelError
+from pmjoint_derive import Equations
 
 _FUNCTIONS: Mapping[type, Callable[..., ca.SX]] = {
     sp.sin: ca.sin,

@@ -7,10 +7,6 @@ from collections.abc import Iterable, Iterator
 
 import sympy as sp
 
-from derive.equation import Equation
-from derive.model import Model, Parameter
-from derive.sampling import SECTION as SAMPLED
-from derive.true_plant import SECTION as TRUE_PLANT
 from pmjoint_codegen.report.notation import (
     escape,
     latex_expression,
@@ -20,6 +16,10 @@ from pmjoint_codegen.report.notation import (
     scaled_sum,
 )
 from pmjoint_codegen.report.sections import by_section, own_parameters
+from pmjoint_derive.equation import Equation
+from pmjoint_derive.model import Model, Parameter
+from pmjoint_derive.sampling import SECTION as SAMPLED
+from pmjoint_derive.true_plant import SECTION as TRUE_PLANT
 
 _WIDTH = 62  # printed characters of a line of mathematics, about what 16 cm hold
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from derive.equation import Equation
-from derive.model import Model
 from pmjoint_codegen.report.notation import latex_expression, latex_name, text_expression
 from pmjoint_codegen.report.sections import own_parameters
+from pmjoint_derive.equation import Equation
+from pmjoint_derive.model import Model
 
 
 def derivation_record(model: Model, equations: Iterable[Equation]) -> dict[str, object]:

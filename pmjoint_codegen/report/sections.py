@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from derive.equation import Equation
-from derive.model import Model
-from derive.true_plant import own_symbol
+from pmjoint_derive.equation import Equation
+from pmjoint_derive.model import Model
+from pmjoint_derive.true_plant import own_symbol
 
 ORDER = (
     "Plant",

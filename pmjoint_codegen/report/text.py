@@ -6,12 +6,12 @@ from collections.abc import Iterable, Iterator
 
 import sympy as sp
 
-from derive.equation import Equation
-from derive.model import Model
-from derive.sampling import SECTION as SAMPLED
-from derive.true_plant import SECTION as TRUE_PLANT
 from pmjoint_codegen.report.notation import scaled_sum, text_expression
 from pmjoint_codegen.report.sections import by_section, own_parameters
+from pmjoint_derive.equation import Equation
+from pmjoint_derive.model import Model
+from pmjoint_derive.sampling import SECTION as SAMPLED
+from pmjoint_derive.true_plant import SECTION as TRUE_PLANT
 
 _WIDTH = 96  # characters of an assignment before it is broken at its terms
 _COLUMN = 44  # where the comment behind a short assignment begins

@@ -9,7 +9,7 @@
     points       the value of an expression at one point, in bounded time
     zeros        whether sigma vanishes in the stated range, by interval arithmetic
     soundness    what the plant class demands of a model's numbers
-    model        ModelSpec -> derive.Model the driver: parse, check, hand over
+    model        ModelSpec -> pmjoint_derive.Model the driver: parse, check, hand over
 
 Importing this package imports none of them: the reader must stay usable without SymPy and pydantic.
 """
@@ -20,7 +20,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from derive import Model
+    from pmjoint_derive import Model
 
 __all__ = ["model_of"]
 

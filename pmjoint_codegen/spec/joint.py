@@ -1,7 +1,7 @@
 """``[joint]``: the physical joint in place of ``[plant]``, and what a design keeps of it.
 
 Its numbers become parameters of the model, settable at run time like any other; its expressions come from
-`derive.joint`.
+`pmjoint_derive.joint`.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from typing import Annotated, Any
 import sympy as sp
 from pydantic import BeforeValidator, Field
 
-from derive import OutsideClassError, Parameter, parameter_symbol
-from derive.joint import KEEP, LAG, POSITIVE, Joint, check_keep, reduce_joint
 from pmjoint_codegen.errors import ModelError
 from pmjoint_codegen.spec.expressions import parse
 from pmjoint_codegen.spec.tables import Expression, ParameterSpec, Range, Table
+from pmjoint_derive import OutsideClassError, Parameter, parameter_symbol
+from pmjoint_derive.joint import KEEP, LAG, POSITIVE, Joint, check_keep, reduce_joint
 
 # name -> unit and meaning where the file gives a bare number
 SYMBOLS: Mapping[str, tuple[str, str]] = {

@@ -12,13 +12,13 @@ from typing import Any
 
 import sympy as sp
 
-from derive import Gains, Model, OutsideClassError, Parameter, Plant, Simulation, parameter_symbol
 from pmjoint_codegen.errors import ModelError
 from pmjoint_codegen.spec.expressions import parse
 from pmjoint_codegen.spec.joint import to_joint
 from pmjoint_codegen.spec.schema import DesignSpec, ModelSpec, PlantSpec
 from pmjoint_codegen.spec.soundness import check_model
 from pmjoint_codegen.values import COMPENSATOR, check_values, gain_names
+from pmjoint_derive import Gains, Model, OutsideClassError, Parameter, Plant, Simulation, parameter_symbol
 
 Symbols = Mapping[str, sp.Symbol]
 

@@ -10,7 +10,6 @@ from typing import Any
 
 from pydantic import Field, ValidationError
 
-from derive.joint import TAKEN
 from pmjoint_codegen.errors import ModelError, quoted
 from pmjoint_codegen.spec.complaints import first_complaint
 from pmjoint_codegen.spec.joint import JointSpec, check_joint, joint_parameters
@@ -26,6 +25,7 @@ from pmjoint_codegen.spec.tables import (
     Table,
     Unit,
 )
+from pmjoint_derive.joint import TAKEN
 
 LARGEST_ORDER = 9  # beyond it, names such as Xi111 would be ambiguous
 

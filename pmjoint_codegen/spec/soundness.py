@@ -9,11 +9,11 @@ from collections.abc import Iterable
 
 import sympy as sp
 
-from derive import Model, Plant, parameter_symbol
 from pmjoint_codegen.errors import ModelError, quoted
 from pmjoint_codegen.spec.points import NotFiniteError, Point, value_at
 from pmjoint_codegen.spec.zeros import find_zero
 from pmjoint_codegen.values import is_hurwitz, roots_text
+from pmjoint_derive import Model, Plant, parameter_symbol
 
 
 def check_model(model: Model, where: str) -> None:

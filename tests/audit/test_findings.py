@@ -8,8 +8,6 @@ from dataclasses import replace
 import pytest
 import sympy as sp
 
-from derive import derive, parameter_symbol
-from derive.equation import Equations
 from pmjoint_codegen.audit import claims, designing, filtering, stability
 from pmjoint_codegen.audit.examination import COMPARISONS
 from pmjoint_codegen.audit.findings import Finding
@@ -17,6 +15,8 @@ from pmjoint_codegen.audit.ground import Ground
 from pmjoint_codegen.audit.judgement import Verdict
 from pmjoint_codegen.audit.paper import printed_equations
 from pmjoint_codegen.audit.stability import certificate
+from pmjoint_derive import derive, parameter_symbol
+from pmjoint_derive.equation import Equations
 
 Findings = Mapping[str, Finding]
 

@@ -13,10 +13,10 @@ from collections.abc import Callable, Iterator
 import pytest
 import sympy as sp
 
-from derive import Derivation, Equations, parameter_symbol
 from pmjoint_codegen.check import proof
 from pmjoint_codegen.check.result import GateResult
 from pmjoint_codegen.check.subject import Subject
+from pmjoint_derive import Derivation, Equations, parameter_symbol
 
 S = parameter_symbol
 Tally = Callable[[str, str, GateResult], None]

@@ -6,9 +6,9 @@ import mpmath
 import pytest
 import sympy as sp
 
-from derive import Equation, Equations, parameter_symbol
 from pmjoint_codegen.check.precise import DIGITS, Numbers, PowerSeries
 from pmjoint_codegen.check.program import compile_program
+from pmjoint_derive import Equation, Equations, parameter_symbol
 
 x, a = parameter_symbol("x"), parameter_symbol("a")
 NAMELESS = Equations([])

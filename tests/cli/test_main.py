@@ -159,7 +159,7 @@ def python(*arguments: str, cwd: Path, **environment: str) -> subprocess.Complet
 def test_help_imports_nothing_heavy(arguments: list[str], root: Path) -> None:
     code = (
         "import sys; from pmjoint_codegen.cli.main import run; code = run(sys.argv[1:]); "
-        "heavy = {'numpy', 'sympy', 'casadi', 'matplotlib', 'pydantic', 'rich', 'cffi', 'derive'}; "
+        "heavy = {'numpy', 'sympy', 'casadi', 'matplotlib', 'pydantic', 'rich', 'cffi', 'pmjoint_derive'}; "
         "heavy &= set(sys.modules); "
         "sys.exit(f'imported {heavy}' if heavy else code)"
     )

@@ -8,9 +8,9 @@ from dataclasses import replace
 import pytest
 import sympy as sp
 
-from derive import Derivation, derive, parameter_symbol
-from derive.compensator import compensator_rates
-from derive.filters import filter_rates
+from pmjoint_derive import Derivation, derive, parameter_symbol
+from pmjoint_derive.compensator import compensator_rates
+from pmjoint_derive.filters import filter_rates
 
 S = parameter_symbol
 

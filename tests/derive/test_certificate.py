@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import sympy as sp
 
-from derive import Derivation, Gains, Model, Parameter, derive, parameter_symbol
-from derive.certificate import certificate_equations
-from derive.equation import Equations
-from derive.filters import filter_matrix
+from pmjoint_derive import Derivation, Gains, Model, Parameter, derive, parameter_symbol
+from pmjoint_derive.certificate import certificate_equations
+from pmjoint_derive.equation import Equations
+from pmjoint_derive.filters import filter_matrix
 
 S = parameter_symbol
 

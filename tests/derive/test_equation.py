@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 import sympy as sp
 
-from derive import Derivation, Equation, Equations, Model, derive, parameter_symbol
+from pmjoint_derive import Derivation, Equation, Equations, Model, derive, parameter_symbol
 
 S = parameter_symbol
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import sympy as sp
 
-from derive import Derivation
-from derive.closed_loop import disturbance_symbols, plant_rates
-from derive.filters import estimate, filter_matrix, filter_rates, input_filter_rates, input_filters
+from pmjoint_derive import Derivation
+from pmjoint_derive.closed_loop import disturbance_symbols, plant_rates
+from pmjoint_derive.filters import estimate, filter_matrix, filter_rates, input_filter_rates, input_filters
 
 
 def test_estimation_error_dynamics(derivation: Derivation) -> None:

@@ -15,7 +15,7 @@ import mpmath
 import pytest
 import sympy as sp
 
-from derive import Derivation, Model, derive, parameter_symbol
+from pmjoint_derive import Derivation, Model, derive, parameter_symbol
 
 S = parameter_symbol
 DIGITS, STEP = 200, "1e-30"

@@ -7,8 +7,8 @@ import random
 import pytest
 import sympy as sp
 
-from derive import OutsideClassError, parameter_symbol
-from derive.joint import Joint, coefficients, reduce_joint
+from pmjoint_derive import OutsideClassError, parameter_symbol
+from pmjoint_derive.joint import Joint, coefficients, reduce_joint
 
 S = parameter_symbol
 NUMBERS = {

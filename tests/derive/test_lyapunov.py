@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from derive import Derivation, Model, derive, parameter_symbol
-from derive.consistency import consistency_identities
-from derive.lyapunov import expand_to_zero, lyapunov_matrix, prove, squares
-from derive.signals import derivative_name
+from pmjoint_derive import Derivation, Model, derive, parameter_symbol
+from pmjoint_derive.consistency import consistency_identities
+from pmjoint_derive.lyapunov import expand_to_zero, lyapunov_matrix, prove, squares
+from pmjoint_derive.signals import derivative_name
 
 S = parameter_symbol
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 import sympy as sp
 
-from derive import Model, OutsideClassError, parameter_symbol
+from pmjoint_derive import Model, OutsideClassError, parameter_symbol
 
 S = parameter_symbol
 

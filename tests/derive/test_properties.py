@@ -8,8 +8,8 @@ import hypothesis.strategies as st
 import sympy as sp
 from hypothesis import Phase, given, settings
 
-from derive import Derivation, Gains, Model, Parameter, Plant, Simulation, derive, parameter_symbol
-from derive.filters import filter_matrix
+from pmjoint_derive import Derivation, Gains, Model, Parameter, Plant, Simulation, derive, parameter_symbol
+from pmjoint_derive.filters import filter_matrix
 
 S = parameter_symbol
 Y = S("y")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import sympy as sp
 
-from derive import Derivation
-from derive.compensator import compensator_matrix
-from derive.filters import filter_matrix
-from derive.sampling import Hold
+from pmjoint_derive import Derivation
+from pmjoint_derive.compensator import compensator_matrix
+from pmjoint_derive.filters import filter_matrix
+from pmjoint_derive.sampling import Hold
 
 
 def test_first_order_in_period_is_the_continuous_rate(derivation: Derivation) -> None:

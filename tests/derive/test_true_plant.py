@@ -8,14 +8,14 @@ from pathlib import Path
 import pytest
 import sympy as sp
 
-from derive import Derivation, derive
-from derive.closed_loop import disturbance_symbols
-from derive.filters import estimate, filter_matrix, filter_rates
-from derive.model import parameter_symbol
-from derive.signals import derivative_name
-from derive.true_plant import SUFFIX, own_symbol, seen_symbol
 from pmjoint_codegen.spec import model_of
 from pmjoint_codegen.values import OWN_SUFFIX
+from pmjoint_derive import Derivation, derive
+from pmjoint_derive.closed_loop import disturbance_symbols
+from pmjoint_derive.filters import estimate, filter_matrix, filter_rates
+from pmjoint_derive.model import parameter_symbol
+from pmjoint_derive.signals import derivative_name
+from pmjoint_derive.true_plant import SUFFIX, own_symbol, seen_symbol
 
 MODELS = ("paper", "joint", "joint-damped", "joint-exact", "joint-lag", "third-order")
 

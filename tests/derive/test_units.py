@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import pytest
 
-from derive import Derivation, Model, derive, parameter_symbol
-from derive.units import SECOND, Unit, parse_unit
+from pmjoint_derive import Derivation, Model, derive, parameter_symbol
+from pmjoint_derive.units import SECOND, Unit, parse_unit
 
 
 @pytest.mark.parametrize(

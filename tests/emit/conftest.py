@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from derive import Derivation, derive
 from pmjoint_codegen.emit.pipeline import Artifacts, generate
 from pmjoint_codegen.spec import model_of
 from pmjoint_codegen.spec.reader import read_document
+from pmjoint_derive import Derivation, derive
 
 
 @pytest.fixture(scope="session")

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from derive import derive
 from pmjoint_codegen.emit.describe import rules_of
 from pmjoint_codegen.errors import ModelError
 from pmjoint_codegen.spec import model_of
 from pmjoint_codegen.spec.reader import read_document
 from pmjoint_codegen.values import Rule, check_rules, obeys
+from pmjoint_derive import derive
 
 
 def rules(document: dict[str, Any], **changed: Any) -> tuple[Rule, ...]:

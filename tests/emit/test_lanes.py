@@ -8,7 +8,6 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from derive import Derivation
 from pmjoint_codegen.emit.functions import build_functions
 from pmjoint_codegen.emit.lane_text import lanes_header, lanes_source
 from pmjoint_codegen.emit.lanes import LANE_ORDER, lane_functions, lane_sizes
@@ -16,6 +15,7 @@ from pmjoint_codegen.emit.pipeline import Artifacts
 from pmjoint_codegen.emit.straight_text import instructions
 from pmjoint_codegen.emit.table import vocabulary
 from pmjoint_codegen.errors import ModelError
+from pmjoint_derive import Derivation
 
 EPSILON = np.finfo(float).eps
 

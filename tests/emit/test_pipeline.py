@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from derive import Derivation
 from pmjoint_codegen.emit import pipeline
 from pmjoint_codegen.emit.c_text import banner
 from pmjoint_codegen.emit.functions import build_functions
@@ -23,6 +22,7 @@ from pmjoint_codegen.identity import structure_hash
 from pmjoint_codegen.kernels.tape import read_tapes
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.storage import sha256
+from pmjoint_derive import Derivation
 
 HASH_OF_ALL = """
 from pathlib import Path

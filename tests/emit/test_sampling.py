@@ -11,13 +11,13 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from derive import Derivation
 from pmjoint_codegen.emit.functions import build_functions
 from pmjoint_codegen.emit.pipeline import Artifacts
 from pmjoint_codegen.emit.sampling import HOLD_ORDER, PLANT_ORDER, SAMPLED, sampled_sizes
 from pmjoint_codegen.emit.scalar_text import sampled_header, wrapper
 from pmjoint_codegen.emit.table import vocabulary
 from pmjoint_codegen.errors import ModelError
+from pmjoint_derive import Derivation
 
 EPSILON = np.finfo(float).eps
 SPECIAL = (0.0, -0.0, 1.5, -2.0, math.inf, -math.inf, math.nan)

@@ -17,8 +17,6 @@ from typing import Any
 import pytest
 import sympy as sp
 
-from derive import Plant, Signals, backstepping
-from derive.compensator import compensator_rates
 from pmjoint_codegen.cli.main import run
 from pmjoint_codegen.emit.pipeline import Artifacts
 from pmjoint_codegen.emit.regenerate import regenerate
@@ -26,6 +24,8 @@ from pmjoint_codegen.emit.staleness import REMEDIES, Verdict, compare
 from pmjoint_codegen.identity import model_hash
 from pmjoint_codegen.spec.reader import read_document
 from pmjoint_codegen.storage import replace_folder, sha256
+from pmjoint_derive import Plant, Signals, backstepping
+from pmjoint_derive.compensator import compensator_rates
 
 ROOT = Path(__file__).resolve().parents[2]
 MODELS = sorted((ROOT / "models").glob("*.toml"))
@@ -222,6 +222,7 @@ def sources(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("sources")
     for name in ("derive", "pmjoint_codegen", "generated/paper"):
         shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
+    (folder / "pmjoint_derive").symlink_to("derive")
     (folder / "models").mkdir()
     shutil.copy(ROOT / "models" / "paper.toml", folder / "models")
     return folder

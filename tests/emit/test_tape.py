@@ -6,12 +6,12 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from derive import Derivation
 from pmjoint_codegen.emit.functions import build_functions
 from pmjoint_codegen.emit.tape import tapes_of
 from pmjoint_codegen.errors import ModelError
 from pmjoint_codegen.kernels.interpreted import rebuild
 from pmjoint_codegen.kernels.tape import read_tapes, write_tapes
+from pmjoint_derive import Derivation
 
 
 def test_every_kernel_rebuilt_from_its_tape_gives_the_same_bits(paper: Derivation) -> None:

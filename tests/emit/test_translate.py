@@ -8,9 +8,9 @@ import casadi as ca
 import pytest
 import sympy as sp
 
-from derive import Equation, Equations, parameter_symbol
 from pmjoint_codegen.emit.translate import Translator
 from pmjoint_codegen.errors import ModelError
+from pmjoint_derive import Equation, Equations, parameter_symbol
 
 S = parameter_symbol
 A, B = S("a"), S("b")

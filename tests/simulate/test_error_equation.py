@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from derive import derive, parameter_symbol
 from pmjoint_codegen import ClosedLoop, Run
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.spec import model_of
 from pmjoint_codegen.spec.reader import read_document
 from pmjoint_codegen.workspace import find_model
+from pmjoint_derive import derive, parameter_symbol
 
 MODELS = sorted(path.stem for path in (Path(__file__).parents[2] / "models").glob("*.toml"))
 STEP = 2e-4  # s

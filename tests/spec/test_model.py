@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 import sympy as sp
 
-from derive import parameter_symbol as symbol
 from pmjoint_codegen.errors import ModelError
 from pmjoint_codegen.spec import model_of
+from pmjoint_derive import parameter_symbol as symbol
 
 Edit = Callable[[dict[str, Any]], dict[str, Any]]
 

@@ -10,13 +10,13 @@ from typing import Any
 import pytest
 import sympy as sp
 
-from derive import OutsideClassError, Parameter, Plant, Signals, derive
 from pmjoint_codegen.emit.pipeline import generate
 from pmjoint_codegen.emit.table import vocabulary
 from pmjoint_codegen.errors import ModelError
 from pmjoint_codegen.spec import model_of
 from pmjoint_codegen.spec.names import FUNCTIONS, key_path, why_not
 from pmjoint_codegen.spec.reader import read_document
+from pmjoint_derive import OutsideClassError, Parameter, Plant, Signals, derive
 
 
 @pytest.mark.parametrize(

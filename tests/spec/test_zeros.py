@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 import sympy as sp
 
-from derive import parameter_symbol
 from pmjoint_codegen.errors import ModelError
 from pmjoint_codegen.spec import model_of
 from pmjoint_codegen.spec.zeros import find_zero
+from pmjoint_derive import parameter_symbol
 
 Edit = Callable[..., dict[str, Any]]
 Y, A = parameter_symbol("y"), parameter_symbol("a")
