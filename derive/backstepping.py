@@ -23,6 +23,7 @@ from pmjoint_derive.compensator import compensator_rates
 from pmjoint_derive.equation import Equation
 from pmjoint_derive.filters import estimate, filter_rates, input_filter_rates, input_filters
 from pmjoint_derive.model import Plant, parameter_symbol
+from pmjoint_derive.shield import multiplied_out, shielded
 from pmjoint_derive.signals import Signals, Units, free, partial_name
 from pmjoint_derive.units import SECOND
 
@@ -78,7 +79,7 @@ def omega_expression(plant: Plant, signals: Signals) -> sp.Expr:
     known = estimate(plant, signals)[1]
     if plant.rho > 1:
         known -= plant.b[0] * input_filters(signals, plant.m)[1]
-    return sp.expand(plant.phi[0] + regressor + known)
+    return multiplied_out(plant.phi[0] + regressor + known, (signals.y,))
 
 
 def prepare(plant: Plant, signals: Signals) -> Step:
@@ -153,13 +154,14 @@ def solve_step(step: Step, i: int, alpha_rate: sp.Expr, partials: list[sp.Symbol
     """
     s = step.signals
     unknown = s.v if i == step.plant.rho else s.alpha[i - 1]
-    residual = sp.expand(actual_rate(step, i, alpha_rate) - wanted_rate(step, i))
-    slope = sp.factor(residual.coeff(unknown))
-    rest = sp.expand(residual - residual.coeff(unknown) * unknown)
+    moving = (s.y,)
+    residual = multiplied_out(actual_rate(step, i, alpha_rate) - wanted_rate(step, i), moving)
+    slope = shielded(sp.factor, residual.coeff(unknown), moving)
+    rest = multiplied_out(residual - residual.coeff(unknown) * unknown, moving)
     hidden = rest.free_symbols & {unknown, s.u, s.du, *s.epsilon, *disturbance_symbols(step.plant)}
     if hidden:
         raise ArithmeticError(f"step {i}: {unknown} would depend on {free(hidden)}")
-    return sp.collect(-rest, partials) / slope
+    return shielded(lambda value: sp.collect(value, partials), -rest, moving) / slope
 
 
 def total_rate(step: Step, partials: dict[sp.Symbol, sp.Symbol]) -> sp.Expr:
@@ -170,12 +172,14 @@ def total_rate(step: Step, partials: dict[sp.Symbol, sp.Symbol]) -> sp.Expr:
 def nonzero_partials(step: Step, alpha: sp.Expr) -> dict[sp.Symbol, sp.Expr]:
     """Partial derivatives of an expanded virtual control that do not vanish, keyed by signal."""
     found = {by: sp.diff(alpha, by) for by in step.signals.measurable if by in alpha.free_symbols}
-    return {by: tidy(value) for by, value in found.items() if value != 0}
+    return {by: tidy(value, step.signals.y) for by, value in found.items() if value != 0}
 
 
-def tidy(value: sp.Expr) -> sp.Expr:
+def tidy(value: sp.Expr, y: sp.Symbol) -> sp.Expr:
     """A short form of a partial derivative; shortening a large one costs more than it gives."""
-    return sp.factor_terms(sp.expand(value)) if sp.count_ops(value) < 400 else value
+    if sp.count_ops(value) >= 400:
+        return value
+    return shielded(lambda part: sp.factor_terms(sp.expand(part)), value, (y,))
 
 
 def backstep(plant: Plant, signals: Signals, units: Units) -> list[Equation]:

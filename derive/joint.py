@@ -31,10 +31,14 @@ from pmjoint_derive.model import (
     Start,
     parameter_symbol,
 )
+from pmjoint_derive.shield import multiplied_out, shielded
 from pmjoint_derive.units import parse_unit
 
 KEEP = ("damping", "quadratic_gain", "pressure_lag")
 LAG = "tau"
+MOVING = (
+    parameter_symbol("t"),
+)  # of the torque: what is said of theta, (1)-(4) must be multiplied out to cancel
 THETA, OMEGA, U, Y = (parameter_symbol(name) for name in ("theta", "theta_dot", "u", "y"))
 Q1, Q2, P1, P2 = (
     parameter_symbol(name) for name in ("q1", "q2", "p1", "p2")
@@ -238,7 +242,7 @@ def _design_coordinates(design: Plant, a: sp.Expr) -> dict[sp.Symbol, sp.Expr]:
     rates = {THETA: OMEGA, OMEGA: d1 * THETA - a * OMEGA + b0 * _effective_input()}
     forms: list[sp.Expr] = [THETA]
     for i in range(design.order - 1):
-        forms.append(sp.expand(_along(forms[-1], rates) - design.phi[i].xreplace({Y: THETA})))
+        forms.append(multiplied_out(_along(forms[-1], rates) - design.phi[i].xreplace({Y: THETA}), MOVING))
     return {parameter_symbol(f"x{i}"): form for i, form in enumerate(forms, start=1)}
 
 
@@ -269,7 +273,9 @@ def _left_out(
     values = {parameter_symbol(name): value for name, value in coefficients().items()}
     states = [*forms.values(), sp.Integer(0)]
     return tuple(
-        _collected(sp.expand((_along(states[i], rates) - states[i + 1] - drift).xreplace(values)))
+        _collected(
+            multiplied_out((_along(states[i], rates) - states[i + 1] - drift).xreplace(values), MOVING)
+        )
         - (design.b_vector[i] * design.sigma * U).xreplace({Y: THETA})
         for i, drift in enumerate(_drifts(design))
     )
@@ -287,7 +293,7 @@ def _drifts(design: Plant) -> list[sp.Expr]:
 
 def _collected(value: sp.Expr) -> sp.Expr:
     """Terms by pressure and speed, each coefficient factored."""
-    return sp.collect(value, (Q1, Q2, P1, P2, OMEGA), sp.factor)
+    return shielded(lambda whole: sp.collect(whole, (Q1, Q2, P1, P2, OMEGA), sp.factor), value, MOVING)
 
 
 def _channels(limit: sp.Expr) -> tuple[Channel, ...]:
