@@ -127,6 +127,8 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
     )
     faced = _faced(derivation)
     in_mode = {symbol: words.g[2 * j] + words.g[2 * j + 1] * s.v for j, symbol in enumerate(words.w)}
+    # One factor of v, so that nothing is left of what saturation clips where it clips nothing.
+    in_mode[s.du] = words.g[0] + (words.g[1] - 1) * s.v
     sides = dict(zip(words.kinks, words.sides, strict=True))
     e, kinks = ("e", (parameter_symbol("e"),)), [("kinks", words.kinks)] if words.kinks else []
     return (

@@ -102,7 +102,7 @@ def make_problem(evaluator: Evaluator, settings: Settings, actuator: Actuator) -
     """Put together the constants of a run."""
     manifest = evaluator.manifest
     sampled = settings.controller == "sampled"
-    order = manifest.plant_order if sampled else manifest.order
+    order, hold_order = (manifest.plant_order, manifest.hold_order) if sampled else (manifest.order, 0)
     guard = manifest.guards["plant_taylor" if sampled else "taylor"]
     around = discs(guard, settings.tolerance)
     rule = quadrature.long_steps()
@@ -136,12 +136,12 @@ def make_problem(evaluator: Evaluator, settings: Settings, actuator: Actuator) -
         n_rows=len(times),
         sample_time=settings.sample_time if sampled else 0.0,
         hold_ratios=np.array(HOLD_RATIOS),
-        hold_rate_factors=np.array(hold_factors(manifest.hold_order)),
-        hold_value_factors=np.array(hold_factors(manifest.hold_order + 1)),
+        hold_rate_factors=np.array(hold_factors(hold_order)),
+        hold_value_factors=np.array(hold_factors(hold_order + 1)),
         n_hold_ratios=len(HOLD_RATIOS),
         tolerance=settings.tolerance,
         safety=_safety(order),
-        hold_reach=_hold_reach(manifest.hold_order, settings.tolerance) if sampled else 0.0,
+        hold_reach=_hold_reach(hold_order, settings.tolerance) if sampled else 0.0,
         divergence=settings.divergence,
         max_steps=settings.max_steps,
         max_switches=settings.max_switches,

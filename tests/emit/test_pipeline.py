@@ -15,7 +15,7 @@ import sympy as sp
 
 from pmjoint_codegen.emit import pipeline
 from pmjoint_codegen.emit.c_text import banner
-from pmjoint_codegen.emit.functions import build_functions
+from pmjoint_codegen.emit.functions import COMPOSED, build_functions
 from pmjoint_codegen.emit.pipeline import LOWEST_ORDER, TAYLOR_ORDER, Artifacts, affordable_functions
 from pmjoint_codegen.emit.table import kernel_table, vocabulary
 from pmjoint_codegen.identity import structure_hash
@@ -122,18 +122,19 @@ def test_law_kernel_equals_the_symbolic_law_at_random_points(paper: Derivation, 
 
 
 def test_taylor_kernel_starts_with_state_and_rates(paper: Derivation) -> None:
-    """Row 0 is (X, v), row 1 the rates of the closed loop in the same mode."""
+    """Row 0 is (X, v, e), row 1 the rates of the closed loop in the same mode."""
     functions = build_functions(paper, TAYLOR_ORDER)
     generator = np.random.default_rng(7)
     X, g, p = generator.normal(size=10), np.array([10.0, 0.0]), generator.uniform(0.5, 2.0, 14)
-    rows = np.array(functions["taylor"](0.3, X, g, p)).reshape(TAYLOR_ORDER + 1, 11)
+    rows = np.array(functions["taylor"](0.3, X, g, p)).reshape(TAYLOR_ORDER + 1, 12)
+    rates, *values = (np.array(part).ravel() for part in functions["closed_loop"](0.3, X, g, p))
     np.testing.assert_array_equal(rows[0, :10], X)
-    np.testing.assert_allclose(
-        rows[1, :10], np.array(functions["closed_loop"](0.3, X, g, p)).ravel(), rtol=1e-13
-    )
+    np.testing.assert_allclose(rows[1, :10], rates, rtol=1e-13)
+    np.testing.assert_allclose(rows[0, 10:], np.concatenate(values), rtol=1e-13)
     names = [symbol.name for symbol in vocabulary(paper).signals]
     signals = np.array(functions["signals"](0.3, X, p)).ravel()
     assert rows[0, 10] == pytest.approx(signals[names.index("v")], rel=1e-14)
+    assert rows[0, 11] == pytest.approx(signals[names.index("e")], rel=1e-14)
 
 
 def test_large_models_get_a_lower_order(paper: Derivation, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -317,7 +317,7 @@ def test_a_kill_at_any_moment_leaves_the_old_or_the_new(project: Path, artifacts
 def test_a_manifest_with_other_fields_is_the_generator_s_doing(artifacts: Artifacts) -> None:
     """A field that this version does not know, in a file whose hash is right, was not typed in by hand."""
     contents = json.loads(artifacts.files["model.json"])
-    contents.pop("analytic")
+    contents.pop("kinks")
     text = json.dumps({**contents, "contents_hash": ""}, indent=1, ensure_ascii=False) + "\n"
     older = text.replace('"contents_hash": ""', f'"contents_hash": "{sha256(text.encode())}"')
     files = {name: body.encode() for name, body in artifacts.files.items()} | {"model.json": older.encode()}

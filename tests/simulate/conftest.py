@@ -13,7 +13,7 @@ import pytest
 from pmjoint_codegen.build.compiler import find_compiler
 from pmjoint_codegen.kernels import compiled, interpreted
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator, Kernel, Kind
-from pmjoint_codegen.manifest import Function, Manifest, Parameter, Simulation, Start, Variable
+from pmjoint_codegen.manifest import Function, GuardRule, Manifest, Parameter, Simulation, Start, Variable
 
 ORDER = 8
 KERNELS_H = """
@@ -21,8 +21,11 @@ int reference(const double **arg, double **res, long long int *iw, double *w, in
 int actuation(const double **arg, double **res, long long int *iw, double *w, int mem);
 int signals(const double **arg, double **res, long long int *iw, double *w, int mem);
 int taylor(const double **arg, double **res, long long int *iw, double *w, int mem);
+int guard(const double **arg, double **res, long long int *iw, double *w, int mem);
+int closed_loop(const double **arg, double **res, long long int *iw, double *w, int mem);
 """
-# x' = w = g0 + g1 v with v = p1 + p2 t + ... + p7 t^6, clipped at +-p0; y_r = 0.
+# x' = w = g0 + g1 v with v = p1 + p2 t + ... + p7 t^6, clipped at +-p0; y_r = 0. Polynomials of order 8 miss
+# nothing of it, so the guard is 0.
 KERNELS_C = """
 #include "kernels.h"
 #define DEGREE 6
@@ -73,12 +76,29 @@ int taylor(const double **arg, double **res, long long int *iw, double *w, int m
             sum = sum * arg[0][0] + choose * arg[3][1 + j];
         }
         v[k] = sum;
-        res[0][2 * k + 1] = sum;
+        res[0][3 * k + 1] = sum;
     }
     res[0][0] = arg[1][0];
+    res[0][2] = arg[1][0];
     for (int k = 0; k < ORDER; ++k) {
-        res[0][2 * (k + 1)] = (arg[2][1] * v[k] + (k == 0 ? arg[2][0] : 0.0)) / (k + 1);
+        res[0][3 * (k + 1)] = (arg[2][1] * v[k] + (k == 0 ? arg[2][0] : 0.0)) / (k + 1);
+        res[0][3 * (k + 1) + 2] = res[0][3 * (k + 1)];
     }
+    return 0;
+}
+int guard(const double **arg, double **res, long long int *iw, double *w, int mem)
+{
+    (void)arg; (void)iw; (void)w; (void)mem;
+    res[0][0] = res[0][1] = res[0][2] = 0.0;
+    return 0;
+}
+int closed_loop(const double **arg, double **res, long long int *iw, double *w, int mem)
+{
+    const double v = polynomial(arg[3], arg[0][0]);
+    (void)iw; (void)w; (void)mem;
+    res[0][0] = arg[2][0] + arg[2][1] * v;
+    res[1][0] = v;
+    res[2][0] = arg[1][0];
     return 0;
 }
 """
@@ -93,12 +113,8 @@ SAMPLED_H = """
 #define PMJ_NW 1
 #define PMJ_NP 8
 #define PMJ_NH 1
+#define PMJ_NK 0
 #define PMJ_HOLD_ORDER 2
-static inline void pmj_plant_taylor(const double *t, const double *x, const double *w, const double *p,
-                                    double *c)
-{
-    c[0] = t[0] + x[0] + w[0] + p[0];
-}
 static inline void pmj_sample(const double *t, const double *X, const double *h, const double *p, double *v,
                               double *w, double *c, double *s_next)
 {
@@ -122,6 +138,8 @@ class PolynomialEvaluator:
             "actuation": lambda p: (np.array([0.0, 1.0, -p[0], p[0]]),),
             "signals": _signals,
             "taylor": _taylor,
+            "guard": lambda *_: (np.zeros(3),),
+            "closed_loop": _closed_loop,
         }
         return kernels[name]
 
@@ -141,7 +159,7 @@ def _signals(t: Array, X: Array, p: Array) -> tuple[Array, ...]:
 
 
 def _taylor(t: Array, X: Array, g: Array, p: Array) -> tuple[Array, ...]:
-    c = np.zeros((ORDER + 1, 2))
+    c = np.zeros((ORDER + 1, 3))
     for k in range(ORDER + 1):
         total = 0.0
         for j in range(6, k - 1, -1):
@@ -150,7 +168,15 @@ def _taylor(t: Array, X: Array, g: Array, p: Array) -> tuple[Array, ...]:
     c[0, 0] = X[0]
     for k in range(ORDER):
         c[k + 1, 0] = (g[1] * c[k, 1] + (g[0] if k == 0 else 0.0)) / (k + 1)
+    c[:, 2] = c[:, 0]
     return (c.ravel(),)
+
+
+def _closed_loop(t: Array, X: Array, g: Array, p: Array) -> tuple[Array, ...]:
+    v = 0.0
+    for coefficient in p[:0:-1].tolist():
+        v = v * float(t[0]) + coefficient
+    return np.array([g[0] + g[1] * v]), np.array([v]), X.copy()
 
 
 def polynomial_manifest() -> Manifest:
@@ -160,7 +186,12 @@ def polynomial_manifest() -> Manifest:
         "reference": ((("t", 1), ("p", 8)), (("y_r", 2),)),
         "actuation": ((("p", 8),), (("limits", 4),)),
         "signals": ((("t", 1), ("X", 1), ("p", 8)), (("signals", 5),)),
-        "taylor": ((("t", 1), ("X", 1), ("g", 2), ("p", 8)), (("c", 2 * (ORDER + 1)),)),
+        "taylor": ((("t", 1), ("X", 1), ("g", 2), ("p", 8)), (("c", 3 * (ORDER + 1)),)),
+        "guard": ((("t", 1), ("X", 1), ("g", 2), ("p", 8), ("R", 1), ("P", 1)), (("rest", 3),)),
+        "closed_loop": (
+            (("t", 1), ("X", 1), ("g", 2), ("p", 8)),
+            (("X_dot", 1), ("v", 1), ("e", 1)),
+        ),
     }
     return Manifest(
         name="polynomial",
@@ -179,7 +210,8 @@ def polynomial_manifest() -> Manifest:
         limit="limit",
         leading="limit",
         disturbance_bound=None,
-        analytic=True,
+        kinks=(),
+        guards={"taylor": GuardRule(ORDER, (), 1.0, 0.1)},
         states=(Variable("x1", "", ""),),
         start=Start((Variable("x1", "", ""),), 1, ("x1",)),
         blocks={"x": (0, 1)},
