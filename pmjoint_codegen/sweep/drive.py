@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import replace
 from importlib import import_module
@@ -27,8 +27,16 @@ PATIENCE_S: Final = 30  # for a scheduler that does not answer
 Tell = Callable[[int], None]
 
 
-def drive(store: Store, kit: Kit, *, threads: int, scheduler: str | None, tell: Tell) -> None:
-    """Make and keep every chunk that is missing.
+def drive(
+    store: Store,
+    kit: Kit,
+    *,
+    threads: int,
+    scheduler: str | None,
+    tell: Tell,
+    starts: Sequence[int] | None = None,
+) -> None:
+    """Make and keep every chunk that is missing, or those that are named.
 
     Args:
         store: of the sweep, open.
@@ -36,13 +44,15 @@ def drive(store: Store, kit: Kit, *, threads: int, scheduler: str | None, tell: 
         threads: to compute with here; not used with a scheduler.
         scheduler: address of a Dask scheduler, or None.
         tell: told the number of runs done, now and then.
+        starts: first runs of the chunks to make; None: of all that are missing or damaged.
 
     Raises:
         MissingToolError: no compiler, or Dask is not installed.
         BuildError: the compiler failed.
         UsageError: the scheduler does not answer, or the folder cannot be written.
     """
-    missing = store.missing()
+    missing = store.missing() if starts is None else list(starts)
+    store.renew(missing)
     done = store.request.plan.runs - sum(store.length(start) for start in missing)
     tell(done)
     made = (
