@@ -33,6 +33,11 @@ def sha256(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
+def sha256_view(data: memoryview) -> str:
+    """Hexadecimal SHA-256 of what a view shows, without a copy."""
+    return hashlib.sha256(data).hexdigest()
+
+
 def sha256_file(path: Path) -> str:
     """Hexadecimal SHA-256 of a file's content; raises `OSError` where it cannot be read."""
     with path.open("rb") as stream:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,8 @@ from pmjoint_codegen.cli.terminal import activity, document, message, result, ta
 if TYPE_CHECKING:
     from pmjoint_codegen.provision import Provided
     from pmjoint_codegen.sweep.store import Store
+
+_SHOWN = 3  # damaged files that a message names
 
 _EXAMPLES = """\b
 Examples
@@ -169,15 +172,45 @@ def command(
 def _compute(
     store: Store, provided: Provided, *, threads: int | None, scheduler: str | None, restart: bool
 ) -> None:
-    """Make what is missing, with a bar; say how to go on where that is interrupted."""
+    """Make what is missing and what is damaged, and say what that is."""
+    from pmjoint_codegen.sweep.repair import find_damage, mend
+
+    store.open(restart=restart)
+    work = partial(_simulate, store, provided, threads=threads, scheduler=scheduler)
+    if not store.dataset.exists():
+        with activity("reading what is done"):
+            missing = store.missing()
+            damaged = store.damaged(missing)
+        _tell_damage(store, damaged, missing)
+        work(missing)
+        return
+    with activity("reading the dataset"):
+        damage = find_damage(store, provided.manifest)
+    if damage.files:
+        _tell_damage(store, [store.dataset / name for name in damage.files], damage.starts)
+        work(damage.starts)
+        with activity("mending the dataset"):
+            mend(store, provided.manifest, damage)
+
+
+def _tell_damage(store: Store, files: Sequence[Path], starts: Sequence[int]) -> None:
+    """Say which files are no longer what was written, and what that costs."""
+    if files:
+        some = ", ".join(str(path.relative_to(store.folder)) for path in files[:_SHOWN])
+        more = f" and {len(files) - _SHOWN} more" if len(files) > _SHOWN else ""
+        runs = sum(store.length(start) for start in starts)
+        message(f"pmjoint: {store.folder}: removed or altered: {some}{more}; computing {runs} runs")
+
+
+def _simulate(
+    store: Store, provided: Provided, starts: Sequence[int], *, threads: int | None, scheduler: str | None
+) -> None:
+    """Make these chunks, with a bar; say how to go on where that is interrupted."""
     from pmjoint_codegen.sweep.dataset import import_ahead
     from pmjoint_codegen.sweep.drive import drive
     from pmjoint_codegen.sweep.kit import make_kit
 
-    store.open(restart=restart)
     total = store.request.plan.runs
-    if store.dataset.exists():
-        return
     kit = make_kit(provided.folder)
     import_ahead()
     try:
@@ -188,10 +221,10 @@ def _compute(
                 threads=threads or processors(),
                 scheduler=scheduler,
                 tell=lambda done: progress(done / total),
+                starts=starts,
             )
     except KeyboardInterrupt:
-        left = sum(store.length(start) for start in store.missing())
-        kept = f"{total - left} of {total} runs are kept in {store.folder}"
+        kept = f"{store.done()} of {total} runs are kept in {store.folder}"
         message(f"pmjoint: {kept}; the same command goes on there")
         raise
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import platform
 import shutil
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -17,14 +17,16 @@ import numpy as np
 import numpy.typing as npt
 
 from pmjoint_codegen import __version__
+from pmjoint_codegen.errors import UsageError
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.storage import explained, settle
+from pmjoint_codegen.storage import explained, settle, write_text
 from pmjoint_codegen.sweep.metrics import Column, quantities, status_meanings
-from pmjoint_codegen.sweep.parts import part_shape, parts
+from pmjoint_codegen.sweep.parts import Part, part_shape, parts
 from pmjoint_codegen.sweep.plan import DRAW
 from pmjoint_codegen.sweep.request import Request
 from pmjoint_codegen.sweep.store import Store
+from pmjoint_codegen.sweep.sums import as_text, sums_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -53,31 +55,92 @@ def assemble(store: Store, manifest: Manifest) -> None:
     in memory at a time does not grow with the sweep.
 
     Raises:
-        UsageError: the folder cannot be written; the chunks still stand.
+        UsageError: the folder cannot be written, and the chunks still stand; or a chunk is damaged.
+    """
+    if store.missing():
+        raise UsageError(
+            "chunks were removed or altered while the sweep was at work",
+            where=str(store.folder),
+            remedy="give the same command again: it computes these anew",
+        )
+    with staging(store) as staged:
+        fill(staged, store, manifest)
+        settle(staged)  # the chunks, which hold all that was computed, go next
+        record(store, sums_of(staged))  # first, so that no dataset stands without
+        staged.rename(store.dataset)
+    store.clear_chunks()
+
+
+@contextmanager
+def staging(store: Store) -> Iterator[Path]:
+    """Name a folder beside the dataset to write in, and remove what is left of it.
+
+    Raises:
+        UsageError: what was done in the block failed for the file system's reasons.
     """
     staged = store.folder / f".{store.dataset.name}.new"
     shutil.rmtree(staged, ignore_errors=True)
     with explained(store.dataset):
         try:
-            _fill(staged, store, manifest)
-            settle(staged)  # the chunks, which hold all that was computed, go next
-            staged.rename(store.dataset)
+            yield staged
         finally:
             shutil.rmtree(staged, ignore_errors=True)
-    store.clear_chunks()
 
 
-def _fill(folder: Path, store: Store, manifest: Manifest) -> None:
-    """Write attributes and variables."""
+def record(store: Store, sums: Mapping[str, str]) -> None:
+    """Write the hashes of a dataset's files, by their names in it, where `store.sums` says."""
+    text = as_text({f"{store.dataset.name}/{name}": digest for name, digest in sums.items()})
+    write_text(store.sums, text)
+
+
+def fill(folder: Path, store: Store, manifest: Manifest, wanted: Collection[str] | None = None) -> None:
+    """Write attributes and variables.
+
+    Args:
+        folder: to be made.
+        store: of the sweep; its chunks hold what is written.
+        manifest: the model.
+        wanted: files of metrics and trajectories that are needed; None: all. Attributes, axes and draws,
+            which need no chunk, are written in any case.
+    """
     import zarr
 
     request = store.request
     group = zarr.create_group(folder, zarr_format=3, attributes=_attributes(request, manifest))
     for name, variable, values in _coordinates(request, manifest):
         _create(group, name, variable)[...] = values
-    _pour([_create(group, *item) for item in _metrics(request, manifest)], store.table)
+    _pour([_create(group, *item) for item in _metrics(request, manifest)], store.table, wanted)
     if request.output_step:
-        _pour([_create(group, *item) for item in _trajectories(request, manifest)], store.trajectories)
+        arrays = [_create(group, *item) for item in _trajectories(request, manifest)]
+        _pour(arrays, store.trajectories, wanted)
+
+
+def names(store: Store, manifest: Manifest) -> frozenset[str]:
+    """Names of all variables of a dataset, which are its folders."""
+    items = (*_coordinates(store.request, manifest), *_metrics(store.request, manifest))
+    more = _trajectories(store.request, manifest) if store.request.output_step else ()
+    return frozenset(item[0] for item in (*items, *more))
+
+
+def runs_in(store: Store, manifest: Manifest, files: Collection[str]) -> Iterator[tuple[int, int]]:
+    """Give the runs (first, and the one after the last) that are in some of a dataset's files."""
+    request = store.request
+    each = request.instants
+    for name, variable in _metrics(request, manifest):
+        for part in parts(variable.shape):
+            if part_file(name, variable.shape, part) in files:
+                yield part.start, part.stop
+    for name, variable in _trajectories(request, manifest) if each else ():
+        for part in parts(variable.shape):
+            if part_file(name, variable.shape, part) in files:
+                yield part.start // each, -(-part.stop // each)
+
+
+def part_file(name: str, shape: tuple[int, ...], part: Part) -> str:
+    """Name of the file in a dataset that holds a part of a variable."""
+    sizes = part_shape(shape)
+    place = (str(piece.start // size) for piece, size in zip(part.selection, sizes, strict=True))
+    return "/".join((name, "c", *place))
 
 
 def _create(group: zarr.Group, name: str, variable: _Variable) -> zarr.Array[Any]:
@@ -92,9 +155,15 @@ def _create(group: zarr.Group, name: str, variable: _Variable) -> zarr.Array[Any
     )
 
 
-def _pour(arrays: Sequence[zarr.Array[Any]], rows: Callable[[int, int], Array]) -> None:
+def _pour(
+    arrays: Sequence[zarr.Array[Any]], rows: Callable[[int, int], Array], wanted: Collection[str] | None
+) -> None:
     """Fill arrays of one shape, part by part, with the columns of what `rows` gives of a range."""
     for part in parts(arrays[0].shape):
+        if wanted is not None and not any(
+            part_file(array.basename, array.shape, part) in wanted for array in arrays
+        ):
+            continue
         block = rows(part.start, part.stop)
         for array, values in zip(arrays, block.T, strict=True):
             if array.dtype == np.int64:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import logging
 import os
-from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ThreadPoolExecutor, wait
+from contextlib import contextmanager
 from dataclasses import replace
 from importlib import import_module
 from typing import Any, Final
 
-from pmjoint_codegen.errors import MissingToolError, PmjointError, UsageError, installing
+from pmjoint_codegen.errors import MissingToolError, PmjointError, SimulationError, UsageError, installing
 from pmjoint_codegen.kernels.batch import BatchLibrary
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.sweep.chunks import Result, simulate_chunk
@@ -27,8 +29,16 @@ PATIENCE_S: Final = 30  # for a scheduler that does not answer
 Tell = Callable[[int], None]
 
 
-def drive(store: Store, kit: Kit, *, threads: int, scheduler: str | None, tell: Tell) -> None:
-    """Make and keep every chunk that is missing.
+def drive(
+    store: Store,
+    kit: Kit,
+    *,
+    threads: int,
+    scheduler: str | None,
+    tell: Tell,
+    starts: Sequence[int] | None = None,
+) -> None:
+    """Make and keep every chunk that is missing, or those that are named.
 
     Args:
         store: of the sweep, open.
@@ -36,13 +46,16 @@ def drive(store: Store, kit: Kit, *, threads: int, scheduler: str | None, tell: 
         threads: to compute with here; not used with a scheduler.
         scheduler: address of a Dask scheduler, or None.
         tell: told the number of runs done, now and then.
+        starts: first runs of the chunks to make; None: of all that are missing or damaged.
 
     Raises:
         MissingToolError: no compiler, or Dask is not installed.
         BuildError: the compiler failed.
+        SimulationError: the scheduler was lost; what is done is kept.
         UsageError: the scheduler does not answer, or the folder cannot be written.
     """
-    missing = store.missing()
+    missing = store.missing() if starts is None else list(starts)
+    store.renew(missing)
     done = store.request.plan.runs - sum(store.length(start) for start in missing)
     tell(done)
     made = (
@@ -89,6 +102,24 @@ def _take(queue: Iterator[int], count: int) -> Iterator[int]:
 def _on_cluster(store: Store, kit: Kit, missing: list[int], address: str) -> Iterator[tuple[int, Result]]:
     distributed = _distributed()  # its interface is untyped
     _check_address(distributed, address)
+    with _quiet():
+        yield from _with_client(distributed, store, kit, missing, address)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep Dask from logging the tracebacks of lost connections: what matters comes as an error."""
+    before = logging.root.manager.disable
+    logging.disable(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        logging.disable(before)
+
+
+def _with_client(
+    distributed: Any, store: Store, kit: Kit, missing: list[int], address: str
+) -> Iterator[tuple[int, Result]]:
     try:
         client = distributed.Client(address, timeout=PATIENCE_S, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
@@ -98,7 +129,10 @@ def _on_cluster(store: Store, kit: Kit, missing: list[int], address: str) -> Ite
             remedy="start one: dask scheduler, and workers: dask worker ADDRESS",
         ) from None
     with client:
-        yield from farm_out(distributed, client, store, kit, missing)
+        try:
+            yield from farm_out(distributed, client, store, kit, missing)
+        except (CancelledError, distributed.comm.CommClosedError) as error:
+            raise _lost(f"--scheduler {address}") from error
 
 
 def _check_address(distributed: Any, address: str) -> None:
@@ -130,6 +164,7 @@ def farm_out(
 
     Raises:
         UsageError: the scheduler has no workers.
+        SimulationError: the scheduler was lost.
         PmjointError: a worker cannot compute.
     """
     plan, queue = store.request.plan, iter(missing)
@@ -156,6 +191,8 @@ def _result(future: Any) -> Result:
     """What a worker has computed, or why it could not, as an error that says that it was a worker."""
     try:
         result: Result = future.result()
+    except CancelledError as error:  # nobody here cancels
+        raise _lost("--scheduler") from error
     except PmjointError as error:
         error.where = error.where or "on a worker"
         raise
@@ -166,6 +203,14 @@ def _result(future: Any) -> Result:
             remedy="workers need pmjoint-codegen[sweep] of this version and a C compiler",
         ) from error
     return result
+
+
+def _lost(where: str) -> SimulationError:
+    return SimulationError(
+        "the connection was lost",
+        where=where,
+        remedy="what is done is kept: start it again, and the same command goes on there",
+    )
 
 
 def _on_all_workers(client: Any, kit: Kit) -> Any:

@@ -19,7 +19,9 @@ Law = Literal["uniform", "normal", "loguniform"]
 Method = Literal["latin-hypercube", "sobol"]
 
 DRAW: Final = "draw"  # dimension of the sampled runs
-MAX_RUNS: Final = 1_000_000_000
+MAX_RUNS: Final = 100_000_000  # 9 bytes a run while quantiles are taken: 0.9 GB
+MAX_AXIS: Final = 1_000_000  # values of one axis, held as numbers and as the text of request.json
+MAX_DRAWN: Final = 20_000_000  # draws times names: 25 bytes each
 MAX_SEED: Final = 2**63 - 1  # what every format of the dataset can hold
 _SAMPLE: Final = re.compile(r"\s*(\w+)\s*~\s*(\w+)\s*\(([^,()]+),([^,()]+)\)\s*")
 
@@ -163,6 +165,12 @@ def make_plan(
     if (draws is not None and draws < 1) or plan.runs > MAX_RUNS:
         runs = plan.runs if draws is None or draws > 0 else draws
         raise UsageError(f"asks for {runs} runs", where="sweep", remedy=f"allowed: 1 to {MAX_RUNS}")
+    if plan.draws * len(plan.samples) > MAX_DRAWN:
+        raise UsageError(
+            f"is {plan.draws}, of {len(plan.samples)} names",
+            where="--runs",
+            remedy=f"at most {MAX_DRAWN // len(plan.samples)} draws fit; a --grid beside them multiplies",
+        )
     if not 0 <= seed <= MAX_SEED:
         raise UsageError(f"is {seed}", where="--seed", remedy=f"allowed: 0 to {MAX_SEED}")
     return plan
@@ -179,9 +187,10 @@ def read_axis(text: str) -> Axis:
     try:
         if len(parts) == 3:
             count = int(parts[2])
-            if not 1 <= count <= MAX_RUNS:
+            if count < 1:
                 raise ValueError
-            values = tuple(np.linspace(float(parts[0]), float(parts[1]), count).tolist())
+            _check_length(text, count)
+            values = _spaced(float(parts[0]), float(parts[1]), count)
         else:
             values = tuple(float(part) for part in rest.split(","))
     except ValueError:
@@ -197,6 +206,22 @@ def read_axis(text: str) -> Axis:
             f"is {text!r}, which has a value twice", where="--grid", remedy="give each value of an axis once"
         )
     return Axis(name.strip(), values)
+
+
+def _check_length(text: str, count: int) -> None:
+    """Refuse, before any of it is made, an axis that would take gigabytes."""
+    if count > MAX_AXIS:
+        raise UsageError(
+            f"is {text!r}",
+            where="--grid",
+            remedy=f"at most {MAX_AXIS} values fit on an axis; axes multiply, and --sample draws more",
+        )
+
+
+def _spaced(first: float, last: float, count: int) -> tuple[float, ...]:
+    """Evenly spaced values; ends whose difference no double holds are halved first, which is exact there."""
+    scale = 1.0 if math.isfinite(last - first) else 2.0
+    return tuple((scale * np.linspace(first / scale, last / scale, count)).tolist())
 
 
 def read_sample(text: str) -> Sample:

@@ -1,11 +1,13 @@
 """What is done of a sweep, on disk, so that a killed one goes on where it was.
 
     <folder>/request.json         what the sweep is
-    <folder>/chunks/<start>.npy   table of the runs from <start> on; <start>.trajectories.npy, if kept
+    <folder>/chunks/<start>.npy   table of the runs from <start> on; <start>.trajectories.npy, if kept;
+                                  <start>.sha256, written last, has the hashes of both
     <folder>/sweep.zarr           the dataset, made from all chunks, which are then removed
+    <folder>/sweep.sha256         hashes of its files, for ``sha256sum --check`` too
 
 Every file appears whole or not at all, and is on the disk before something else relies on it. One process at
-a time works in a folder.
+a time works in a folder. What stands there counts only where its hash is the one that was recorded.
 """
 
 from __future__ import annotations
@@ -15,7 +17,7 @@ import io
 import json
 import os
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,12 +28,14 @@ import numpy as np
 from pmjoint_codegen.errors import UsageError
 from pmjoint_codegen.kernels.batch import METRICS
 from pmjoint_codegen.kernels.evaluator import Array
-from pmjoint_codegen.storage import ensure_folder, writing
+from pmjoint_codegen.storage import ensure_folder, sha256_view, writing
 from pmjoint_codegen.sweep.chunks import Result
 from pmjoint_codegen.sweep.request import Request
+from pmjoint_codegen.sweep.sums import as_text, is_sound, recorded
 
 REQUEST: Final = "request.json"
 DATASET: Final = "sweep.zarr"
+SUMS: Final = "sweep.sha256"
 CHUNKS: Final = "chunks"
 MADE_OF_IT: Final = (  # figures and exports beside the dataset, which nothing would tell from a new sweep's
     *("region.png", "map_ise.png", "map_max_abs_v.png", "map_settling_s.png", "map_saturated_s.png"),
@@ -61,6 +65,11 @@ class Store:
     def dataset(self) -> Path:
         """Where the finished dataset stands."""
         return self.folder / DATASET
+
+    @property
+    def sums(self) -> Path:
+        """Where the hashes of its files stand."""
+        return self.folder / SUMS
 
     @property
     def step(self) -> int:
@@ -140,22 +149,44 @@ class Store:
         (self.folder / REQUEST).unlink(missing_ok=True)
         self.clear_chunks()
         shutil.rmtree(self.dataset, ignore_errors=True)
+        self.sums.unlink(missing_ok=True)
         for name in MADE_OF_IT:
             (self.folder / name).unlink(missing_ok=True)
 
     def missing(self) -> list[int]:
-        """First runs of the chunks that are still to be made."""
-        return [start for start in self.starts() if not self._sound(start)]
+        """First runs of the chunks that are to be made, or are not what was written; reads all of them."""
+        return [start for start in self.starts() if self._faults(start)]
 
-    def keep(self, start: int, result: Result) -> None:
-        """Write a chunk; the table last, since its presence says that the chunk is whole.
+    def damaged(self, starts: Iterable[int]) -> list[Path]:
+        """Files of these chunks that were finished once and are gone or altered since."""
+        return [path for start in starts if self._record(start).exists() for path in self._faults(start)]
+
+    def done(self) -> int:
+        """Number of runs whose chunks were finished, by their records alone."""
+        return sum(self.length(start) for start in self.starts() if self._record(start).exists())
+
+    def renew(self, starts: Iterable[int]) -> None:
+        """Make room for chunks that are to be made, and forget what is recorded of them.
 
         Raises:
             UsageError: the folder cannot be written.
         """
-        if result.trajectories.size:
-            _write(self._trajectories(start), _npy(result.trajectories))
-        _write(self._table(start), _npy(result.table))
+        ensure_folder(self.folder / CHUNKS)
+        for start in starts:
+            self._record(start).unlink(missing_ok=True)
+
+    def keep(self, start: int, result: Result) -> None:
+        """Write a chunk; the hashes last, since their presence says that the chunk is whole.
+
+        Raises:
+            UsageError: the folder cannot be written.
+        """
+        sums = {}
+        for path, array in zip(self._files(start), (result.table, result.trajectories), strict=False):
+            data = _npy(array)
+            sums[path.name] = sha256_view(data)
+            _write(path, data)
+        _write(self._record(start), as_text(sums).encode())
 
     def table(self, start: int, stop: int) -> Array:
         """Tables of the runs start..stop-1, shape (stop - start, METRICS + nX)."""
@@ -191,15 +222,21 @@ class Store:
     def _trajectories(self, start: int) -> Path:
         return self.folder / CHUNKS / f"{start:010d}.trajectories.npy"
 
-    def _sound(self, start: int) -> bool:
-        try:
-            table = np.load(self._table(start), mmap_mode="r")
-        except (OSError, ValueError, EOFError):
-            return False
-        return bool(table.shape == (self.length(start), METRICS + self.size))
+    def _record(self, start: int) -> Path:
+        return self.folder / CHUNKS / f"{start:010d}.sha256"
+
+    def _files(self, start: int) -> tuple[Path, ...]:
+        """What a chunk is made of."""
+        table = (self._table(start),)
+        return (*table, self._trajectories(start)) if self.request.output_step else table
+
+    def _faults(self, start: int) -> tuple[Path, ...]:
+        """Files of a chunk that are not what was recorded when it was finished; all of an unfinished one."""
+        sums = recorded(self._record(start)) or {}
+        return tuple(path for path in self._files(start) if not is_sound(path, sums.get(path.name)))
 
 
-def _npy(array: Array) -> bytes | memoryview:
+def _npy(array: Array) -> memoryview:
     """An array as the bytes of an .npy file: NumPy's own writing to a file hides why it fails."""
     buffer = io.BytesIO()
     np.save(buffer, array)

@@ -37,6 +37,23 @@ def test_a_sweep_writes_a_dataset_and_figures_and_says_so(
     assert account["dimensions"] == {"x1": 5, "compensator": 2}
 
 
+def test_damaged_files_are_named_and_computed_anew(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["sweep", "paper", *GRID, "--out", str(tmp_path), "--json", "--no-figures"]
+    assert run(command) == 0
+    before = capsys.readouterr()
+    assert before.err == ""
+    (tmp_path / "sweep.zarr" / "status" / "c" / "0" / "0").write_bytes(b"")
+    shutil.rmtree(tmp_path / "sweep.zarr" / "ise" / "c")
+    assert run(command) == 0
+    after = capsys.readouterr()
+    assert "removed or altered: sweep.zarr/ise/c/0/0, sweep.zarr/status/c/0/0; computing 10 runs" in after.err
+    assert after.out == before.out
+    assert run(command) == 0
+    assert capsys.readouterr().err == ""
+
+
 def test_another_reference_is_derived_and_swept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["--reference", "0.5*sin(2*t)", "--no-figures", "--json", "--out", str(tmp_path)]
     assert run(["sweep", "paper", "--grid", "c1=10,20", *arguments]) == 0

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from concurrent.futures import CancelledError
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
@@ -15,7 +16,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from pmjoint_codegen.errors import MissingToolError, UsageError
+from pmjoint_codegen.errors import MissingToolError, SimulationError, UsageError
 from pmjoint_codegen.sweep.drive import AHEAD, drive, farm_out
 from pmjoint_codegen.sweep.plan import make_plan
 from pmjoint_codegen.sweep.request import make_request
@@ -44,7 +45,7 @@ def test_what_is_done_is_not_done_again_and_what_is_broken_is(
     drive(store, case.kit, threads=1, scheduler=None, tell=told.append)
     assert told[0] == 0
     assert told[-1] == case.request.plan.runs
-    chunks = sorted((tmp_path / "chunks").iterdir())
+    chunks = sorted((tmp_path / "chunks").glob("*.npy"))
     kept = chunks[0].stat().st_mtime_ns
     chunks[1].unlink()
     chunks[2].write_bytes(chunks[2].read_bytes()[:100])  # cut off
@@ -146,6 +147,7 @@ def test_a_scheduler_without_workers_is_said_so(case: Case, tmp_path: Path) -> N
             "a worker failed .*codegen",
         ),
         (MissingToolError("a sweep needs a C compiler"), MissingToolError, "on a worker: a sweep needs a C"),
+        (CancelledError("scheduler-connection-lost"), SimulationError, "the connection was lost"),
         (UsageError("is full", where="/cache"), UsageError, "/cache: is full"),
     ],
 )

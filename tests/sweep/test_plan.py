@@ -107,7 +107,7 @@ def test_a_sample_that_cannot_be_read_or_is_no_distribution_is_refused(text: str
             (),
             None,
             0,
-            "asks for 10000000000 runs; allowed: 1 to 1000000000",
+            "asks for 10000000000 runs; allowed: 1 to 100000000",
         ),
     ],
 )
@@ -116,3 +116,17 @@ def test_a_plan_that_makes_no_sense_is_refused(
 ) -> None:
     with pytest.raises(UsageError, match=words):
         make_plan(grid, sample, draws, seed, "sobol")
+
+
+def test_an_axis_may_span_more_than_a_double_holds() -> None:
+    assert read_axis("x1=-1e308:1e308:3").values == (-1e308, 0.0, 1e308)
+    assert read_axis("x1=1.7e308:-1.7e308:2").values == (1.7e308, -1.7e308)
+
+
+def test_what_does_not_fit_is_refused_at_once_with_what_does() -> None:
+    with pytest.raises(UsageError, match="at most 1000000 values fit"):
+        read_axis("x1=0:1:100000000")
+    with pytest.raises(UsageError, match="at most 10000000 draws fit"):
+        make_plan((), ("a~uniform(0,1)", "b~uniform(0,1)"), 10_000_001, 0, "sobol")
+    with pytest.raises(UsageError, match="allowed: 1 to 100000000"):
+        make_plan(("x1=0:1:1000000", "x2=0:1:101"), (), None, 0, "sobol")

@@ -79,7 +79,7 @@ def test_chunks_that_a_kill_left_beside_the_dataset_go(case: Case, tmp_path: Pat
     store = sweep(case, tmp_path)
     (tmp_path / "chunks").mkdir()
     store.open()
-    assert {path.name for path in tmp_path.iterdir()} == {"request.json", "sweep.zarr"}
+    assert {path.name for path in tmp_path.iterdir()} == {"request.json", "sweep.sha256", "sweep.zarr"}
 
 
 def test_a_chunk_that_cannot_be_written_says_why(case: Case, tmp_path: Path) -> None:
