@@ -20,6 +20,7 @@ from pmjoint_codegen.errors import (
     StaleError,
     UsageError,
     installing,
+    quoted,
 )
 from pmjoint_codegen.identity import canonical_hash, model_hash
 from pmjoint_codegen.manifest import Manifest
