@@ -90,7 +90,6 @@ def test_what_cannot_be_written_is_said_with_path_and_remedy(act: object, tmp_pa
         (errno.EACCES, 2),
         (errno.EROFS, 2),
     ],
-    ids=errno.errorcode.get,
 )
 def test_the_machines_limits_are_told_from_the_users_mistakes(tmp_path: Path, number: int, code: int) -> None:
     with pytest.raises(UsageError) as caught, storage.explained(tmp_path):
