@@ -2,6 +2,7 @@
 
     PmjointError                 where, what and remedy; ``str()`` is one clear line
       UsageError        exit 2   bad option, unknown ``--set`` name, unwritable ``--out``
+        ResourceError   exit 3   the machine gave out: a full disk, a quota, a failing device
       ModelError        exit 2   model file: missing, not UTF-8, unknown key, bad expression, no such plant
       StaleError        exit 1   ``generated/`` is not what the model says, or was edited by hand
         OtherVersionError exit 1 it was written by another version of this package
@@ -26,6 +27,7 @@ __all__ = [
     "ModelError",
     "OtherVersionError",
     "PmjointError",
+    "ResourceError",
     "SimulationError",
     "StaleError",
     "UsageError",
@@ -120,6 +122,15 @@ class BuildError(PmjointError):
         """Keep the compiler's text beside the one line."""
         super().__init__(what, where=where, remedy=remedy)
         self.output = output
+
+
+class ResourceError(UsageError):
+    """The request is sound, but the machine gave out under it: a full disk, a quota, a failing device.
+
+    A `UsageError` to code that catches what cannot be written; a failed run to whoever reads the exit code.
+    """
+
+    exit_code = 3
 
 
 class SimulationError(PmjointError):

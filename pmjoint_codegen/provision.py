@@ -20,6 +20,7 @@ from pmjoint_codegen.errors import (
     StaleError,
     UsageError,
     installing,
+    quoted,
 )
 from pmjoint_codegen.identity import canonical_hash, model_hash
 from pmjoint_codegen.manifest import Manifest
@@ -111,11 +112,20 @@ def _changed(
     document: Mapping[str, Any], reference: str | None, disturbance: Sequence[str] | None
 ) -> dict[str, Any]:
     changed = {key: dict(value) if isinstance(value, dict) else value for key, value in document.items()}
+    _check_text("--reference", [] if reference is None else [reference])
+    _check_text("--disturbance", disturbance or [])
     if reference is not None:
         changed["simulation"] = {**changed.get("simulation", {}), "reference": reference}
     if disturbance is not None:
         changed |= _disturbed(changed, disturbance)
     return changed
+
+
+def _check_text(option: str, expressions: Sequence[str]) -> None:
+    """Refuse bytes that are no UTF-8: Python hands them over as surrogates, which nothing can write."""
+    for text in expressions:
+        if any("\ud800" <= character <= "\udfff" for character in text):
+            raise ModelError(f"{quoted(text)} is not UTF-8", where=option, remedy="allowed: an expression")
 
 
 def _of_option(error: ModelError, reference: str | None, disturbance: Sequence[str] | None) -> ModelError:

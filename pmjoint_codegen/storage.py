@@ -5,7 +5,8 @@ and exchanged with it in one system call: a process killed at any moment leaves 
 never a mixture. Where the file system knows no exchange, two renames do it, and the next `replace_folder` or
 `recover_folder` undoes what a kill between them left.
 
-What cannot be written is the user's to mend: every function raises `UsageError` with the path and a remedy.
+What cannot be written is the user's to mend: every function raises `UsageError` with the path and a remedy,
+of the kind `ResourceError` where not the path but the machine is at fault, as when a disk is full.
 """
 
 from __future__ import annotations
@@ -22,8 +23,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
-from pmjoint_codegen.errors import UsageError
+from pmjoint_codegen.errors import ResourceError, UsageError
 
+_EXHAUSTED = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})  # no fault of the path's
 _AT_FDCWD = -100  # Linux <fcntl.h>: paths are relative to the current directory
 _EXCHANGE = 2  # RENAME_EXCHANGE of Linux and RENAME_SWAP of macOS
 
@@ -212,6 +214,10 @@ def explained(path: Path) -> Iterator[None]:
     except OSError as error:
         words = error.strerror or " ".join(str(error).split())
         reason = "a file is in the way" if isinstance(error, FileExistsError) else words.lower()
+        if error.errno in _EXHAUSTED:
+            raise ResourceError(
+                f"cannot be written ({reason})", where=str(path), remedy="make room, or choose another disk"
+            ) from error
         raise UsageError(
             f"cannot be written ({reason})", where=str(path), remedy="choose a folder that you can write to"
         ) from error

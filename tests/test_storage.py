@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import errno
 import os
 import subprocess
 import sys
@@ -77,6 +78,24 @@ def test_what_cannot_be_written_is_said_with_path_and_remedy(act: object, tmp_pa
     assert caught.value.where == str(path)
     assert "not a directory" in caught.value.what or "a file is in the way" in caught.value.what
     assert caught.value.remedy
+
+
+@pytest.mark.parametrize(
+    ("number", "code"),
+    [
+        (errno.ENOSPC, 3),
+        (errno.EDQUOT, 3),
+        (errno.EFBIG, 3),
+        (errno.EIO, 3),
+        (errno.EACCES, 2),
+        (errno.EROFS, 2),
+    ],
+)
+def test_the_machines_limits_are_told_from_the_users_mistakes(tmp_path: Path, number: int, code: int) -> None:
+    with pytest.raises(UsageError) as caught, storage.explained(tmp_path):
+        raise OSError(number, os.strerror(number))
+    assert caught.value.exit_code == code
+    assert os.strerror(number).lower() in str(caught.value) and caught.value.remedy
 
 
 def test_a_full_disk_is_the_users_to_mend(tmp_path: Path) -> None:

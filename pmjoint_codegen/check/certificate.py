@@ -62,6 +62,16 @@ class Certificate:
             f"sharper, through {self.eta} alone: |z| <= {self.z_sharp:.3g}, |z1| <= {self.z1_sharp:.3g}",
         )
 
+    def unbounded(self) -> tuple[str, ...]:
+        """Names of the constants that are no finite number: gains beyond what floating point can carry."""
+        constants = {
+            name: getattr(self, name)
+            for name in ("P", "poles", "f_minus", "f_plus", "f", "Y", "z_bound", "z_sharp", "z1_sharp")
+        }
+        return tuple(
+            name for name, value in constants.items() if value is not None and not np.all(np.isfinite(value))
+        )
+
     def _poles(self) -> list[complex | float]:
         return [float(pole.real) if pole.imag == 0 else complex(pole) for pole in self.poles]
 
@@ -85,8 +95,9 @@ def certify(derivation: Derivation, values: Mapping[str, float], bound: float | 
     name = " + ".join(["epsilon_2"] * (len(A0) > 1) + ["D_1"] * disturbed) or "nothing"
     if bound is None:
         return Certificate(P, poles, f_minus, f_plus, f, None, None, name, None, None)
-    factor = 2 * largest**2 + 1 if disturbed else largest**2
-    Y = sum(factor * bound**2 / (2 * gain) for gain in e)
+    squared = largest * largest  # unlike `**`, inf where it is too large
+    factor = 2 * squared + 1 if disturbed else squared
+    Y = sum(factor * bound * bound / (2 * gain) for gain in e)
     eta = (_reach(A0) + disturbed) * bound
     z = eta * float(np.sqrt(sum(1 / (4 * gain) for gain in e) / min(c)))
     b_m = abs(float(numeric(sp.Matrix([[derivation.equations.expand(derivation.plant.b[0])]]), values)[0, 0]))
@@ -114,16 +125,20 @@ def _reach(A0: Array) -> float:
     count = min(int(span / step), 2_000_000)
     transition, row = _exponential(A0 * (span / count)), np.eye(len(A0))[1]
     total = 0.5
-    for _ in range(count):
-        row = row @ transition
-        total += float(np.linalg.norm(row))
+    with np.errstate(over="ignore", invalid="ignore"):  # `Certificate.unbounded` names what comes of it
+        for _ in range(count):
+            row = row @ transition
+            total += float(np.linalg.norm(row))
+            if not np.isfinite(total):
+                return np.inf
     return total * span / count
 
 
 def _exponential(A: Array) -> Array:
     """``exp(A)`` for small A, by its series."""
     term, total = np.eye(len(A)), np.eye(len(A))
-    for k in range(1, 30):
-        term = term @ A / k
-        total = total + term
+    with np.errstate(over="ignore", invalid="ignore"):  # as in `_reach`
+        for k in range(1, 30):
+            term = term @ A / k
+            total = total + term
     return total

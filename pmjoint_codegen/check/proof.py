@@ -54,6 +54,9 @@ def prove_for(derivation: Derivation, values: Mapping[str, float]) -> GateResult
     certificate = certify(derivation, values, derivation.model.disturbance_bound) if not faults else None
     if certificate is None or not np.all(np.linalg.eigvalsh(certificate.P) > 0):
         faults = faults or ["P is not positive definite"]
+    elif beyond := certificate.unbounded():
+        faults = [f"not a finite number at these gains: {', '.join(beyond)}"]
+    if certificate is None or faults:
         return failed(
             NAME, "; ".join(faults), len(faults), 0, Difference("certificate", faults[0], "", "", "", "", "")
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from enum import StrEnum
 
@@ -61,6 +62,9 @@ class GateResult:
         seconds: time it took.
         difference: the first difference, when there is one.
         findings: everything else worth reading, one line each.
+
+    Raises:
+        ValueError: the verdict is passed and the figure is not within its bound, as nan is not.
     """
 
     name: str
@@ -72,11 +76,26 @@ class GateResult:
     difference: Difference | None = None
     findings: tuple[str, ...] = field(default=())
 
+    def __post_init__(self) -> None:
+        """Refuse to pass what was not measured to be within its bound, whoever makes the result."""
+        if self.verdict is Verdict.PASSED and not within(self.figure, self.bound):
+            raise ValueError(f"{self.name} cannot pass: {self.figure} is not within {self.bound}")
+
+
+def within(figure: float | None, bound: float | None) -> bool:
+    """Whether a figure is a number, and at most its bound where it has one; nan is neither."""
+    if figure is None:
+        return True
+    return not math.isnan(figure) and (bound is None or figure <= bound)
+
 
 def passed(
     name: str, detail: str, figure: float | None = None, bound: float | None = None, *findings: str
 ) -> GateResult:
-    """A gate that found nothing."""
+    """A gate that found nothing; it fails all the same where its figure is nan or beyond its bound."""
+    if not within(figure, bound):
+        why = f"{figure} is not within {'any bound' if bound is None else bound}: {detail}"
+        return failed(name, why, figure, bound, findings=findings)
     return GateResult(name, Verdict.PASSED, figure, bound, detail, findings=findings)
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from pmjoint_codegen.cli.options import Place
 from pmjoint_codegen.cli.terminal import activity, as_json, message, result
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ Examples
     help="What to print; markdown has formulas. [default: table]",
 )
 @click.option("--json", "json_wanted", is_flag=True, help="Print one JSON document, as --format json does.")
-@click.option("--out", type=click.Path(dir_okay=False, path_type=Path), help="Write to a file instead.")
+@click.option("--out", type=Place(dir_okay=False), help="Write to a file instead.")
 def command(form: str | None, json_wanted: bool, out: Path | None) -> None:
     """Hold every printed equation of the paper against what follows from its model.
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from pmjoint_codegen.cli.options import Place
 from pmjoint_codegen.cli.terminal import activity, document, message, result
 from pmjoint_codegen.errors import PmjointError
 
@@ -37,9 +38,7 @@ Examples
     help="Run this gate only; repeatable. `trajectory` stands for all it begins.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
-@click.option(
-    "--junit", "report", type=click.Path(dir_okay=False, path_type=Path), help="Write a JUnit file."
-)
+@click.option("--junit", "report", type=Place(dir_okay=False), help="Write a JUnit file.")
 @click.option(
     "--update-golden",
     is_flag=True,

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import click
 
+from pmjoint_codegen.cli.options import Place
 from pmjoint_codegen.cli.terminal import result
 
 TEMPLATES = Path(__file__).resolve().with_name("templates")
@@ -28,7 +29,7 @@ Examples
 )
 @click.option(
     "--out",
-    type=click.Path(path_type=Path),
+    type=Place(),
     metavar="DIR",
     default=Path("models"),
     help="Folder [default: models].",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -31,6 +32,22 @@ class Assignment(_Kind):
         if not sign or not name.strip():
             self.fail(f"{value!r} is not NAME=VALUE, such as c1=20", param, ctx)
         return name.strip(), number_of(number, self, param, ctx)
+
+
+class Place(click.Path):
+    """A path to write to, as a `Path`; an empty one, as an unset shell variable leaves, is a mistake."""
+
+    def __init__(self, *, dir_okay: bool = True) -> None:
+        """Take what click takes: whether a folder may stand there."""
+        super().__init__(dir_okay=dir_okay, path_type=Path)
+
+    def convert(
+        self, value: str | os.PathLike[str], param: click.Parameter | None, ctx: click.Context | None
+    ) -> Any:
+        """Refuse the empty path, which would be the current folder, or a default unsaid."""
+        if os.fspath(value) == "":
+            self.fail("is empty; give a path, or leave the option out", param, ctx)
+        return super().convert(value, param, ctx)
 
 
 class Numbers(_Kind):

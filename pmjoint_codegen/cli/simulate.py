@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, cast
 import click
 
 from pmjoint_codegen.cli.account import account
-from pmjoint_codegen.cli.options import Assignment, Numbers, assignments, tell_idle_sample_time
+from pmjoint_codegen.cli.options import Assignment, Numbers, Place, assignments, tell_idle_sample_time
 from pmjoint_codegen.cli.terminal import activity, as_json, document, message, result
 from pmjoint_codegen.errors import SimulationError
 
@@ -74,9 +74,7 @@ Examples
     type=click.Choice(["compiled", "interpreted"]),
     help="How kernels run; by default compiled where a C compiler is found.",
 )
-@click.option(
-    "--out", type=click.Path(path_type=Path), metavar="DIR", help="Results folder [default: runs/<model>]."
-)
+@click.option("--out", type=Place(), metavar="DIR", help="Results folder [default: runs/<model>].")
 @click.option("--no-figures", is_flag=True, help="Draw no figures.")
 @click.option(
     "--json", "wants_json", is_flag=True, help="Print the summary as one JSON document, not as a table."

@@ -10,7 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from pmjoint_codegen.cli.options import Assignment, Numbers, assignments, processors, tell_idle_sample_time
+from pmjoint_codegen.cli.options import (
+    Assignment,
+    Numbers,
+    Place,
+    assignments,
+    processors,
+    tell_idle_sample_time,
+)
 from pmjoint_codegen.cli.terminal import activity, document, message, result, table
 
 if TYPE_CHECKING:
@@ -108,7 +115,7 @@ Examples
 @click.option("--scheduler", metavar="ADDRESS", help="Compute on the workers of this Dask scheduler instead.")
 @click.option(
     "--out",
-    type=click.Path(path_type=Path),
+    type=Place(),
     metavar="DIR",
     help="Results folder [default: runs/<model>-sweep].",
 )

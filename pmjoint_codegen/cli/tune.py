@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from pmjoint_codegen.cli.options import Numbers, processors, tell_idle_sample_time
+from pmjoint_codegen.cli.options import Numbers, Place, processors, tell_idle_sample_time
 from pmjoint_codegen.cli.terminal import activity, document, message, result, table
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ _FILE_STEM = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
 @click.option("--threads", type=click.IntRange(1), help="To compute with [default: all processors].")
 @click.option(
     "--out",
-    type=click.Path(path_type=Path),
+    type=Place(),
     metavar="FILE",
     help="Model file to write [default: runs/<model>-tuned/<model>-tuned.toml]; the figure goes beside it.",
 )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from threading import Lock, get_ident
+
 import numpy.typing as npt
 
 from pmjoint_codegen.errors import UsageError
@@ -9,7 +11,10 @@ from pmjoint_codegen.kernels.evaluator import Array, PreparingEvaluator
 
 
 class Law:
-    """v of (29) at one state, in arrays that are made once: for one user at a time.
+    """v of (29) at one state, in arrays that are made once.
+
+    Calls from several threads wait for one another. What stands in the arrays belongs to the thread that made
+    the law: only there do `evaluate` and the attributes below mean anything.
 
     Attributes:
         y: measured output, shape (1,).
@@ -20,7 +25,7 @@ class Law:
         v: (29), shape (1,).
     """
 
-    __slots__ = ("_places", "_run", "_value", "alpha", "s", "v", "y", "y_r", "z")
+    __slots__ = ("_lock", "_owner", "_places", "_run", "_value", "alpha", "s", "v", "y", "y_r", "z")
 
     def __init__(self, evaluator: PreparingEvaluator, p: Array) -> None:
         """Make the law ready.
@@ -36,6 +41,7 @@ class Law:
         self._run = prepared.run
         self._value = self.v.item
         self._places = self.s.data, self.y_r.data
+        self._lock, self._owner = Lock(), get_ident()
 
     def __call__(self, state: npt.ArrayLike, y: float, reference: npt.ArrayLike) -> float:
         """Evaluate.
@@ -49,15 +55,26 @@ class Law:
             UsageError: shapes that do not fit.
         """
         s, y_r = self._places
-        try:
-            s[:], self.y[0], y_r[:] = state, y, reference  # type: ignore[assignment]  # of doubles: half the time
-        except (TypeError, ValueError):
-            self._write(state, y, reference)
-        self._run()
-        return self._value()
+        with self._lock:  # the kernel runs without Python's own lock
+            try:
+                s[:], self.y[0], y_r[:] = state, y, reference  # type: ignore[assignment]  # of doubles: half the time
+            except (TypeError, ValueError):
+                self._write(state, y, reference)
+            self._run()
+            return self._value()
 
     def evaluate(self) -> float:
-        """Evaluate at what has been written into `s`, `y` and `y_r`: the fastest way."""
+        """Evaluate at what has been written into `s`, `y` and `y_r`: the fastest way.
+
+        Raises:
+            UsageError: another thread made the law, and may be writing into its arrays.
+        """
+        if get_ident() != self._owner:
+            raise UsageError(
+                "was made by another thread, which owns its arrays",
+                where="law",
+                remedy="make a law in each thread, or call it with arguments",
+            )
         self._run()
         return self._value()
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from importlib import import_module
+from pathlib import Path
 
 import click
 import pytest
 
 from pmjoint_codegen.cli.commands import COMMANDS, CommandGroup, Entry
+from pmjoint_codegen.cli.main import run
 
 
 @pytest.mark.parametrize("entry", COMMANDS, ids=lambda entry: entry.name)
@@ -31,3 +33,38 @@ def test_commands_are_found_by_name_alone() -> None:
     assert group.list_commands(context) == [entry.name for entry in COMMANDS]
     assert group.get_command(context, "doctor") is import_module("pmjoint_codegen.cli.doctor").command
     assert group.get_command(context, "nothing") is None
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("simulate", "paper", "--no-figures", "--out", ""),
+        ("sweep", "paper", "--grid", "x1=0:1:2", "--no-figures", "--out", ""),
+        ("tune", "paper", "--out", ""),
+        ("audit", "--out", ""),
+        ("new", "mine", "--out", ""),
+        ("check", "paper", "--gate", "current", "--junit", ""),
+    ],
+    ids=lambda arguments: arguments[0],
+)
+def test_an_empty_path_is_refused_not_taken_for_the_current_folder(
+    arguments: tuple[str, ...],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run(arguments) == 2
+    assert f"{arguments[-2]}': is empty" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("command", ["simulate", "sweep"])
+@pytest.mark.parametrize("option", ["--reference", "--disturbance"])
+def test_bytes_that_are_no_text_are_refused_in_expressions(
+    command: str, option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    varied = ("--grid", "x1=0:1:2") if command == "sweep" else ()
+    assert run([command, "paper", option, "sin(t)\udcff", *varied, "--out", str(tmp_path)]) == 2
+    said = capsys.readouterr().err
+    assert option in said and "is not UTF-8" in said and len(said.splitlines()) == 1

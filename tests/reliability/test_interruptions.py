@@ -111,6 +111,18 @@ def test_a_disk_that_fills_up_while_regenerating_leaves_the_old_folder(
     assert pmjoint(root, project, tmp_path / "cache", ["regenerate", "models/paper.toml"]).returncode == 0
 
 
+def test_results_that_do_not_fit_on_the_disk_are_one_line_and_3(
+    root: Path, project: Path, tmp_path: Path
+) -> None:
+    cache = tmp_path / "cache"
+    assert pmjoint(root, project, cache, SHORT).returncode == 0
+    out = project / "out"
+    starved = pmjoint(root, project, cache, [*SHORT, "--out", str(out)], largest_file=1000)
+    assert starved.returncode == 3
+    assert "file too large" in starved.stderr and len(starved.stderr.splitlines()) == 1
+    assert list(out.iterdir()) == []
+
+
 def test_a_cache_that_cannot_be_written_is_replaced_and_said(
     root: Path, project: Path, tmp_path: Path
 ) -> None:

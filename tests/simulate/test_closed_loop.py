@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -86,6 +88,31 @@ def test_a_prepared_law_takes_every_kind_of_numbers(loop: ClosedLoop, kept: Call
     s, y_r = kept(np.linspace(-3.0, 4.0, 8)), kept(np.array([2.0, -1.0, 4.0]))
     assert law(s, float(y_r[0]), y_r) == loop.control(s, y_r[0], y_r)
     assert law.s.tolist() == s.tolist()
+
+
+def test_a_law_called_from_threads_mixes_nothing_up(
+    loop: ClosedLoop, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    states = np.random.default_rng(8).normal(size=(8, 8))
+    expected = loop.control(states, 0.5, np.zeros(3)).tolist()
+    law = loop.law()
+    evaluate = law._run
+
+    def slow() -> None:
+        time.sleep(0.005)  # lets the other threads write their arguments, if they may
+        evaluate()
+
+    monkeypatch.setattr(law, "_run", slow)
+    with ThreadPoolExecutor(max_workers=4) as pool:
+        assert list(pool.map(lambda s: law(s, 0.5, np.zeros(3)), states)) == expected
+
+
+def test_a_law_is_evaluated_in_place_by_its_own_thread_alone(loop: ClosedLoop) -> None:
+    law = loop.law()
+    with ThreadPoolExecutor(max_workers=1) as pool:
+        with pytest.raises(UsageError, match="make a law in each thread"):
+            pool.submit(law.evaluate).result()
+        assert pool.submit(lambda: loop.law().evaluate()).result() == law.evaluate()
 
 
 def test_a_law_of_other_shapes_or_parameters_is_refused(loop: ClosedLoop) -> None:
