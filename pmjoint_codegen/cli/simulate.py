@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 import click
 
 from pmjoint_codegen.cli.account import account
+from pmjoint_codegen.cli.drawing import ready_matplotlib
 from pmjoint_codegen.cli.options import Assignment, Numbers, Place, assignments, tell_idle_sample_time
 from pmjoint_codegen.cli.terminal import activity, as_json, document, message, result
 from pmjoint_codegen.errors import SimulationError
@@ -107,14 +107,16 @@ def command(
     run, failure = _run(loop, settings)
     notes = (f"disturbance = ({', '.join(disturbance)})",) if disturbance else ()
     files = write_results(run, folder)
-    if not no_figures:
-        files += _draw(loop, run, settings, folder, notes)
-    elif any(folder.glob("figure*_*.png")):
-        message(f"pmjoint: the figures in {folder} are of an earlier run")
-    if wants_json:
-        document({**run.summary, "files": files})
-    else:
-        result(account(run, notes, files))
+    try:
+        if not no_figures:
+            files += _draw(loop, run, settings, folder, notes)
+        elif any(folder.glob("figure*_*.png")):
+            message(f"pmjoint: the figures in {folder} are of an earlier run")
+    finally:  # figures that fail take no result with them
+        if wants_json:
+            document({**run.summary, "files": files})
+        else:
+            result(account(run, notes, files))
     if failure is not None:
         message(f"pmjoint: {failure}")
     return failure.exit_code if failure else 0
@@ -165,10 +167,8 @@ def _draw(
     """Draw the figures, the saturated transient from a second, short run on a fine grid."""
     from pmjoint_codegen.simulate.figures import write_figures
     from pmjoint_codegen.simulate.sheets import transient_window
-    from pmjoint_codegen.workspace import cache_dir
 
-    # Matplotlib keeps its list of fonts under HOME, and complains where that cannot be written.
-    os.environ.setdefault("MPLCONFIGDIR", str(cache_dir(os.environ) / "matplotlib"))
+    ready_matplotlib()
     window, detail = transient_window(run), None
     if window is not None:
         finer = {"horizon": window, "output_step": min(window / _DETAIL_ROWS, run.settings.output_step)}

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from pmjoint_codegen.cli.drawing import ready_matplotlib
 from pmjoint_codegen.cli.options import (
     Assignment,
     Numbers,
@@ -168,12 +169,16 @@ def command(
     store = Store(folder, request, provided.manifest.nX)
     with store.alone():
         _compute(store, provided, threads=threads, scheduler=scheduler, restart=restart)
-        files = _write(store, provided, formats, figures=not no_figures)
+        files = _write(store, provided, formats)
         account = _account(store, provided, files)
-    if wants_json:
-        document(account)
-    else:
-        result(_text(account))
+        try:
+            if not no_figures:
+                account["files"] = (*files, *_draw(store, provided))
+        finally:  # figures that fail take no result with them
+            if wants_json:
+                document(account)
+            else:
+                result(_text(account))
 
 
 def _compute(
@@ -236,8 +241,8 @@ def _simulate(
         raise
 
 
-def _write(store: Store, provided: Provided, formats: tuple[str, ...], *, figures: bool) -> tuple[Path, ...]:
-    from pmjoint_codegen.sweep.dataset import assemble, read
+def _write(store: Store, provided: Provided, formats: tuple[str, ...]) -> tuple[Path, ...]:
+    from pmjoint_codegen.sweep.dataset import assemble
 
     with activity("writing the dataset"):
         if not store.dataset.exists():
@@ -248,14 +253,16 @@ def _write(store: Store, provided: Provided, formats: tuple[str, ...], *, figure
 
         with activity(f"writing {' and '.join(formats)}"):
             files += [export(store.dataset, kind) for kind in formats]
-    if figures:
-        from pmjoint_codegen.sweep.maps import write_maps
-        from pmjoint_codegen.workspace import cache_dir
-
-        os.environ.setdefault("MPLCONFIGDIR", str(cache_dir(os.environ) / "matplotlib"))
-        with activity("drawing figures"):
-            files += write_maps(read(store.dataset), provided.manifest, store.folder)
     return tuple(files)
+
+
+def _draw(store: Store, provided: Provided) -> tuple[Path, ...]:
+    from pmjoint_codegen.sweep.dataset import read
+    from pmjoint_codegen.sweep.maps import write_maps
+
+    ready_matplotlib()
+    with activity("drawing figures"):
+        return write_maps(read(store.dataset), provided.manifest, store.folder)
 
 
 def _account(store: Store, provided: Provided, files: tuple[Path, ...]) -> dict[str, Any]:

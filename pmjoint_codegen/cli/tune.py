@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from pmjoint_codegen.cli.drawing import ready_matplotlib
 from pmjoint_codegen.cli.options import Numbers, Place, processors, tell_idle_sample_time
 from pmjoint_codegen.cli.terminal import activity, document, message, result, table
 
@@ -121,8 +122,12 @@ def command(
     found = _search(costing)
     comparison = compare(costing, found)
     _write_model(text, file, comparison, str(source))
-    files = [file, *([] if no_figure else [_draw(costing, comparison, file)])]
-    _report(comparison, files, wants_json=wants_json)
+    files = [file]
+    try:
+        if not no_figure:
+            files.append(_draw(costing, comparison, file))
+    finally:  # a figure that fails takes no result with it
+        _report(comparison, files, wants_json=wants_json)
 
 
 def _notify(line: str) -> None:
@@ -218,9 +223,8 @@ def _note(comparison: Comparison) -> str:
 
 def _draw(costing: Costing, comparison: Comparison, file: Path) -> Path:
     from pmjoint_codegen.tune.figure import write_figure
-    from pmjoint_codegen.workspace import cache_dir
 
-    os.environ.setdefault("MPLCONFIGDIR", str(cache_dir(os.environ) / "matplotlib"))
+    ready_matplotlib()
     path = file.with_suffix(".png")
     with activity("drawing the figure"):
         write_figure(costing, comparison, path)

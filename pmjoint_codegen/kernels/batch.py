@@ -11,7 +11,7 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from pmjoint_codegen.build.compiler import Compiler
-from pmjoint_codegen.build.library import build
+from pmjoint_codegen.build.library import FLAGS, build
 from pmjoint_codegen.errors import BuildError, StaleError
 from pmjoint_codegen.identity import canonical_hash
 from pmjoint_codegen.kernels.declarations import MODULE, declarations, load_library, to_module
@@ -22,19 +22,6 @@ from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.storage import sha256_file
 from pmjoint_codegen.values import SETTLED
 
-# Bits must not depend on the machine: no contraction. Neither of -fno-math-errno, -fno-trapping-math changes
-# a result; # without them square roots and selections are not vectors. -Wno-psabi: no vector crosses the
-# border of a file.
-FLAGS: Final = (
-    "-O2",
-    "-std=c99",
-    "-ffp-contract=off",
-    "-fno-math-errno",
-    "-fno-trapping-math",
-    "-Wno-psabi",
-    "-fPIC",
-    "-shared",
-)
 HEADER: Final = "pmjoint_batch.h"
 GENERATED: Final = ("lanes.c", "lanes.h")
 METRICS: Final = 11  # columns of `Outcome.metrics`: PMJ_METRICS

@@ -12,8 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pmjoint_codegen.build.compiler import Compiler
-from pmjoint_codegen.build.library import FLAGS as BITS
-from pmjoint_codegen.build.library import build
+from pmjoint_codegen.build.library import FLAGS, build
 from pmjoint_codegen.errors import BuildError, SimulationError, StaleError
 from pmjoint_codegen.kernels.declarations import MODULE, declarations, load_library, to_module
 from pmjoint_codegen.kernels.evaluator import (
@@ -29,9 +28,6 @@ from pmjoint_codegen.kernels.evaluator import (
 from pmjoint_codegen.kernels.processor import Level, known_levels
 from pmjoint_codegen.manifest import Manifest
 
-# Neither of the first two changes a result; without them, sine and cosine of one angle are two calls, and
-# choices are jumps. -Wno-psabi: no vector crosses the border of a file.
-FLAGS: Final = (*BITS, "-fno-math-errno", "-fno-trapping-math", "-Wno-psabi")
 RUNTIME_HEADER: Final = "pmjoint_runtime.h"
 GENERATED: Final = ("kernels.c", "kernels.h", "sampled.h")
 

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, cast
+from typing import TYPE_CHECKING, Any, Final
 
 from pmjoint_codegen import storage
+from pmjoint_codegen.simulate import style
 from pmjoint_codegen.simulate.sheets import (
     GREY,
     Panel,
@@ -39,29 +39,17 @@ GAP, COLUMN_GAP = 0.22, 0.42  # inches between panels
 LABEL = 0.37  # inches from a panel to its vertical label
 CAPTION_LINE = 0.165  # inches
 CAPTION_CHARACTERS = 124  # printed ones in a line
-DPI = 220
 SHADE = {-1: "#d9e3ee", 1: "#f3dcd6"}  # saturated below, above
 _STYLE: Final = {
-    "font.family": ["STIXGeneral", "DejaVu Serif"],  # by name: a text keeps it wherever it is drawn
-    "mathtext.fontset": "stix",
-    "font.size": 9.5,
     "axes.labelsize": 10.0,
-    "axes.linewidth": 0.5,
     "axes.xmargin": 0.0,
     "axes.ymargin": 0.08,
     "axes.formatter.limits": (-4, 5),
     "axes.formatter.use_mathtext": True,
     "lines.linewidth": 0.9,
-    "legend.frameon": False,
     "legend.fontsize": 9.0,
-    "xtick.direction": "in",
-    "ytick.direction": "in",
     "xtick.top": True,
     "ytick.right": True,
-    "xtick.labelsize": 8.5,
-    "ytick.labelsize": 8.5,
-    "xtick.major.width": 0.5,
-    "ytick.major.width": 0.5,
     "xtick.major.size": 2.5,
     "ytick.major.size": 2.5,
 }
@@ -99,18 +87,14 @@ def write_figures(
 
 
 def png(figure: Figure) -> bytes:
-    """Give a figure as the bytes of a PNG file, the same for the same figure."""
-    stream = BytesIO()
-    figure.savefig(stream, format="png", dpi=DPI, metadata={"Software": None})
-    return stream.getvalue()
+    """Give a figure of a run as the bytes of a PNG file, the same for the same figure."""
+    return style.png(figure, _STYLE)
 
 
 def draw(run: Record, sheet: Sheet, *, detail: Record | None = None, notes: Sequence[str] = ()) -> Figure:
     """Draw one figure: the whole run on the right, the saturated transient, if there is one, on the left."""
-    import matplotlib as mpl
-
     window = transient_window(run)
-    with mpl.rc_context(cast("Any", _STYLE)):  # matplotlib types the keys as literals
+    with style.styled(_STYLE):
         lines = wrapped(caption(run, sheet, notes))
         height = 1.75 if len(sheet.panels) == 1 else 1.3
         figure, grid = _canvas(len(sheet.panels), (1.0, 1.9) if window else (1.0,), height, len(lines))
@@ -128,9 +112,7 @@ def draw(run: Record, sheet: Sheet, *, detail: Record | None = None, notes: Sequ
 
 def overview(run: Record, *, notes: Sequence[str] = ()) -> Figure:
     """Draw the whole run on one page."""
-    import matplotlib as mpl
-
-    with mpl.rc_context(cast("Any", _STYLE)):  # matplotlib types the keys as literals
+    with style.styled(_STYLE):
         lines = wrapped(overview_caption(run, notes))
         figure, grid = _canvas(3, (1.0, 1.0), 1.25, len(lines), gap=LEFT)
         for axes, panel in zip((axes for row in grid for axes in row), overview_panels(run), strict=True):
@@ -197,10 +179,10 @@ def _shade(axes: Axes, run: Record) -> None:
 def _name_limits(axes: Axes, run: Record, until: float) -> None:
     """Name the limit above each shaded interval of the transient that is wide enough."""
     above = axes.get_xaxis_transform()
-    style: dict[str, Any] = {"ha": "center", "va": "bottom", "fontsize": 8, "color": GREY}
+    text: dict[str, Any] = {"ha": "center", "va": "bottom", "fontsize": 8, "color": GREY}
     for start, stop, mode in saturated_intervals(run):
         if stop - start > 0.08 * until:
-            axes.text((start + stop) / 2, 1.02, limit_name(mode), transform=above, **style)
+            axes.text((start + stop) / 2, 1.02, limit_name(mode), transform=above, **text)
 
 
 def _legend(axes: Axes, panel: Panel) -> None:

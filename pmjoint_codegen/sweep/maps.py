@@ -11,7 +11,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, cast
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -19,8 +19,9 @@ import numpy.typing as npt
 from pmjoint_codegen import storage
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.simulate.figures import png, wrapped
+from pmjoint_codegen.simulate.figures import wrapped
 from pmjoint_codegen.simulate.status import Status
+from pmjoint_codegen.simulate.style import png, styled
 from pmjoint_codegen.sweep.metrics import INVALID
 from pmjoint_codegen.sweep.plan import DRAW
 from pmjoint_codegen.sweep.reach import Border, border, held, held_share
@@ -50,19 +51,11 @@ METRICS: Final = {  # name -> words, whether a logarithmic scale suits it
 MOST_CELLS: Final = 1024  # drawn along an axis: more than there are pixels
 FOUR: Final = ("ise", "settling_s", "max_abs_e", "max_abs_v")
 _STYLE: Final = {
-    "font.family": ["STIXGeneral", "DejaVu Serif"],
-    "mathtext.fontset": "stix",
     "font.size": 9.0,
     "axes.titlesize": 9.5,
-    "axes.linewidth": 0.5,
-    "legend.frameon": False,
     "legend.fontsize": 8.0,
-    "xtick.direction": "in",
-    "ytick.direction": "in",
     "xtick.labelsize": 8.0,
     "ytick.labelsize": 8.0,
-    "xtick.major.width": 0.5,
-    "ytick.major.width": 0.5,
 }
 
 
@@ -85,13 +78,11 @@ def write_maps(dataset: xr.Dataset, manifest: Manifest, folder: Path) -> tuple[P
     Raises:
         UsageError: a file cannot be written.
     """
-    import matplotlib as mpl
-
     paths = []
-    with mpl.rc_context(cast("Any", _STYLE)):
+    with styled(_STYLE):
         for stem, figure in _figures(_ascending(dataset), manifest).items():
             path = folder / f"{stem}.png"
-            storage.write_bytes(path, png(figure))
+            storage.write_bytes(path, png(figure, _STYLE))
             paths.append(path)
     return tuple(paths)
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, cast
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from pmjoint_codegen import storage
 from pmjoint_codegen.kernels.evaluator import Array
-from pmjoint_codegen.simulate.figures import png, wrapped
+from pmjoint_codegen.simulate.figures import wrapped
+from pmjoint_codegen.simulate.style import png, styled
 from pmjoint_codegen.sweep.metrics import Column
 from pmjoint_codegen.tune.comparison import Comparison, Traces, traces, transient
 from pmjoint_codegen.tune.cost import Costing
@@ -21,20 +22,7 @@ if TYPE_CHECKING:
 COLOURS: Final = ("#8a8782", "#1f4e79")  # before, after
 LABELS: Final = ("before", "after")
 SIZE: Final = (6.6, 4.3)  # inches
-_STYLE: Final = {
-    "font.family": ["STIXGeneral", "DejaVu Serif"],
-    "mathtext.fontset": "stix",
-    "font.size": 9.5,
-    "axes.linewidth": 0.5,
-    "axes.xmargin": 0.0,
-    "legend.frameon": False,
-    "xtick.direction": "in",
-    "ytick.direction": "in",
-    "xtick.labelsize": 8.5,
-    "ytick.labelsize": 8.5,
-    "xtick.major.width": 0.5,
-    "ytick.major.width": 0.5,
-}
+_STYLE: Final = {"axes.xmargin": 0.0}
 
 
 def write_figure(costing: Costing, comparison: Comparison, path: Path) -> None:
@@ -43,15 +31,14 @@ def write_figure(costing: Costing, comparison: Comparison, path: Path) -> None:
     Raises:
         UsageError: the file cannot be written.
     """
-    storage.write_bytes(path, png(draw(costing, comparison)))
+    storage.write_bytes(path, png(draw(costing, comparison), _STYLE))
 
 
 def draw(costing: Costing, comparison: Comparison) -> Figure:
     """Draw both designs on every plant."""
-    import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    with mpl.rc_context(cast("Any", _STYLE)):  # matplotlib types the keys as literals
+    with styled(_STYLE):
         figure = Figure(figsize=SIZE, layout="constrained")
         panels = figure.subplots(2, 2, sharex="col", width_ratios=(1.0, 1.6))
         ends = (transient(comparison), comparison.request.runs.horizon)

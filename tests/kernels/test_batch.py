@@ -12,7 +12,6 @@ import pytest
 from pmjoint_codegen import ClosedLoop
 from pmjoint_codegen.build.compiler import find_compiler
 from pmjoint_codegen.build.library import build
-from pmjoint_codegen.kernels import batch
 from pmjoint_codegen.kernels.batch import BatchLibrary, Runs
 from pmjoint_codegen.kernels.declarations import load_module, to_module
 from pmjoint_codegen.kernels.processor import known_levels, usable_levels
@@ -262,9 +261,7 @@ def test_elementary_functions_are_right_to_units_in_the_last_place(root: Path, c
     header = root / "pmjoint_codegen" / "kernels" / "c_batch" / "pmjoint_lanes.h"
     source = '#include "pmjoint_lanes.h"\n' + "\n".join(lines)
     declared = "\n".join(f"void each_{name}(const double *x, double *y, long long n);" for name in FUNCTIONS)
-    folder = build(
-        {"each.c": source.encode(), header.name: header.read_bytes()}, COMPILER, cache, None, batch.FLAGS
-    )
+    folder = build({"each.c": source.encode(), header.name: header.read_bytes()}, COMPILER, cache)
     ffi = load_module(to_module(declared))
     lib = ffi.dlopen(str(folder / "kernels.so"))
     generator = np.random.default_rng(0)

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pmjoint_codegen.build.library import FLAGS
 from pmjoint_codegen.kernels import batch
 from pmjoint_codegen.kernels.batch import BatchLibrary, Runs, step_rules
 from pmjoint_codegen.kernels.processor import Level, known_levels, usable_levels
@@ -37,7 +38,7 @@ def as_program(root: Path, model: str, folder: Path, *compiler: str) -> Path:
     for name, content in sources.items():
         (folder / name).write_bytes(content)
     units = sorted(name for name in sources if name.endswith(".c"))
-    own = [flag for flag in batch.FLAGS if flag not in ("-fPIC", "-shared")]
+    own = [flag for flag in FLAGS if flag not in ("-fPIC", "-shared")]
     first, *more = compiler
     subprocess.run([first, *own, *more, *units, "-o", "batch", "-lm"], cwd=folder, check=True)
     return folder / "batch"

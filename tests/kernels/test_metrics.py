@@ -138,7 +138,7 @@ def metrics(root: Path, cache: Path) -> Metrics:
     wanted = ("metrics.c", "metrics.h", "lanes.c", "lanes.h", "pmjoint_lanes.h")
     source = f"#define START {START}\n#define SIZE {SIZE}\n#define SQUARE {SQUARE}\n{SOURCE}"
     files = {name: sources[name] for name in wanted} | {"each.c": source.encode()}
-    folder = build(files, COMPILER, cache, None, batch.FLAGS)
+    folder = build(files, COMPILER, cache)
     ffi = load_module(to_module(DECLARED))
     return Metrics(ffi, ffi.dlopen(str(folder / LIBRARY)))
 
