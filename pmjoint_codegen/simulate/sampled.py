@@ -144,7 +144,8 @@ class _Loop:
 
     def hold(self, c: Array, w: Array, length: float, end: float, rows_until: float) -> None:
         """Integrate the plant under constant w for the time `length`, to `end`; `c` are the sample's own."""
-        self.memory.sides[:] = np.where(c[0, self.e + 1 :] < 0.0, -1.0, 1.0)
+        for kink, value in enumerate(c[0, self.e + 1 :].tolist()):
+            self.set_side(kink, -1.0 if value < 0.0 else 1.0)
         short = length <= self.problem.max_step and self.smooth(c, length) and self.within(c, length)
         if not (short and self.shown(c, w, length)):
             self.long_hold(w, end, rows_until)
@@ -247,11 +248,20 @@ class _Loop:
         for j in range(len(sides)):  # an argument depends on the sides before its own
             found = self.rates(np.array([self.progress.t]), self.x, self.actuation(w), self.problem.p)
             value = float(found[2][j])
-            sides[j] = -1.0 if value < 0.0 else 1.0 if value > 0.0 else sides[j]
+            self.set_side(j, -1.0 if value < 0.0 else 1.0 if value > 0.0 else float(sides[j]))
+
+    def set_side(self, kink: int, side: float) -> None:
+        """Put a kink on a side.
+
+        On the other one the right-hand side is another function: what the guard has looked at is of no use.
+        """
+        if self.memory.sides[kink] != side:
+            self.memory.window[1] = -1.0
+        self.memory.sides[kink] = side
 
     def flip(self, kink: int) -> None:
         """Go to the other side of a kink."""
-        self.memory.sides[kink] *= -1.0
+        self.set_side(kink, -float(self.memory.sides[kink]))
         self.progress.touching = kink
         self.progress.flips += 1
         if self.progress.flips > 2 * self.problem.n_kinks:

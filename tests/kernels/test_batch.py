@@ -337,6 +337,23 @@ def test_a_lane_that_sticks_to_a_kink_ends_with_that_status(cache: Path, sample_
     assert np.all(outcome.metrics[:, Column.T_END] < 20.0)
 
 
+def test_beyond_a_kink_a_lane_s_hold_is_looked_at_anew(cache: Path) -> None:
+    """A bump that one side has and the other has not, narrower than a hold, right behind the kink."""
+    ise = []
+    bump = "30*exp(-((x1-0.002+{})/0.00002)**2)"
+    for force in (bump.format("5*(1-sign(x1))"), bump.format("0"), "0"):
+        one, _ = changed(cache, "sin(t)", ("0", force))
+        start = np.zeros((1, one.manifest.nX))
+        start[0, 0] = -0.3
+        runs = make_runs(one, 1, horizon=1.0, tolerance=1e-8)
+        runs = sampled(one, replace(runs, x0=start, p=own_values(one)[None].copy()), 0.001)
+        ise.append(one.simulate(runs).metrics[0, Column.ISE])
+    behind, everywhere, nowhere = ise
+    met = abs(everywhere - nowhere)
+    assert met > 1e-5 * nowhere
+    assert abs(behind - everywhere) < 1e-3 * met
+
+
 @pytest.mark.parametrize("sample_time", [0.0, 0.01])
 def test_no_step_of_a_lane_is_longer_than_was_asked(paper: BatchLibrary, sample_time: float) -> None:
     runs = make_runs(paper, 3, horizon=1.0, max_step=1e-3)

@@ -142,3 +142,19 @@ def test_what_the_controller_knows_must_stay_smooth() -> None:
 def test_a_longest_step_is_a_positive_number() -> None:
     with pytest.raises(UsageError, match="max step: is 0 s"):
         load(("0", "0")).simulate(max_step=0.0)
+
+
+@pytest.mark.parametrize("evaluator", ["compiled", "interpreted"])
+def test_beyond_a_kink_a_hold_is_looked_at_anew(evaluator: str) -> None:
+    """A bump that one side has and the other has not, narrower than a hold, right behind the kink."""
+    kind: dict[str, Any] = dict(
+        x0=[-0.3, 0.0], horizon=1.0, controller="sampled", sample_time=0.001, tolerance=1e-8
+    )
+    bump = "30*exp(-((x1-0.002+{})/0.00002)**2)"
+    behind, everywhere, nowhere = (
+        load(("0", force), evaluator).simulate(**kind)
+        for force in (bump.format("5*(1-sign(x1))"), bump.format("0"), "0")
+    )
+    met = abs(everywhere.ise - nowhere.ise)
+    assert met > 1e-5 * nowhere.ise
+    assert abs(behind.ise - everywhere.ise) < 1e-3 * met

@@ -117,6 +117,17 @@ static void try_step(const pmj_problem *problem, pmj_progress *progress, const p
     }
 }
 
+/* Put a kink on a side. On the other one the right-hand side is another function: what the guard has looked at is of no
+ * use. */
+static void set_side(const pmj_problem *problem, const pmj_memory *memory, long long kink, double side)
+{
+    if (memory->sides[kink] != side) {
+        memory->window[1] = -1.0;
+    }
+    memory->sides[kink] = side;
+    memory->w[problem->n_actuated + kink] = side;
+}
+
 /* The sides of all kinks at the state, where an argument of 0 leaves its side as it was; 0 is success. */
 static int find_sides(const pmj_problem *problem, const pmj_function *rates, const pmj_progress *progress,
                       const pmj_memory *memory)
@@ -137,7 +148,7 @@ static int find_sides(const pmj_problem *problem, const pmj_function *rates, con
             return 1;
         }
         const double value = memory->rest[PMJ_NX + 1 + j];
-        memory->sides[j] = value < 0.0 ? -1.0 : value > 0.0 ? 1.0 : memory->sides[j];
+        set_side(problem, memory, j, value < 0.0 ? -1.0 : value > 0.0 ? 1.0 : memory->sides[j]);
     }
     for (int i = 0; i < PMJ_NK; ++i) {
         w[i] = memory->sides[i];
@@ -148,8 +159,7 @@ static int find_sides(const pmj_problem *problem, const pmj_function *rates, con
 /* Go to the other side of a kink. */
 static void flip(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory, long long kink)
 {
-    memory->sides[kink] = -memory->sides[kink];
-    memory->w[problem->n_actuated + kink] = memory->sides[kink];
+    set_side(problem, memory, kink, -memory->sides[kink]);
     progress->touching = kink;
     progress->flips += 1;
     if (progress->flips > 2 * PMJ_NK) {
@@ -315,8 +325,7 @@ static int shown(const pmj_problem *problem, const kernels *plant, const pmj_pro
 static void take_sides(const pmj_problem *problem, const pmj_memory *memory)
 {
     for (int j = 0; j < PMJ_NK; ++j) {
-        memory->sides[j] = memory->coefficients[E + 1 + j] < 0.0 ? -1.0 : 1.0;
-        memory->w[problem->n_actuated + j] = memory->sides[j];
+        set_side(problem, memory, j, memory->coefficients[E + 1 + j] < 0.0 ? -1.0 : 1.0);
     }
 }
 

@@ -342,6 +342,7 @@ static void flip(group *all, int w, int kink)
 {
     lane *one = &all->lanes[w];
     all->w[PMJ_NW + kink][w] = -all->w[PMJ_NW + kink][w];
+    all->window_R[w] = -1.0;
     one->touching = kink;
     one->flips += 1;
     if (one->flips > 2 * PMJ_NK) {
@@ -366,7 +367,10 @@ static pmj_lanes hold(const pmj_sweep *sweep, const pmj_results *results, group 
         kink[w] = -1;
     }
     for (int j = 0; j < PMJ_NK; ++j) {
-        all->w[PMJ_NW + j] = pmj_select(all->c[E + 1 + j] < 0.0, pmj_all(-1.0), pmj_all(1.0));
+        const pmj_lanes side = pmj_select(all->c[E + 1 + j] < 0.0, pmj_all(-1.0), pmj_all(1.0));
+        /* On the other side the right-hand side is another function: the window is of no use. */
+        all->window_R = pmj_select(side == all->w[PMJ_NW + j], all->window_R, pmj_all(-1.0));
+        all->w[PMJ_NW + j] = side;
     }
     pmj_inverse_scales(all->c, CHANNELS, scales);
     pmj_mask once = whole(sweep, all, scales, left) & smooth(all, left) & (left <= sweep->max_step) & on;
