@@ -205,6 +205,7 @@ class Manifest:
         leading: expression of b_m.
         disturbance_bound: D_max, or None.
         kinks: arguments of abs and sign in the plant's rates, inner ones first; each has its zeros located.
+        windows: whether one look at the plant's guard serves many holds: not where it depends on w.
         guards: the rule of the steps of each kernel of Taylor coefficients, by its name.
         states: entries of X.
         start: what x0 gives, and the plant's states there.
@@ -236,6 +237,7 @@ class Manifest:
     leading: str
     disturbance_bound: float | None
     kinks: tuple[str, ...]
+    windows: bool
     guards: Mapping[str, GuardRule]
     states: tuple[Variable, ...]
     start: Start

@@ -14,6 +14,7 @@
 #define PMJ_NH 16
 #define PMJ_NK 0
 #define PMJ_HOLD_ORDER 5
+#define PMJ_WINDOWS 0
 #define PMJ_NM 8
 #define PMJ_ORDER 12
 #define PMJ_LOOP_BENT_STATES 9

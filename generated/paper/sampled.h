@@ -13,6 +13,7 @@
 #define PMJ_NH 16
 #define PMJ_NK 0
 #define PMJ_HOLD_ORDER 5
+#define PMJ_WINDOWS 1
 
 static inline double pmj_fmin(double a, double b)
 {

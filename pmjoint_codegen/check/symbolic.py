@@ -28,7 +28,6 @@ from pmjoint_codegen.check.subject import Subject
 from pmjoint_codegen.emit.functions import COMPOSED, GUARDS
 from pmjoint_codegen.kernels.tape import Tape
 from pmjoint_codegen.manifest import Function
-from pmjoint_derive import parameter_symbol
 
 Array = npt.NDArray[np.float64]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -81,7 +82,7 @@ def _tracking(run: Run) -> Iterator[tuple[str, ...]]:
 
 def _settling(settled: float | None, initial: float, end: float, unit: str) -> str:
     """Name the band in y's unit: 2 % of a small start may be less than what the disturbance leaves of e."""
-    if settled is None:
+    if settled is None or not math.isfinite(initial):
         return "e starts at 0" if initial == 0.0 else _BEYOND
     band = f"{0.02 * abs(initial):.6g} {unit}, 2 % of the initial |e|"
     if settled >= end:

@@ -64,6 +64,7 @@ def describe(
     functions: tuple[Function, ...],
     order: int,
     guards: Mapping[str, GuardRule],
+    windows: bool,
     files: Mapping[str, str],
 ) -> Manifest:
     """The whole manifest.
@@ -74,6 +75,7 @@ def describe(
         functions: the emitted kernels.
         order: highest Taylor coefficient.
         guards: the rule of each kind of steps.
+        windows: whether one look at the plant's guard serves many holds.
         files: SHA-256 of the other generated files.
     """
     model, plant, words = derivation.model, derivation.plant, vocabulary(derivation)
@@ -96,6 +98,7 @@ def describe(
         leading=str(model.plant.b[0]),
         disturbance_bound=model.disturbance_bound,
         kinks=tuple(str(argument) for argument in words.kinks),
+        windows=windows,
         guards=guards,
         states=_states(derivation),
         start=start_of(derivation),

@@ -84,6 +84,11 @@ def bent(guard: ca.Function) -> tuple[list[int], list[int]]:
     return sorted(set(places.get_col())), entries
 
 
+def looks_at_actuator(guard: ca.Function, channels: int) -> bool:
+    """Whether the guard of the plant depends on any of the first entries of w."""
+    return any(column < channels for column in guard.jac_sparsity(0, guard.index_in("w")).get_col())
+
+
 def rule_of(function: ca.Function, order: int) -> GuardRule:
     """The rule for steps of polynomials of degree `order` over a right-hand side.
 

@@ -50,7 +50,7 @@ def lane_functions(functions: Mapping[str, ca.Function]) -> dict[str, ca.Functio
 def lane_sizes(words: Vocabulary, functions: Mapping[str, ca.Function]) -> dict[str, int | str]:
     """The constants of ``lanes.h``: sizes of all vectors, the two orders, and what is not linear."""
     sizes: dict[str, int | str] = {
-        **sampled_sizes(words),
+        **sampled_sizes(words, functions),
         "PMJ_NM": len(words.h) // 2,
         "PMJ_ORDER": LANE_ORDER,
     }

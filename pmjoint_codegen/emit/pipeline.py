@@ -22,7 +22,7 @@ import casadi as ca
 from pmjoint_codegen.emit.c_text import banner, kernels_header, kernels_source
 from pmjoint_codegen.emit.describe import describe, describe_functions, tool_versions
 from pmjoint_codegen.emit.functions import build_functions
-from pmjoint_codegen.emit.guard import rule_of
+from pmjoint_codegen.emit.guard import looks_at_actuator, rule_of
 from pmjoint_codegen.emit.lane_text import lanes_header, lanes_source
 from pmjoint_codegen.emit.lanes import LANE_ORDER, lane_functions, lane_sizes
 from pmjoint_codegen.emit.sampling import HOLD_ORDER, PLANT_ORDER, SAMPLED, sampled_sizes
@@ -89,7 +89,8 @@ def generate(document: Document, model: Model, order: int | None = None) -> Arti
         "taylor_lanes": rule_of(functions["closed_loop"], LANE_ORDER),
         "plant_lanes": rule_of(functions["plant"], HOLD_ORDER),
     }
-    manifest = describe(document, derivation, records, order, guards, hashes)
+    windows = not looks_at_actuator(functions["plant_guard"], len(vocabulary(derivation).w))
+    manifest = describe(document, derivation, records, order, guards, windows, hashes)
     return Artifacts(manifest, {**texts, FILE_NAME: manifest.to_json()})
 
 
@@ -121,7 +122,9 @@ def _kernel_files(
     return {
         "kernels.c": kernels_source(functions, SAMPLED, banner(head)),
         "kernels.h": kernels_header(records, banner(head)),
-        SAMPLED_HEADER: sampled_header(sampled, sampled_sizes(vocabulary(derivation)), banner(head[:2])),
+        SAMPLED_HEADER: sampled_header(
+            sampled, sampled_sizes(vocabulary(derivation), functions), banner(head[:2])
+        ),
         TAPE: tapes,
     }
 

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 
 import casadi as ca
 
-from pmjoint_codegen.emit.guard import guard_function
+from pmjoint_codegen.emit.guard import guard_function, looks_at_actuator
 from pmjoint_codegen.emit.table import Vocabulary
 from pmjoint_codegen.emit.taylor import taylor_function
 
@@ -67,8 +67,11 @@ def _sample(functions: Mapping[str, ca.Function], held: ca.Function) -> ca.Funct
     )
 
 
-def sampled_sizes(words: Vocabulary) -> dict[str, int]:
-    """The sizes of the vectors as constants of C, and the order."""
+def sampled_sizes(words: Vocabulary, functions: Mapping[str, ca.Function]) -> dict[str, int]:
+    """The sizes of the vectors as constants of C, the order, and whether one look at the guard serves many holds.
+
+    It does where the guard does not depend on what the actuator delivers, which is another in every hold.
+    """
     return {
         "PMJ_NX": len(words.x),
         "PMJ_NS": len(words.x) + len(words.s),
@@ -77,6 +80,7 @@ def sampled_sizes(words: Vocabulary) -> dict[str, int]:
         "PMJ_NH": len(words.h),
         "PMJ_NK": len(words.kinks),
         "PMJ_HOLD_ORDER": HOLD_ORDER,
+        "PMJ_WINDOWS": int(not looks_at_actuator(functions["plant_guard"], len(words.w))),
     }
 
 

@@ -51,6 +51,7 @@ class _Loop:
         self.rates = evaluator.kernel("plant")
         self.guard = evaluator.kernel("plant_guard")
         self.stepper = Stepper(self.guard, self.rates, problem, progress, memory)
+        self.windows = evaluator.manifest.windows
         self.e = problem.n_plant  # place of e among the channels
         self.problem = problem
         self.progress = progress
@@ -183,13 +184,14 @@ class _Loop:
         problem, t, n = self.problem, self.progress.t, self.problem.n_plant
         window, x = self.memory.window, c[:, : problem.n_plant]
         R = float(problem.hold_ratios[0]) * problem.sample_time
-        if self.covered(window, x, t, R):
+        if self.windows and self.covered(window, x, t, R):
             return True
-        window[:2] = t + R, 2.0 * R
-        window[2 : 2 + n], window[2 + n :] = x[0], WINDOW * spread(x, R)
-        held = float(window[0]), window[2 : 2 + n].copy(), float(window[1]), window[2 + n :].copy()
-        if 2.0 * self.hold_miss(w, *held, problem.sample_time, 0) <= 1.0:
-            return True
+        if self.windows:
+            window[:2] = t + R, 2.0 * R
+            window[2 : 2 + n], window[2 + n :] = x[0], WINDOW * spread(x, R)
+            held = float(window[0]), window[2 : 2 + n].copy(), float(window[1]), window[2 + n :].copy()
+            if 2.0 * self.hold_miss(w, *held, problem.sample_time, 0) <= 1.0:
+                return True
         window[1] = -1.0  # none
         for disc, ratio in enumerate(problem.hold_ratios.tolist()):
             radius = ratio * length

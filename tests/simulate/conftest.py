@@ -114,6 +114,7 @@ SAMPLED_H = """
 #define PMJ_NP 8
 #define PMJ_NH 1
 #define PMJ_NK 0
+#define PMJ_WINDOWS 1
 #define PMJ_HOLD_ORDER 2
 static inline void pmj_sample(const double *t, const double *X, const double *h, const double *p, double *v,
                               double *w, double *c, double *s_next)
@@ -211,6 +212,7 @@ def polynomial_manifest() -> Manifest:
         leading="limit",
         disturbance_bound=None,
         kinks=(),
+        windows=True,
         guards={"taylor": GuardRule(ORDER, (), 1.0, 0.1)},
         states=(Variable("x1", "", ""),),
         start=Start((Variable("x1", "", ""),), 1, ("x1",)),

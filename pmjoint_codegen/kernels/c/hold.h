@@ -1,4 +1,4 @@
-/* A hold that is one step: what the sampled loop asks of the polynomials that come with a sample, written so that the
+/* Holds of the sampled loop. One that is one step: what the sampled loop asks of the polynomials that come with a sample, written so that the
  * compiler can unroll it and keep it in registers.
  */
 #ifndef PMJOINT_HOLD_H
@@ -13,6 +13,9 @@
 #define ORDER PMJ_HOLD_ORDER
 #define CHANNELS (PMJ_NX + 1 + PMJ_NK)
 #define E PMJ_NX
+/* Entries of the peaks: X, v, e. */
+#define PEAK_V PMJ_NS
+#define PEAK_E (PMJ_NS + 1)
 
 /* Left alone, compilers roll short loops up. */
 #if defined(__GNUC__)
@@ -88,7 +91,7 @@ static inline double spread(const double *c, int channel, double R)
 /* Whether the window of what the guard has looked at holds the disc of radius R around t, and where x goes on it. */
 static inline int covered(const double *window, const double *c, double t, double R)
 {
-    int all = fabs(t - window[0]) + R <= window[1];
+    int all = PMJ_WINDOWS && fabs(t - window[0]) + R <= window[1];
     UNROLLED
     for (int i = 0; i < PMJ_NX; ++i) {
         all = all && fabs(c[i] - window[2 + i]) + spread(c, i, R) <= window[2 + PMJ_NX + i];
@@ -132,5 +135,22 @@ static inline double integral(const double *c, double size)
     }
     return size * sum;
 }
+
+/* The kernels of the plant. */
+typedef struct {
+    const pmj_function *taylor;
+    const pmj_function *guard;
+    const pmj_function *rates;
+} kernels;
+
+/* hold.c: the next output row, as at the sample at time t_sample, into which the plant's states go */
+double *pmj_next_row(pmj_progress *progress, const pmj_memory *memory, double t_sample);
+
+/* The last instant so far at which e is outside its band, over a step of size tau that ends at `end`. */
+void pmj_note_outside(pmj_progress *progress, const double *c, long long order, double last, double tau, double end);
+
+/* Integrate the plant under constant w for the time `length`, to `end`; the sample's coefficients stand in memory. */
+void pmj_hold(const pmj_problem *problem, const kernels *plant, pmj_progress *progress, const pmj_memory *memory,
+              double length, double end, double rows_until);
 
 #endif

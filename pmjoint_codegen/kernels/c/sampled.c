@@ -8,12 +8,6 @@
 
 /* Output instants closer to a sample than this fraction of the sample time are the sample itself. */
 #define SAME_INSTANT 1e-9
-
-/* A window's reach in x, as a multiple of what a hold needs of it. */
-#define WINDOW 4.0
-/* Entries of the peaks: X, v, e. */
-#define PEAK_V PMJ_NS
-#define PEAK_E (PMJ_NS + 1)
 #define OWN (PMJ_NS - PMJ_NX) /* the controller's states */
 
 /* A compiler that is not told puts the rare path into the frequent one, and its registers in memory. */
@@ -24,25 +18,6 @@
 #define RARE
 #define SELDOM(condition) (condition)
 #endif
-
-/* Integral of e^2 over a step of a hold that takes several. */
-static double long_integral(const pmj_problem *problem, const double *c, double size)
-{
-    double sum = 0.0;
-    for (long long i = 0; i < problem->n_nodes; ++i) {
-        double e = 0.0;
-        pmj_evaluate(c + E, CHANNELS, problem->order, size * problem->nodes[i], &e, 1);
-        sum += problem->weights[i] * (e * e);
-    }
-    return size * sum;
-}
-
-/* The kernels of the plant. */
-typedef struct {
-    const pmj_function *taylor;
-    const pmj_function *guard;
-    const pmj_function *rates;
-} kernels;
 
 /* Keep the mode of v at a sample, and its change. */
 static void note_mode(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory, double t,
@@ -62,289 +37,6 @@ static void note_mode(const pmj_problem *problem, pmj_progress *progress, const 
         progress->status = PMJ_TOO_MANY_SWITCHES;
     }
     progress->mode = mode;
-}
-
-/* The next output row: plant states as given, everything else as at the sample at time t_sample. */
-static double *next_row(pmj_progress *progress, const pmj_memory *memory, double t_sample)
-{
-    double *row = memory->rows + progress->row * PMJ_NS;
-    memcpy(row, memory->sample, PMJ_NS * sizeof *row);
-    memcpy(memory->held + progress->row * PMJ_NS, memory->sample, PMJ_NS * sizeof *row);
-    memory->held_times[progress->row] = t_sample;
-    progress->row += 1;
-    return row;
-}
-
-/* The last instant so far at which e is outside its band. */
-static void note_settled(pmj_progress *progress, const double *c, long long order, double last, double tau, double end)
-{
-    if (fabs(last) > progress->band) {
-        progress->settled = end;
-        return;
-    }
-    const double when = pmj_last_outside(c + E, CHANNELS, order, tau, progress->band);
-    progress->settled = when >= 0.0 ? progress->t + when : progress->settled;
-}
-
-/* Accept a step of the plant to time `until`: output rows before `rows_until`, peaks, the new state. */
-static void accept(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory, long long order,
-                   double tau, double until, double rows_until, double t_sample)
-{
-    const double *c = memory->coefficients;
-    while (progress->row < problem->n_rows && problem->times[progress->row] <= until
-           && problem->times[progress->row] < rows_until) {
-        const double at = problem->times[progress->row] - progress->t;
-        pmj_evaluate(c, CHANNELS, order, at, next_row(progress, memory, t_sample), PMJ_NX);
-    }
-    pmj_note_peaks(c, CHANNELS, order, PMJ_NX, progress->t, tau, memory->trial, memory->peaks, memory->peak_times);
-    pmj_note_peaks(c + E, CHANNELS, order, 1, progress->t, tau, memory->trial + E, memory->peaks + PEAK_E,
-                   memory->peak_times + PEAK_E);
-    note_settled(progress, c, order, memory->trial[E], tau, until);
-    memcpy(memory->state, memory->trial, PMJ_NX * sizeof(double));
-    progress->t = until;
-    progress->steps += 1;
-}
-
-/* The end of a step on trial, or the status that forbids it. */
-static void try_step(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory, long long order,
-                     double tau)
-{
-    pmj_evaluate(memory->coefficients, CHANNELS, order, tau, memory->trial, CHANNELS);
-    if (!pmj_all_finite(memory->trial, PMJ_NX)) {
-        progress->status = PMJ_NON_FINITE;
-    } else if (progress->steps >= problem->max_steps) {
-        progress->status = PMJ_TOO_MANY_STEPS;
-    }
-}
-
-/* Put a kink on a side. On the other one the right-hand side is another function: what the guard has looked at is of no
- * use. */
-static void set_side(const pmj_problem *problem, const pmj_memory *memory, long long kink, double side)
-{
-    if (memory->sides[kink] != side) {
-        memory->window[1] = -1.0;
-    }
-    memory->sides[kink] = side;
-    memory->w[problem->n_actuated + kink] = side;
-}
-
-/* The sides of all kinks at the state, where an argument of 0 leaves its side as it was; 0 is success. */
-static int find_sides(const pmj_problem *problem, const pmj_function *rates, const pmj_progress *progress,
-                      const pmj_memory *memory)
-{
-    double *w = memory->w + problem->n_actuated;
-    for (int j = 0; j < PMJ_NK; ++j) { /* an argument depends on the sides before its own */
-        for (int i = 0; i < PMJ_NK; ++i) {
-            w[i] = memory->sides[i];
-        }
-        rates->arg[0] = &progress->t;
-        rates->arg[1] = memory->state;
-        rates->arg[2] = memory->w;
-        rates->arg[3] = problem->p;
-        rates->res[0] = memory->rest;
-        rates->res[1] = memory->rest + PMJ_NX;
-        rates->res[2] = memory->rest + PMJ_NX + 1;
-        if (pmj_apply(rates)) {
-            return 1;
-        }
-        const double value = memory->rest[PMJ_NX + 1 + j];
-        set_side(problem, memory, j, value < 0.0 ? -1.0 : value > 0.0 ? 1.0 : memory->sides[j]);
-    }
-    for (int i = 0; i < PMJ_NK; ++i) {
-        w[i] = memory->sides[i];
-    }
-    return 0;
-}
-
-/* Go to the other side of a kink. */
-static void flip(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory, long long kink)
-{
-    set_side(problem, memory, kink, -memory->sides[kink]);
-    progress->touching = kink;
-    progress->flips += 1;
-    if (progress->flips > 2 * PMJ_NK) {
-        progress->status = PMJ_SLIDING;
-    }
-}
-
-/* How much of what is allowed a step of a long hold misses; above 1 it is too long. */
-static double missed(const pmj_problem *problem, const kernels *plant, const pmj_progress *progress,
-                     const pmj_memory *memory, double tau)
-{
-    double most = 0.0;
-    for (long long j = 0; j <= problem->n_inside; ++j) {
-        const double at = j < problem->n_inside ? tau * problem->inside[j] : tau;
-        const double defect = pmj_defect(problem, plant->rates, progress->t, memory, memory->w, memory->coefficients, at, tau);
-        most = defect > most ? defect : most;
-    }
-    return problem->lebesgue * most / (PMJ_DEFECT * problem->tolerance);
-}
-
-/* The step of a long hold from the coefficients in memory, up to `left`, to the first kink; 0 at a kink that is passed at
- * once or where the run ends. */
-static double long_step(const pmj_problem *problem, const kernels *plant, pmj_progress *progress,
-                        const pmj_memory *memory, double left, double smallest, long long *kink)
-{
-    const double *c = memory->coefficients;
-    double h = pmj_step_size(c, CHANNELS, problem->order, problem->tolerance, problem->safety);
-    h = h < PMJ_GROWTH * progress->last_cut ? h : PMJ_GROWTH * progress->last_cut;
-    h = h < problem->max_step ? h : problem->max_step;
-    h = h < left ? h : left;
-    const double first = h;
-    const double least = smallest < left ? smallest : left;
-    pmj_scales(c, CHANNELS, memory->scales);
-    for (;;) {
-        h = pmj_guarded(problem, plant->guard, progress, memory, memory->w, c, h, least);
-        if (!(h > 0.0)) {
-            progress->status = h < 0.0 ? PMJ_KERNEL_FAILED : pmj_all_finite(c, (problem->order + 1) * CHANNELS) ? PMJ_STALLED : PMJ_NON_FINITE;
-            return 0.0;
-        }
-        double tau = h;
-        pmj_bounds(c, CHANNELS, problem->order, h, 0, memory->reach);
-        *kink = pmj_first_kink(problem, memory, c, progress->touching, h, &tau);
-        if (*kink >= 0 && tau == 0.0) {
-            return 0.0;
-        }
-        const double miss = missed(problem, plant, progress, memory, tau);
-        if (miss <= 1.0) {
-            progress->last_cut = h < first ? h : HUGE_VAL;
-            return tau;
-        }
-        progress->rejected += 1;
-        h = tau * pmj_shrink(miss, problem->order);
-    }
-}
-
-/* Integrate the plant under constant w to `end` in as many steps as it takes. */
-static void long_hold(const pmj_problem *problem, const kernels *plant, pmj_progress *progress,
-                      const pmj_memory *memory, double end, double rows_until)
-{
-    const double t_sample = progress->t;
-    const double smallest = PMJ_SMALLEST_STEP * (end > 1.0 ? end : 1.0);
-    double *c = memory->coefficients;
-    progress->touching = -1;
-    progress->flips = 0;
-    progress->last_cut = HUGE_VAL;
-    if (find_sides(problem, plant->rates, progress, memory)) {
-        progress->status = PMJ_KERNEL_FAILED;
-    }
-    while (progress->t < end && progress->status == PMJ_RUNNING) {
-        const double left = end - progress->t;
-        long long kink = -1;
-        plant->taylor->arg[0] = &progress->t;
-        plant->taylor->arg[1] = memory->state;
-        plant->taylor->arg[2] = memory->w;
-        plant->taylor->arg[3] = problem->p;
-        plant->taylor->res[0] = c;
-        progress->evaluations += 1;
-        if (pmj_apply(plant->taylor)) {
-            progress->status = PMJ_KERNEL_FAILED;
-            return;
-        }
-        const double tau = long_step(problem, plant, progress, memory, left, smallest, &kink);
-        if (progress->status != PMJ_RUNNING) {
-            return;
-        }
-        if (tau > 0.0) {
-            try_step(problem, progress, memory, problem->order, tau);
-            if (progress->status != PMJ_RUNNING) {
-                return;
-            }
-            progress->integral += long_integral(problem, c, tau);
-            accept(problem, progress, memory, problem->order, tau, tau < left ? progress->t + tau : end, rows_until, t_sample);
-            progress->touching = -1;
-            progress->flips = 0;
-        }
-        if (kink >= 0) {
-            flip(problem, progress, memory, kink);
-        }
-    }
-}
-
-/* The guard on discs of radius R in time and `spreads` of each x; how much of what is allowed a hold of a length misses. */
-static double hold_miss(const pmj_problem *problem, const kernels *plant, const pmj_memory *memory, double t,
-                        const double *x, double R, const double *spreads, double length, long long disc)
-{
-    double most = 0.0;
-    plant->guard->arg[0] = &t;
-    plant->guard->arg[1] = x;
-    plant->guard->arg[2] = memory->w;
-    plant->guard->arg[3] = problem->p;
-    plant->guard->arg[4] = &R;
-    plant->guard->arg[5] = spreads;
-    plant->guard->res[0] = memory->rest;
-    if (pmj_apply(plant->guard)) {
-        return HUGE_VAL;
-    }
-    for (int i = 0; i < CHANNELS; ++i) {
-        const double miss = i < PMJ_NX ? problem->hold_rate_factors[disc] * memory->rest[i] * length
-                                       : problem->hold_value_factors[disc] * memory->rest[i];
-        if (!(miss <= most)) {
-            most = miss <= DBL_MAX ? miss : HUGE_VAL;
-        }
-    }
-    return most / (PMJ_DEFECT * problem->tolerance);
-}
-
-/* Whether the guard shows a hold to be one step of the sample's own coefficients. A window of what it has looked at once
- * serves many holds; what varies inside it does so by twice its nonlinear part at most. */
-static int shown(const pmj_problem *problem, const kernels *plant, const pmj_progress *progress,
-                 const pmj_memory *memory, double length)
-{
-    const double *c = memory->coefficients;
-    const double R = problem->hold_ratios[0] * problem->sample_time;
-    double *window = memory->window;
-    double *spreads = memory->majorants;
-    if (covered(window, c, progress->t, R)) {
-        return 1;
-    }
-    window[0] = progress->t + R;
-    window[1] = 2.0 * R;
-    for (int i = 0; i < PMJ_NX; ++i) {
-        window[2 + i] = c[i];
-        window[2 + PMJ_NX + i] = WINDOW * spread(c, i, R);
-    }
-    if (2.0 * hold_miss(problem, plant, memory, window[0], window + 2, window[1], window + 2 + PMJ_NX,
-                        problem->sample_time, 0) <= 1.0) {
-        return 1;
-    }
-    window[1] = -1.0; /* none */
-    for (long long disc = 0; disc < problem->n_hold_ratios; ++disc) {
-        const double radius = problem->hold_ratios[disc] * length;
-        for (int i = 0; i < PMJ_NX; ++i) {
-            spreads[i] = spread(c, i, radius);
-        }
-        if (hold_miss(problem, plant, memory, progress->t, c, radius, spreads, length, disc) <= 1.0) {
-            return 1;
-        }
-    }
-    return 0;
-}
-
-/* Put the sides at a sample where the guard finds them. */
-static void take_sides(const pmj_problem *problem, const pmj_memory *memory)
-{
-    for (int j = 0; j < PMJ_NK; ++j) {
-        set_side(problem, memory, j, memory->coefficients[E + 1 + j] < 0.0 ? -1.0 : 1.0);
-    }
-}
-
-/* Integrate the plant under constant w for the time `length`, to `end`; the sample's coefficients stand in memory. */
-static void hold(const pmj_problem *problem, const kernels *plant, pmj_progress *progress, const pmj_memory *memory,
-                 double length, double end, double rows_until)
-{
-    take_sides(problem, memory);
-    if (!(length <= problem->max_step && smooth(memory->coefficients, length)
-          && within(memory->coefficients, bounds_of(problem, length))
-          && shown(problem, plant, progress, memory, length))) {
-        long_hold(problem, plant, progress, memory, end, rows_until);
-        return;
-    }
-    try_step(problem, progress, memory, ORDER, length);
-    if (progress->status == PMJ_RUNNING) {
-        progress->integral += integral(memory->coefficients, length);
-        accept(problem, progress, memory, ORDER, length, end, rows_until, progress->t);
-    }
 }
 
 /* Whether any state has passed the limit of divergence. */
@@ -393,7 +85,7 @@ static RARE void whole_sample(const pmj_problem *problem, const kernels *plant, 
         progress->status = PMJ_DIVERGED;
     }
     while (progress->row < problem->n_rows && problem->times[progress->row] <= t + slack) {
-        next_row(progress, memory, t);
+        pmj_next_row(progress, memory, t);
     }
     if (progress->row == problem->n_rows) {
         progress->status = PMJ_DONE;
@@ -403,9 +95,9 @@ static RARE void whole_sample(const pmj_problem *problem, const kernels *plant, 
         return;
     }
     if (horizon < rows_until) { /* ends inside this hold */
-        hold(problem, plant, progress, memory, horizon - t, horizon, rows_until);
+        pmj_hold(problem, plant, progress, memory, horizon - t, horizon, rows_until);
     } else {
-        hold(problem, plant, progress, memory, problem->sample_time, end, rows_until);
+        pmj_hold(problem, plant, progress, memory, problem->sample_time, end, rows_until);
     }
     if (progress->status == PMJ_RUNNING && progress->row == problem->n_rows) {
         progress->status = PMJ_DONE;
@@ -546,7 +238,7 @@ void pmj_sampled(const pmj_problem *problem, const pmj_function *taylor, const p
         } else if (SELDOM(reach(c, E, period) > progress->band)) {
             memcpy(memory->coefficients, c, sizeof c);
             progress->t = t;
-            note_settled(progress, memory->coefficients, ORDER, e, period, end);
+            pmj_note_outside(progress, memory->coefficients, ORDER, e, period, end);
         }
         UNROLLED
         for (int j = 0; j < PMJ_NX; ++j) {

@@ -123,6 +123,9 @@ pmj_lanes pmj_search_discs(const pmj_flow *flow, const pmj_rule *rule, double to
 static inline pmj_lanes pmj_guarded_lanes(const pmj_flow *flow, const pmj_rule *rule, double tolerance, const pmj_stand *at,
                             pmj_lanes h, pmj_lanes smallest, pmj_mask on, pmj_choice *likely)
 {
+    const pmj_mask lost = ~(h >= smallest);
+    h = pmj_select(lost, pmj_all(0.0), h);
+    on = on & ~lost;
     if (flow->n_rests == 0) {
         return h;
     }
