@@ -68,7 +68,7 @@ def _sample(functions: Mapping[str, ca.Function], held: ca.Function) -> ca.Funct
 
 
 def sampled_sizes(words: Vocabulary, functions: Mapping[str, ca.Function]) -> dict[str, int]:
-    """The sizes of the vectors as constants of C, the order, and whether one look at the guard serves many holds.
+    """The sizes of the vectors as constants of C, the order, and whether one look serves many holds.
 
     It does where the guard does not depend on what the actuator delivers, which is another in every hold.
     """

@@ -76,7 +76,7 @@ def test_any_rearrangement_is_shielded() -> None:
 @pytest.mark.parametrize("place", ["30", "yc"])
 @pytest.mark.parametrize("kind", ["compiled", "interpreted"])
 def test_a_law_near_a_peak_far_from_zero(tmp_path: Path, place: str, kind: str) -> None:
-    """By hand: alpha1 = -(c1 + e1) z1/b0 - phi/b0 and its slope enter v; the split exponential gave -58.05."""
+    """By hand: alpha1 = -(c1 + e1) z1/b0 - phi/b0 and its slope enter v; split, it gave -58.05."""
     path = tmp_path / "stribeck.toml"
     path.write_text(STRIBECK.replace("PHI", f"2*exp(-(y-{place})**2)"))
     loop = ClosedLoop.load(path, kind, notify=lambda line: None)

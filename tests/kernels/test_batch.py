@@ -12,6 +12,7 @@ import pytest
 from pmjoint_codegen import ClosedLoop
 from pmjoint_codegen.build.compiler import find_compiler
 from pmjoint_codegen.build.library import build
+from pmjoint_codegen.kernels import batch
 from pmjoint_codegen.kernels.batch import BatchLibrary, Runs
 from pmjoint_codegen.kernels.declarations import load_module, to_module
 from pmjoint_codegen.kernels.processor import known_levels, usable_levels
