@@ -244,7 +244,12 @@ def _npy(array: Array) -> memoryview:
 
 
 def _write(path: Path, data: bytes | memoryview) -> None:
-    """Write a file down to the disk before it gets its name, so that a power cut leaves no hollow file."""
+    """Write a file down to the disk before it gets its name, so that a power cut leaves no hollow file.
+
+    The folder is the sweep's own: what stands there and is no file, such as a named pipe, gives way.
+    """
+    if path.exists() and not path.is_file() and not path.is_dir():
+        path.unlink()
     with writing(path) as stream:
         stream.write(data)
         stream.flush()

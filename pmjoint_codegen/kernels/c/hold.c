@@ -124,7 +124,7 @@ static void flip(const pmj_problem *problem, pmj_progress *progress, const pmj_m
     }
 }
 
-/* How much of what is allowed a step of a long hold misses; above 1 it is too long. */
+/* How much of what is allowed a step of a long hold misses; above 1 it is too long, -1 where a kernel fails. */
 static double missed(const pmj_problem *problem, const kernels *plant, const pmj_progress *progress,
                      const pmj_memory *memory, double tau)
 {
@@ -132,6 +132,9 @@ static double missed(const pmj_problem *problem, const kernels *plant, const pmj
     for (long long j = 0; j <= problem->n_inside; ++j) {
         const double at = j < problem->n_inside ? tau * problem->inside[j] : tau;
         const double defect = pmj_defect(problem, plant->rates, progress->t, memory, memory->w, memory->coefficients, at, tau);
+        if (defect < 0.0) {
+            return -1.0;
+        }
         most = defect > most ? defect : most;
     }
     return problem->lebesgue * most / (PMJ_DEFECT * problem->tolerance);
@@ -163,6 +166,10 @@ static double long_step(const pmj_problem *problem, const kernels *plant, pmj_pr
             return 0.0;
         }
         const double miss = missed(problem, plant, progress, memory, tau);
+        if (miss < 0.0) {
+            progress->status = PMJ_KERNEL_FAILED;
+            return 0.0;
+        }
         if (miss <= 1.0) {
             progress->last_cut = h < first ? h : HUGE_VAL;
             return tau;
