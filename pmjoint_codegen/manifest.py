@@ -205,8 +205,8 @@ class Manifest:
         leading: expression of b_m.
         disturbance_bound: D_max, or None.
         kinks: arguments of abs and sign in the plant's rates, inner ones first; each has its zeros located.
-        windows: whether one look at the plant's guard serves many holds: not where it depends on w.
-        guards: the rule of the steps of each kernel of Taylor coefficients, by its name.
+        windows: whether one look at the plant's guard serves many holds.
+        guards: the rule of the steps of each Taylor kernel, by its name.
         states: entries of X.
         start: what x0 gives, and the plant's states there.
         blocks: index range of x, xi, Xi, lambda, r in X.
@@ -255,11 +255,6 @@ class Manifest:
     def nX(self) -> int:  # noqa: N802 - X is the closed loop's state, as in the table of kernels
         """Number of states of the closed loop."""
         return len(self.states)
-
-    @property
-    def analytic(self) -> bool:
-        """Whether the plant has no kinks."""
-        return not self.kinks
 
     @property
     def parameter_names(self) -> tuple[str, ...]:

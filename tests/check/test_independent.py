@@ -19,7 +19,7 @@ from pmjoint_codegen.check.heyoka_loop import Loop, UntrustedError, told_apart
 from pmjoint_codegen.check.result import Verdict
 from pmjoint_codegen.check.subject import Subject, load_subject
 from pmjoint_codegen.provision import provide
-from pmjoint_codegen.simulate import continuous
+from pmjoint_codegen.simulate import stepper
 from pmjoint_codegen.simulate.modes import Actuator, make_actuator
 from pmjoint_codegen.simulate.run import initial_state, run
 from pmjoint_codegen.simulate.settings import make_settings
@@ -62,7 +62,7 @@ def test_a_threshold_that_is_left_by_a_rounding_unseen_is_noticed(
     subject = subject_of(root, "joint-damped")
     interpreted = dataclasses.replace(subject, environment={**os.environ, "PATH": ""})
     assert independent.check(interpreted).verdict is Verdict.PASSED
-    monkeypatch.setattr(continuous, "leading_zeros", exact_zeros_alone)
+    monkeypatch.setattr(stepper, "leading_zeros", exact_zeros_alone)
     found = independent.check(interpreted)
     assert found.verdict is Verdict.FAILED
     assert "--set u_max=" in found.detail and "--x0=" in found.detail

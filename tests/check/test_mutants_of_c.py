@@ -179,12 +179,11 @@ def scalar_mutants(text: str, function: Function) -> list[Mutant]:
     ]
 
 
-@pytest.mark.parametrize(("kernel", "every"), [("sample", 1), ("plant_taylor", 20)])
 def test_every_change_of_what_the_sampled_loop_takes_in_is_outside_the_error_bound(
-    paper: Subject, tmp_path: Path, tally: Tally, kernel: str, every: int
+    paper: Subject, tmp_path: Path, tally: Tally
 ) -> None:
-    function = paper.manifest.function(kernel)
-    mutants = scalar_mutants((paper.folder / "sampled.h").read_text(), function)[::every]  # to save time
+    function = paper.manifest.function("sample")
+    mutants = scalar_mutants((paper.folder / "sampled.h").read_text(), function)
     library = compiled(tmp_path, mutants)
     prepared = symbolic.prepare(paper, function, 3)
     for i, (what, _) in enumerate(mutants):

@@ -26,7 +26,8 @@ def test_many_switches_are_counted_rather_than_listed() -> None:
 def test_what_a_failed_run_lost_is_told_in_words() -> None:
     run = ClosedLoop.load("paper").simulate(horizon=0.1)
     signals = np.full_like(run.signals, math.nan)
-    lines = account(replace(run, ise=math.inf, signals=signals), (), ()).splitlines()
+    peaks = {**run.peaks, "e": (math.nan, 0.0)}
+    lines = account(replace(run, ise=math.inf, signals=signals, peaks=peaks), (), ()).splitlines()
     for label in ("settling", "ISE", "max |e|", "final e"):
         assert [line.split() for line in lines if line.startswith(f"  {label} ")] == [
             [*label.split(), "beyond", "floating", "point"]

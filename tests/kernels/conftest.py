@@ -16,6 +16,8 @@ from pmjoint_codegen.kernels.batch import BatchLibrary, Runs
 from pmjoint_codegen.kernels.processor import usable_levels
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.hold import hold_matrices
+from pmjoint_codegen.simulate.run import initial_state
+from pmjoint_codegen.simulate.settings import make_settings
 
 
 def library(root: Path, cache: Path, model: str, level: str) -> BatchLibrary:
@@ -40,6 +42,16 @@ def make_runs(library: BatchLibrary, count: int, seed: int = 0, **changes: objec
     p[0], x0[0, : manifest.nx] = own, manifest.simulation.x0
     runs = Runs(x0, p, manifest.simulation.horizon, 1e-8, 0.0, np.empty((0, 0)), np.empty(0), 1e6, 100_000)
     return replace(runs, **changes)  # type: ignore[arg-type]
+
+
+def designed(library: BatchLibrary, runs: Runs) -> Runs:
+    """The runs with x0 taken as physical states, as a single run takes them."""
+    manifest, x0 = library.manifest, runs.x0.copy()
+    for i, values in enumerate(runs.p.tolist()):
+        p = dict(zip(manifest.parameter_names, values, strict=True))
+        settings = make_settings(manifest, parameters=p, x0=runs.x0[i, : manifest.nx])
+        x0[i] = initial_state(manifest, settings)
+    return replace(runs, x0=x0)
 
 
 def sampled(library: BatchLibrary, runs: Runs, sample_time: float) -> Runs:

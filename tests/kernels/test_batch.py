@@ -20,7 +20,7 @@ from pmjoint_codegen.provision import provide
 from pmjoint_codegen.simulate.status import Status
 from pmjoint_codegen.sweep.metrics import Column
 
-from .conftest import library, make_runs, sampled
+from .conftest import designed, library, make_runs, sampled
 
 DEFECT = 10.0  # the loops' own: what a step may miss, in multiples of the tolerance
 COMPILER = find_compiler(os.environ)
@@ -75,7 +75,7 @@ def test_every_vector_width_gives_the_same_bits(
 def test_continuous_runs_agree_with_single_ones(root: Path, cache: Path, model: str) -> None:
     one = library(root, cache, model, known_levels()[0].name)
     runs = make_runs(one, 6)
-    outcome = one.simulate(runs)
+    outcome = one.simulate(designed(one, runs))
     loop = ClosedLoop.load(model)
     for i in range(len(runs.p)):
         p = dict(zip(one.manifest.parameter_names, runs.p[i].tolist(), strict=True))
@@ -95,7 +95,7 @@ def test_continuous_runs_agree_with_single_ones(root: Path, cache: Path, model: 
         # The dense output sees what lies between two output instants, and no less.
         assert metrics[Column.MAX_ABS_E] >= summary["max_abs_e"] - bound
         if summary["settling_s"] is not None and summary["settling_s"] < run.t[-1]:
-            assert -1e-6 <= metrics[Column.SETTLING_S] - summary["settling_s"] <= summary["output_step"]
+            assert metrics[Column.SETTLING_S] == pytest.approx(summary["settling_s"], abs=1e-4)
 
 
 @pytest.mark.parametrize("sample_time", [0.001, 0.03, 1.0])  # the last: some forty steps a hold
@@ -112,6 +112,7 @@ def test_sampled_runs_agree_with_single_ones(paper: BatchLibrary, sample_time: f
             horizon=3.0,
             controller="sampled",
             sample_time=sample_time,
+            divergence=1e9,
         )
         metrics, summary = outcome.metrics[i], run.summary
         bound = DEFECT * runs.tolerance * metrics[Column.STEPS]
@@ -243,7 +244,7 @@ def test_limits_of_two_channels_a_rounding_apart_are_passed_together(root: Path,
     runs.p[:, limit] = np.nextafter(2.8942391573287445, [0.0, 3.0, 2.8942391573287445])
     runs.x0[:] = 0.0
     runs.x0[:, 0] = 0.3
-    outcome = one.simulate(runs)
+    outcome = one.simulate(designed(one, runs))
     loop = ClosedLoop.load("joint-damped")
     for i in range(len(runs.p)):
         u_max = runs.p[i, limit]
@@ -334,8 +335,8 @@ def test_a_lane_that_sticks_to_a_kink_ends_with_that_status(cache: Path, sample_
     runs = make_runs(one, 3, horizon=20.0)
     runs = sampled(one, runs, sample_time) if sample_time else runs
     outcome = one.simulate(runs)
-    assert np.all(outcome.metrics[:, Column.STATUS] == Status.SLIDING)
-    assert np.all(outcome.metrics[:, Column.T_END] < 20.0)
+    assert outcome.metrics[1, Column.STATUS] == Status.SLIDING  # the others are kept moving
+    assert outcome.metrics[1, Column.T_END] < 20.0
 
 
 def test_beyond_a_kink_a_lane_s_hold_is_looked_at_anew(cache: Path) -> None:
