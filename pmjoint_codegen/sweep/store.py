@@ -231,9 +231,16 @@ class Store:
         return (*table, self._trajectories(start)) if self.request.output_step else table
 
     def _faults(self, start: int) -> tuple[Path, ...]:
-        """Files of a chunk that are not what was recorded when it was finished; all of an unfinished one."""
+        """Files of a chunk that are not what was recorded when it was finished; all of an unfinished one.
+
+        A sound table of another width, such as one with other metrics, is another version's and counts as well.
+        """
         sums = recorded(self._record(start)) or {}
-        return tuple(path for path in self._files(start) if not is_sound(path, sums.get(path.name)))
+        bad = tuple(path for path in self._files(start) if not is_sound(path, sums.get(path.name)))
+        wanted = (self.length(start), METRICS + self.size)
+        if not bad and np.load(self._table(start), mmap_mode="r").shape != wanted:
+            return self._files(start)
+        return bad
 
 
 def _npy(array: Array) -> memoryview:
