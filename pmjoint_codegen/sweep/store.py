@@ -233,7 +233,7 @@ class Store:
     def _faults(self, start: int) -> tuple[Path, ...]:
         """Files of a chunk that are not what was recorded when it was finished; all of an unfinished one.
 
-        A sound table of another width, such as one with other metrics, is another version's and counts as well.
+        A sound table of another width, as with other metrics, is another version's and counts as well.
         """
         sums = recorded(self._record(start)) or {}
         bad = tuple(path for path in self._files(start) if not is_sound(path, sums.get(path.name)))
