@@ -35,7 +35,7 @@ def check(subject: Subject) -> GateResult:
     if subject.manifest.rho == 1:
         return passed(NAME, "a plant of relative degree one has no virtual controls", 0, 0)
     function = subject.manifest.function("partials")
-    found = batches(subject.interpreted, function, POINTS, SEED, extreme=False)
+    found = batches(subject.interpreted, function, POINTS, SEED, extreme=False, features=subject.features)
     arguments = tuple(
         np.concatenate(arrays) for arrays in zip(*(batch.arguments for batch in found), strict=True)
     )

@@ -37,7 +37,8 @@ def check(subject: Subject) -> GateResult:
     for name in GUARDS:
         function = subject.manifest.function(name)
         reference = reference_of(subject.derivation, subject.table[BOUNDED[name]])
-        for batch in batches(subject.interpreted, function, POINTS, SEED, extreme=False):
+        found = batches(subject.interpreted, function, POINTS, SEED, extreme=False, features=subject.features)
+        for batch in found:
             (bounds,) = evaluator.call(name, *batch.arguments)
             for row, bound in enumerate(bounds):
                 point = [array[row] for array in batch.arguments]

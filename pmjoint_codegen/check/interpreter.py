@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from pmjoint_codegen.check.features import Features
 from pmjoint_codegen.check.points import Batch, batches, describe_point
 from pmjoint_codegen.check.result import Difference, GateResult, failed, not_run, passed
 from pmjoint_codegen.check.subject import Subject
@@ -20,21 +21,24 @@ def check(subject: Subject) -> GateResult:
     """Compare every kernel on random and on hard points."""
     if subject.compiled is None:
         return not_run(NAME, "no C compiler")
-    return compare(subject.interpreted, subject.compiled)
+    return compare(subject.interpreted, subject.compiled, features=subject.features)
 
 
-def compare(interpreted: Evaluator, compiled: Evaluator, count: int = POINTS) -> GateResult:
+def compare(
+    interpreted: Evaluator, compiled: Evaluator, count: int = POINTS, features: Features | None = None
+) -> GateResult:
     """Compare two evaluators, kernel by kernel.
 
     Args:
         interpreted: one side.
         compiled: the other side; its manifest says which kernels there are.
         count: points of each kind.
+        features: of the model; see `batches`.
     """
     points = values = differing = 0
     first: Difference | None = None
     for function in compiled.manifest.functions:
-        for batch in batches(interpreted, function, count, SEED, extreme=True):
+        for batch in batches(interpreted, function, count, SEED, extreme=True, features=features):
             expected = interpreted.call(function.name, *batch.arguments)
             found = compiled.call(function.name, *batch.arguments)
             points += len(batch.arguments[0])

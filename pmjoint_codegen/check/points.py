@@ -1,7 +1,8 @@
 """Where kernels are looked at: random points, and points chosen to be hard.
 
 Hard points: zeros of either sign, denormal, tiny and huge numbers, control values at and beside the
-actuator's limit, and control values that cancel to nearly nothing.
+actuator's limit, and control values that cancel to nearly nothing. And points where the model's functions
+are of order one, wherever that is: see :mod:`features`.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from pmjoint_codegen.check.features import Features
 from pmjoint_codegen.kernels.evaluator import Evaluator
 from pmjoint_codegen.manifest import Function, Manifest
 from pmjoint_codegen.simulate.modes import Actuator, make_actuator
@@ -34,7 +36,15 @@ class Batch:
     arguments: tuple[Array, ...]
 
 
-def batches(evaluator: Evaluator, function: Function, count: int, seed: int, *, extreme: bool) -> list[Batch]:
+def batches(
+    evaluator: Evaluator,
+    function: Function,
+    count: int,
+    seed: int,
+    *,
+    extreme: bool,
+    features: Features | None = None,
+) -> list[Batch]:
     """Points for one kernel.
 
     Args:
@@ -43,6 +53,7 @@ def batches(evaluator: Evaluator, function: Function, count: int, seed: int, *, 
         count: points of each kind.
         seed: of the random numbers; equal seeds give equal points.
         extreme: include magnitudes that overflow and underflow.
+        features: of the model, to look where its functions are of order one, at each of them at least once.
     """
     random = np.random.default_rng([seed, *function.name.encode()])
     draws = _draws(random) if extreme else _moderate_draws(random)
@@ -56,6 +67,10 @@ def batches(evaluator: Evaluator, function: Function, count: int, seed: int, *, 
     for kind, draw in (("slow", "slow"), ("at rest", "all zero")):
         arguments = _arguments(evaluator, function, draws[draw], count, random)
         found.append(Batch(f"{kind} and unforced", _unforced(function, arguments)))
+    if features is not None and (needed := features.count(function)):
+        arguments = _arguments(evaluator, function, draws["random"], max(count, needed), random)
+        moved = features.near(function, arguments, random)
+        found += [Batch("functions of order one", moved)] if moved is not None else []
     return found
 
 

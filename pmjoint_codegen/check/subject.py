@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from pmjoint_codegen.build.compiler import Compiler, find_compiler
-from pmjoint_codegen.emit.table import Kernel, kernel_table
+from pmjoint_codegen.check.features import Features
+from pmjoint_codegen.emit.table import Kernel, kernel_table, vocabulary
 from pmjoint_codegen.identity import Document
 from pmjoint_codegen.kernels import compiled, interpreted
 from pmjoint_codegen.kernels.evaluator import Evaluator
@@ -56,6 +57,12 @@ class Subject:
     def table(self) -> Mapping[str, Kernel]:
         """Meaning of every kernel but the Taylor ones, in symbols."""
         return {kernel.name: kernel for kernel in kernel_table(self.derivation)}
+
+    @cached_property
+    def features(self) -> Features:
+        """Where the model's functions are of order one."""
+        words = vocabulary(self.derivation)
+        return Features.of(self.derivation, words.p, words.x)
 
     @cached_property
     def tapes(self) -> Mapping[str, Tape]:

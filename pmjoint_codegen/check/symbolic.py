@@ -133,7 +133,7 @@ def prepare(subject: Subject, function: Function, count: int | None = None) -> P
     """Points, exact results and bounds for one kernel."""
     reference = kernel_reference(subject, function)
     wanted = count or (TAYLOR_POINTS if reference.taylor else POINTS)
-    found = batches(subject.interpreted, function, wanted, SEED, extreme=False)
+    found = batches(subject.interpreted, function, wanted, SEED, extreme=False, features=subject.features)
     arguments = tuple(
         np.concatenate(arrays) for arrays in zip(*(batch.arguments for batch in found), strict=True)
     )
