@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,10 +12,10 @@ import sympy as sp
 
 from pmjoint_codegen.spec import model_of
 from pmjoint_codegen.values import OWN_SUFFIX
-from pmjoint_derive import Derivation, derive
+from pmjoint_derive import Derivation, Model, derive
 from pmjoint_derive.closed_loop import disturbance_symbols
 from pmjoint_derive.filters import estimate, filter_matrix, filter_rates
-from pmjoint_derive.model import parameter_symbol
+from pmjoint_derive.model import Channel, parameter_symbol
 from pmjoint_derive.signals import derivative_name
 from pmjoint_derive.true_plant import SUFFIX, own_symbol, seen_symbol
 
@@ -47,6 +49,15 @@ def rates(derivation: Derivation) -> list[sp.Expr]:
 def agreeing(derivation: Derivation) -> dict[sp.Symbol, sp.Symbol]:
     channels = {own_symbol(channel.symbol): channel.symbol for channel in derivation.model.actuator}
     return {own: shared for shared, own in derivation.own_parameters.items()} | channels
+
+
+def test_the_controller_clips_v_by_its_own_numbers_alone(builder: Callable[..., Model]) -> None:
+    """Whatever the limits of u are made of: u is the controller's, and the plant takes what is applied."""
+    d1 = parameter_symbol("d1")
+    u = Channel(parameter_symbol("u"), sp.Integer(0), sp.Integer(1), -d1, d1, "V", "applied input")
+    found = derive(replace(builder(2, 2), channels=(u,)))
+    assert sorted(map(str, found.own_parameters)) == ["b0", "d1"]
+    assert "x2_dot_plant" in found.equations and "u_plant" not in found.equations
 
 
 def test_the_suffix_is_the_one_that_users_write() -> None:
