@@ -144,6 +144,9 @@ def _obstacle(subject: Subject) -> str:
 def run_gate(subject: Subject, gate: Gate, obstacle: str = "") -> GateResult:
     """Run one gate; an error of the model's makes it fail, with the error as the reason.
 
+    So does what a gate trips over in the results of bad code, such as a run without a row: the other gates
+    and the report are then still made.
+
     Args:
         subject: the model.
         gate: the gate.
@@ -157,4 +160,7 @@ def run_gate(subject: Subject, gate: Gate, obstacle: str = "") -> GateResult:
             result = gate.check(subject)
         except PmjointError as error:
             result = failed(gate.name, str(error))
+        except (ArithmeticError, LookupError, RuntimeError, ValueError) as error:
+            words = f"{type(error).__name__} {error}".strip()
+            result = failed(gate.name, f"nothing sound to judge: {' '.join(words.split())[:200]}")
     return dataclasses.replace(result, seconds=time.perf_counter() - begun)

@@ -124,6 +124,8 @@ def lines(found: GateResult) -> Iterator[str]:
         if found.figure is not None and found.bound is not None
         else ""
     )
+    if found.figure == found.bound == 0:
+        measured = "0"  # a count of faults: there is nothing that it may be instead
     if found.verdict == "failed":
         measured = measured.replace("<=", "against")
     yield f"  {found.name:23s} {found.verdict.value:8s} {measured:20s} {found.detail} ({found.seconds:.1f} s)"

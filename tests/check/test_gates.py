@@ -23,7 +23,7 @@ from pmjoint_codegen.check import (
     symbolic,
 )
 from pmjoint_codegen.check.gates import GATES, Gate, run_gate, run_gates, select
-from pmjoint_codegen.check.result import GateResult, Verdict
+from pmjoint_codegen.check.result import GateResult, Verdict, passed
 from pmjoint_codegen.check.subject import Subject, load_subject
 from pmjoint_codegen.emit.regenerate import regenerate
 from pmjoint_codegen.errors import UsageError
@@ -280,6 +280,21 @@ def test_an_error_of_the_models_fails_its_gate(paper: Subject) -> None:
         raise UsageError("is wrong", where="here")
 
     assert run_gate(paper, Gate("g", refuse)).detail == "here: is wrong"
+
+
+@pytest.mark.parametrize(
+    "error", [ValueError("attempt to get argmax of an empty sequence"), ZeroDivisionError()]
+)
+def test_a_gate_that_trips_over_what_the_code_gives_fails_and_the_next_one_runs(
+    paper: Subject, error: Exception
+) -> None:
+    def trip(_subject: Subject) -> GateResult:
+        raise error
+
+    gates = [Gate("first", trip), Gate("second", lambda _subject: passed("second", "fine"))]
+    first, second = run_gates(paper, gates)
+    assert first.verdict is Verdict.FAILED and second.verdict is Verdict.PASSED
+    assert first.detail == f"nothing sound to judge: {type(error).__name__} {error}".strip()
 
 
 def test_a_manifest_with_other_names_is_not_compared(paper: Subject, tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from pathlib import Path
 from xml.etree import ElementTree
@@ -47,6 +48,41 @@ def test_a_sound_model_gives_one_line_a_gate(workshop: Path) -> None:
     lines = [line for line in out.splitlines() if line.startswith("  ") and not line.startswith("   ")]
     assert [line.split()[:2] for line in lines] == [["proof", "passed"], ["derivatives", "passed"]]
     assert "f = 0.2215" in out and "squares given away" in out
+
+
+def test_a_changed_run_is_told_as_one_quantity_and_how_to_accept_it(workshop: Path) -> None:
+    file = workshop / "golden" / "paper.csv"
+    lines = file.read_text().splitlines()
+    row = lines[-1].split(",")
+    lines[-1] = ",".join([row[0], repr(float(row[1]) + 0.5), *row[2:]])
+    file.write_text("\n".join(lines) + "\n")
+    code, out = ask("models/paper.toml", "--gate", "trajectory.golden")
+    assert code == 1
+    figure = re.search(r"failed +(\S+) against 1e-09", out)
+    assert figure is not None and f"{figure[1]} of its scale, bound 1e-09" in out
+    assert "changed on purpose: pmjoint check paper --update-golden writes it anew" in out
+
+
+def test_a_count_of_faults_is_told_without_a_bound(workshop: Path) -> None:
+    code, out = ask("models/paper.toml", "--gate", "interpreter")
+    assert code == 0 and "passed   0 " in out and "<=" not in out
+
+
+def test_code_that_gives_no_run_fails_its_gates_and_the_report_is_whole(workshop: Path) -> None:
+    """Not the exit code 3 of a command that could not do its work: the code is bad, and the gates say so."""
+    file = workshop / "generated" / "paper" / "kernels.c"
+    text = file.read_text()
+    start = text.index("/* taylor:(")
+    place = text.index("c[0] = ", start)
+    file.write_text(text[:place] + "c[0] = 0.0/0.0 + " + text[place + len("c[0] = ") :])
+    report = workshop / "check.xml"
+    gates = ("--gate", "trajectory", "--gate", "derivatives")
+    code, out = ask("models/paper.toml", *gates, "--junit", str(report))
+    assert code == 1
+    assert "trajectory.golden       failed" in out
+    assert "nothing sound to judge: ValueError attempt to get argmax of an empty sequence" in out
+    assert "derivatives             passed" in out
+    assert len(ElementTree.parse(report).getroot().findall(".//testcase")) == 5
 
 
 def test_a_changed_sign_is_reported_where_it_shows(workshop: Path) -> None:
