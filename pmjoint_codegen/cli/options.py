@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -93,3 +93,20 @@ def tell_idle_sample_time(settings: Mapping[str, Any]) -> None:
 def processors() -> int:
     """Processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def step_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Give a command the options that bound every run alike: ``--max-step`` and ``--divergence``."""
+    for option in (
+        click.option(
+            "--divergence",
+            type=float,
+            metavar="X",
+            help="A state beyond it ends a run [default: 1e4, more for pressures in Pa or a distant start].",
+        ),
+        click.option(
+            "--max-step", type=float, metavar="S", help="No integration step is longer than this, in seconds."
+        ),
+    ):
+        command = option(command)
+    return command

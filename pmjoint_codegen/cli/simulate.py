@@ -10,7 +10,14 @@ import click
 
 from pmjoint_codegen.cli.account import account
 from pmjoint_codegen.cli.drawing import ready_matplotlib
-from pmjoint_codegen.cli.options import Assignment, Numbers, Place, assignments, tell_idle_sample_time
+from pmjoint_codegen.cli.options import (
+    Assignment,
+    Numbers,
+    Place,
+    assignments,
+    step_options,
+    tell_idle_sample_time,
+)
 from pmjoint_codegen.cli.terminal import activity, as_json, document, message, result
 from pmjoint_codegen.errors import SimulationError
 
@@ -60,15 +67,7 @@ Examples
 )
 @click.option("--no-compensator", is_flag=True, help="Keep r = 0: plain clipping instead of (23).")
 @click.option("--tolerance", type=float, metavar="TOL", default=1e-10, show_default=True, help="Local error.")
-@click.option(
-    "--max-step", type=float, metavar="S", help="No integration step is longer than this, in seconds."
-)
-@click.option(
-    "--divergence",
-    type=float,
-    metavar="X",
-    help="A state beyond it ends the run [default: 1e4, more for pressures in Pa or a distant start].",
-)
+@step_options
 @click.option(
     "--evaluator",
     type=click.Choice(["compiled", "interpreted"]),

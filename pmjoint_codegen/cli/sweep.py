@@ -17,6 +17,7 @@ from pmjoint_codegen.cli.options import (
     Place,
     assignments,
     processors,
+    step_options,
     tell_idle_sample_time,
 )
 from pmjoint_codegen.cli.terminal import activity, document, message, result, table
@@ -89,15 +90,7 @@ Examples
 )
 @click.option("--no-compensator", is_flag=True, help="Keep r = 0: plain clipping instead of (23).")
 @click.option("--tolerance", type=float, metavar="TOL", default=1e-6, show_default=True, help="Local error.")
-@click.option(
-    "--max-step", type=float, metavar="S", help="No integration step is longer than this, in seconds."
-)
-@click.option(
-    "--divergence",
-    type=float,
-    metavar="X",
-    help="A state beyond it ends a run [default: 1e4, more for pressures in Pa or a distant start].",
-)
+@step_options
 @click.option(
     "--trajectories",
     "output_step",

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 import casadi as ca
 import numpy as np
 
-from pmjoint_codegen.emit.balls import Ball, entire, fixed, leaf, power, rules
+from pmjoint_codegen.emit.balls import Ball, Rule, entire, fixed, leaf, power, rules
 from pmjoint_codegen.errors import ModelError
 from pmjoint_codegen.manifest import GuardRule
 
@@ -61,11 +61,11 @@ def guard_function(name: str, function: ca.Function, *, time: str = "t", state: 
     return ca.Function(name, [*inputs, R, P], [ca.cse(rest)], [*function.name_in(), "R", "P"], ["rest"])
 
 
-def _operation(operation: int, operands: list[Ball], known: Mapping[int, object]) -> Ball:
+def _operation(operation: int, operands: list[Ball], known: Mapping[int, Rule]) -> Ball:
     if operation in (ca.OP_POW, ca.OP_CONSTPOW):
         result = power(operands[0], float(operands[1].centre))
     elif operation in known:
-        result = known[operation](*operands)  # type: ignore[operator]  # a `Rule`
+        result = known[operation](*operands)
     else:
         raise ModelError(
             what=f"operation {operation} of the right-hand side has no bound on a disc",

@@ -25,7 +25,7 @@ from typing import Final
 import numpy as np
 
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator, Kernel
-from pmjoint_codegen.simulate.polynomial import last_outside, note_extremum, note_value
+from pmjoint_codegen.simulate.polynomial import note_extremum, note_value
 from pmjoint_codegen.simulate.problem import Memory, Problem, Progress
 from pmjoint_codegen.simulate.status import Status
 from pmjoint_codegen.simulate.stepper import DEFECT, GROWTH, ROUNDED_UP, Stepper
@@ -256,11 +256,7 @@ class _Loop:
         for value, weight in zip(e.tolist(), self.problem.weights.tolist(), strict=True):
             total += weight * (value * value)
         progress.integral += size * total
-        if abs(last) > progress.band:
-            progress.settled = end
-        else:
-            when = last_outside(self.c[:, self.e].tolist(), size, progress.band)
-            progress.settled = progress.settled if when is None else progress.t + when
+        self.stepper.note_settled(self.c[:, self.e].tolist(), last, size, end)
 
     def cross(self, index: int, t: float) -> None:
         """A threshold or a kink is passed at time t."""

@@ -17,7 +17,7 @@ import numpy as np
 
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator
 from pmjoint_codegen.simulate.continuous import SMALLEST_STEP
-from pmjoint_codegen.simulate.polynomial import evaluate, last_outside, note_peaks, note_value, step_size
+from pmjoint_codegen.simulate.polynomial import evaluate, note_peaks, note_value, step_size
 from pmjoint_codegen.simulate.problem import Memory, Problem, Progress
 from pmjoint_codegen.simulate.quadrature import short_steps
 from pmjoint_codegen.simulate.status import Status
@@ -339,19 +339,10 @@ class _Loop:
                 self.memory.peaks[places],
                 self.memory.peak_times[places],
             )
-        self.note_settled(c[:, self.e].tolist(), float(trial[self.e]), tau, until)
+        self.stepper.note_settled(c[:, self.e].tolist(), float(trial[self.e]), tau, until)
         self.x = trial[: self.e].copy()
         progress.t = until
         progress.steps += 1
-
-    def note_settled(self, c: list[float], last: float, tau: float, end: float) -> None:
-        """The last instant so far at which e is outside its band."""
-        progress = self.progress
-        if abs(last) > progress.band:
-            progress.settled = end
-            return
-        when = last_outside(c, tau, progress.band)
-        progress.settled = progress.settled if when is None else progress.t + when
 
     def settle(self, s_next: Array) -> None:
         """The state at the next sample, and its peaks; or the status that forbids going on."""

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from pmjoint_codegen.kernels.evaluator import Array, Kernel
-from pmjoint_codegen.simulate.polynomial import first_crossing, leading_zeros
+from pmjoint_codegen.simulate.polynomial import first_crossing, last_outside, leading_zeros
 from pmjoint_codegen.simulate.problem import Memory, Problem, Progress
 from pmjoint_codegen.simulate.steps import arrive, bounds, shrink
 
@@ -100,6 +100,22 @@ class Stepper:
                 when = self.passes(c, first + j, 0.0, touching == j, -1 if side > 0.0 else 1, tau)
                 found, tau = (found, tau) if when is None else (j, when)
         return found, tau
+
+    def note_settled(self, c: list[float], last: float, tau: float, end: float) -> None:
+        """The last instant so far at which e is outside its band.
+
+        Args:
+            c: coefficients of e over a step from the present t.
+            last: e at its end.
+            tau: its size, s.
+            end: its end, s.
+        """
+        progress = self.progress
+        if abs(last) > progress.band:
+            progress.settled = end
+            return
+        when = last_outside(c, tau, progress.band)
+        progress.settled = progress.settled if when is None else progress.t + when
 
     def stays(self, c: Array, reach: Array, channel: int, low: float, high: float, h: float) -> bool:
         """Whether a channel certainly keeps between two values up to h.

@@ -32,6 +32,13 @@ NEGATION = re.compile(r"^  (a\d+)=\(-(a\d+)\);$")
 SQUARE = re.compile(r"^  (a\d+)=casadi_sq\((a\d+)\);$")
 ARGUMENT = re.compile(r"^  (a\d+)=arg\[(\d+)\]\? arg\[\d+\]\[(\d+)\] : 0;$")
 RESULT = re.compile(r"^  if \(res\[(\d+)\]!=0\) res\[\d+\]\[(\d+)\]=(a\d+);$")
+# Printed kernels keep C's names for their inputs and results.
+VALUE = re.compile(r"^    const double (a\d+) = (\S+) ([-+*/]) (\S+);$")
+OPPOSITE = re.compile(r"^    const double (a\d+) = -(\S+);$")
+CLIPPED = re.compile(r"^    const double (a\d+) = pmj_f(min|max)\((\S+), (\S+)\);$")
+CALLED = re.compile(r"^    const double (a\d+) = (sin|cos)\((\S+)\);$")
+TAKEN = re.compile(r"^    const double (\w+_\d+) = arg\[(\d+)\]\[(\d+)\];$")
+ENTRY = re.compile(r"^    (\w+\[\d+\]) = (\S+);$")
 
 
 def body_of(text: str, kernel: str) -> list[str]:
@@ -59,11 +66,38 @@ def changes(line: str, function: Function) -> Iterator[tuple[str, str]]:
     elif found := ARGUMENT.match(line):
         to, block, index = found[1], int(found[2]), int(found[3])
         size = function.inputs[block][1]
-        for wrong in {(index + 1) % size, (index - 1) % size} - {index}:
+        for wrong in sorted({(index + 1) % size, (index - 1) % size} - {index}):
             label = function.inputs[block][0]
             yield f"{label}[{wrong}] for {label}[{index}]", f"  {to}=arg[{block}][{wrong}];"
     elif found := RESULT.match(line):
         yield f"result {found[1]}[{found[2]}] negated", f"  res[{found[1]}][{found[2]}]=-{found[3]};"
+
+
+def printed_changes(line: str, function: Function) -> Iterator[tuple[str, str]]:
+    """Every single change of one line that this project printed: a kernel's, or one of ``sampled.h``."""
+    if found := VALUE.match(line):
+        to, a, sign, b = found.groups()
+        other = {"+": "-", "-": "+", "*": "/", "/": "*"}[sign]
+        yield f"{sign} becomes {other}", f"    const double {to} = {a} {other} {b};"
+        yield f"drop what follows {sign}", f"    const double {to} = {a};"
+        yield f"drop what stands before {sign}", f"    const double {to} = {b};"
+        # Not 1e-12: next to a large w, a small term's last digits are below the error bound of the sum.
+        yield "a factor 1 + 1e-9", f"    const double {to} = ({a} {sign} {b}) * (1.0 + 1e-9);"
+    elif found := OPPOSITE.match(line):
+        yield "drop a minus", f"    const double {found[1]} = {found[2]};"
+    elif found := CLIPPED.match(line):
+        yield "drop a limit", f"    const double {found[1]} = {found[3]};"
+        yield "drop all but a limit", f"    const double {found[1]} = {found[4]};"
+    elif found := CALLED.match(line):
+        other = {"sin": "cos", "cos": "sin"}[found[2]]
+        yield f"{found[2]} becomes {other}", f"    const double {found[1]} = {other}({found[3]});"
+    elif found := TAKEN.match(line):
+        to, block, index = found[1], int(found[2]), int(found[3])
+        label, size = function.inputs[block]
+        for wrong in sorted({(index + 1) % size, (index - 1) % size} - {index}):
+            yield f"{label}[{wrong}] for {label}[{index}]", f"    const double {to} = arg[{block}][{wrong}];"
+    elif found := ENTRY.match(line):
+        yield f"{found[1]} negated", f"    {found[1]} = -{found[2]};"
 
 
 def mutants_of(text: str, function: Function) -> list[Mutant]:
@@ -72,7 +106,7 @@ def mutants_of(text: str, function: Function) -> list[Mutant]:
     return [
         (f"{function.name}: {what}, for{line}", "\n".join([*lines[:place], replacement, *lines[place + 1 :]]))
         for place, line in enumerate(lines)
-        for what, replacement in changes(line, function)
+        for what, replacement in (*changes(line, function), *printed_changes(line, function))
     ]
 
 
@@ -133,31 +167,6 @@ def test_every_change_of_a_kernel_is_outside_the_error_bound(
         tally("symbolic", what, symbolic.conclude([symbolic.judge(prepared, results)]))
 
 
-VALUE = re.compile(r"^    const double (a\d+) = (\S+) ([-+*/]) (\S+);$")
-OPPOSITE = re.compile(r"^    const double (a\d+) = -(\S+);$")
-CLIPPED = re.compile(r"^    const double (a\d+) = pmj_f(min|max)\((\S+), (\S+)\);$")
-ENTRY = re.compile(r"^    (\w+\[\d+\]) = (\S+);$")
-
-
-def scalar_changes(line: str) -> Iterator[tuple[str, str]]:
-    """Every single change of one line of ``sampled.h``."""
-    if found := VALUE.match(line):
-        to, a, sign, b = found.groups()
-        other = {"+": "-", "-": "+", "*": "/", "/": "*"}[sign]
-        yield f"{sign} becomes {other}", f"    const double {to} = {a} {other} {b};"
-        yield f"drop what follows {sign}", f"    const double {to} = {a};"
-        yield f"drop what stands before {sign}", f"    const double {to} = {b};"
-        # Not 1e-12: next to a large w, a small term's last digits are below the error bound of the sum.
-        yield "a factor 1 + 1e-9", f"    const double {to} = ({a} {sign} {b}) * (1.0 + 1e-9);"
-    elif found := OPPOSITE.match(line):
-        yield "drop a minus", f"    const double {found[1]} = {found[2]};"
-    elif found := CLIPPED.match(line):
-        yield "drop a limit", f"    const double {found[1]} = {found[3]};"
-        yield "drop all but a limit", f"    const double {found[1]} = {found[4]};"
-    elif found := ENTRY.match(line):
-        yield f"{found[1]} negated", f"    {found[1]} = -{found[2]};"
-
-
 def scalar_mutants(text: str, function: Function) -> list[Mutant]:
     """Every mutant with one changed line of a function of ``sampled.h``."""
     start = text.index(f"static inline void pmj_{function.name}(")
@@ -175,7 +184,7 @@ def scalar_mutants(text: str, function: Function) -> list[Mutant]:
             ),
         )
         for place, line in enumerate(lines)
-        for what, replacement in scalar_changes(line)
+        for what, replacement in printed_changes(line, function)
     ]
 
 

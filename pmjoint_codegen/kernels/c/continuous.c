@@ -81,7 +81,7 @@ static void note_error(const pmj_problem *problem, pmj_progress *progress, const
         sum += problem->weights[i] * (e[i] * e[i]);
     }
     progress->integral += size * sum;
-    pmj_note_settled(problem, progress, c + place, memory->trial[place], size, end);
+    pmj_note_settled(progress, c + place, problem->n_channels, problem->order, memory->trial[place], size, end);
 }
 
 /* Whether v certainly keeps between the thresholds of its mode. */

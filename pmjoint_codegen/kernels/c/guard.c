@@ -157,13 +157,13 @@ long long pmj_first_kink(const pmj_problem *problem, const pmj_memory *memory, c
 
 /* The last instant so far at which e, the first channel of `c`, is outside its band, over a step from progress->t of
  * size tau that ends at `end` with the value `last`. */
-void pmj_note_settled(const pmj_problem *problem, pmj_progress *progress, const double *c, double last, double tau,
+void pmj_note_settled(pmj_progress *progress, const double *c, long long width, long long order, double last, double tau,
                       double end)
 {
     if (fabs(last) > progress->band) {
         progress->settled = end;
         return;
     }
-    const double when = pmj_last_outside(c, problem->n_channels, problem->order, tau, progress->band);
+    const double when = pmj_last_outside(c, width, order, tau, progress->band);
     progress->settled = when >= 0.0 ? progress->t + when : progress->settled;
 }

@@ -31,18 +31,6 @@ double *pmj_next_row(pmj_progress *progress, const pmj_memory *memory, double t_
     return row;
 }
 
-/* The last instant so far at which e is outside its band. */
-void pmj_note_outside(pmj_progress *progress, const double *c, long long order, double last, double tau,
-                      double end)
-{
-    if (fabs(last) > progress->band) {
-        progress->settled = end;
-        return;
-    }
-    const double when = pmj_last_outside(c + E, CHANNELS, order, tau, progress->band);
-    progress->settled = when >= 0.0 ? progress->t + when : progress->settled;
-}
-
 /* Accept a step of the plant to time `until`: output rows before `rows_until`, peaks, the new state. */
 static void accept(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory, long long order,
                    double tau, double until, double rows_until, double t_sample)
@@ -56,7 +44,7 @@ static void accept(const pmj_problem *problem, pmj_progress *progress, const pmj
     pmj_note_peaks(c, CHANNELS, order, PMJ_NX, progress->t, tau, memory->trial, memory->peaks, memory->peak_times);
     pmj_note_peaks(c + E, CHANNELS, order, 1, progress->t, tau, memory->trial + E, memory->peaks + PEAK_E,
                    memory->peak_times + PEAK_E);
-    pmj_note_outside(progress, c, order, memory->trial[E], tau, until);
+    pmj_note_settled(progress, c + E, CHANNELS, order, memory->trial[E], tau, until);
     memcpy(memory->state, memory->trial, PMJ_NX * sizeof(double));
     progress->t = until;
     progress->steps += 1;

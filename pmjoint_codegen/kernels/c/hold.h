@@ -146,9 +146,6 @@ typedef struct {
 /* hold.c: the next output row, as at the sample at time t_sample, into which the plant's states go */
 double *pmj_next_row(pmj_progress *progress, const pmj_memory *memory, double t_sample);
 
-/* The last instant so far at which e is outside its band, over a step of size tau that ends at `end`. */
-void pmj_note_outside(pmj_progress *progress, const double *c, long long order, double last, double tau, double end);
-
 /* Integrate the plant under constant w for the time `length`, to `end`; the sample's coefficients stand in memory. */
 void pmj_hold(const pmj_problem *problem, const kernels *plant, pmj_progress *progress, const pmj_memory *memory,
               double length, double end, double rows_until);

@@ -182,7 +182,7 @@ int pmj_passes(const pmj_problem *problem, const double *c, long long channel, d
                double h, double *tau);
 long long pmj_first_kink(const pmj_problem *problem, const pmj_memory *memory, const double *c, long long touching,
                          double h, double *tau);
-void pmj_note_settled(const pmj_problem *problem, pmj_progress *progress, const double *c, double last, double tau,
+void pmj_note_settled(pmj_progress *progress, const double *c, long long width, long long order, double last, double tau,
                       double end);
 
 /* map.c */

@@ -238,7 +238,7 @@ void pmj_sampled(const pmj_problem *problem, const pmj_function *taylor, const p
         } else if (SELDOM(reach(c, E, period) > progress->band)) {
             memcpy(memory->coefficients, c, sizeof c);
             progress->t = t;
-            pmj_note_outside(progress, memory->coefficients, ORDER, e, period, end);
+            pmj_note_settled(progress, memory->coefficients + E, CHANNELS, ORDER, e, period, end);
         }
         UNROLLED
         for (int j = 0; j < PMJ_NX; ++j) {
