@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shlex
 import tempfile
@@ -12,6 +13,7 @@ from collections.abc import Mapping
 from contextlib import redirect_stdout
 from io import StringIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -22,10 +24,11 @@ from pmjoint_codegen.storage import write_text
 from pmjoint_codegen.sweep.reach import border, held
 
 DOCS = Path(__file__).resolve().parent
-PAGES = ("sweep.md",)
+PAGES = ("sweep.md", "tune.md")
 MARK = re.compile(r"(<!-- ([a-z]\w*(?:\.\w+)+) -->)(.*?)(<!-- / -->)", re.DOTALL)
 
 REGION = "sweep paper --grid x1=-100:100:401 --grid x2=-40:40:161 --grid compensator=0,1"
+TUNED = re.compile(r"^\| `pmjoint (tune [^`]*)`.*?<!-- tune\.(\w+)_before -->", re.MULTILINE)
 MISMATCH = 'sweep joint-damped --sample "{name}~uniform(0.035,0.065)" --runs 10000 --seed 7'
 
 
@@ -44,8 +47,8 @@ def filled(text: str, values: Mapping[str, str]) -> str:
 
 
 def computed() -> dict[str, str]:
-    """Every number by name, as the prose writes it: some 140 000 runs, in seconds."""
-    return {**_region(), **_mismatch("J_plant"), **_mismatch("J")}
+    """Every number by name, as the prose writes it: some 300 000 runs, in half a minute."""
+    return {**_region(), **_mismatch("J_plant"), **_mismatch("J"), **_tuned()}
 
 
 def _dataset(command: str) -> xr.Dataset:
@@ -80,6 +83,29 @@ def _mismatch(name: str) -> dict[str, str]:
     ends = np.percentile(_dataset(MISMATCH.format(name=name))["ise"].values, [5.0, 95.0])
     low, high = (f"{end:.3e}".replace("e-0", "e-") for end in ends.tolist())
     return {f"mismatch.{name}_low": low, f"mismatch.{name}_high": high}
+
+
+def _tuned() -> dict[str, str]:
+    """Objective and largest |v| before and after each search that docs/tune.md lists, worst plant."""
+    found = {}
+    for command, name in TUNED.findall((DOCS / "tune.md").read_text(encoding="utf-8")):
+        comparison = _comparison(command)
+        values = comparison.get("worst", comparison["nominal"])
+        for prefix, quantity in (("", "objective"), ("v_", "max_abs_v")):
+            for when, value in values[quantity].items():
+                found[f"tune.{name}_{prefix}{when}"] = f"{value:#.4g}".replace("e-0", "e-")
+    return found
+
+
+def _comparison(command: str) -> dict[str, Any]:
+    """What a search prints as JSON."""
+    printed = StringIO()
+    with tempfile.TemporaryDirectory() as folder, redirect_stdout(printed):
+        code = run([*shlex.split(command), "--no-figure", "--json", "--out", f"{folder}/tuned.toml"])
+    if code:
+        raise SystemExit(f"docs: pmjoint {command} failed")
+    comparison: dict[str, Any] = json.loads(printed.getvalue())
+    return comparison
 
 
 def fill() -> None:

@@ -36,7 +36,7 @@ def closed_loop(folder: Path) -> dict[str, Any]:
     t, state = ca.SX.sym("t"), ca.SX.sym("X", field.numel_in(1))
     v = signals(t, state, p)[names.index("v")]
     u = ca.fmin(ca.fmax(v, -limit), limit)
-    return {"t": t, "x": state, "ode": ca.cse(field(t, state, ca.vertcat(u, 0), p))}
+    return {"t": t, "x": state, "ode": ca.cse(field(t, state, ca.vertcat(u, 0), p)[0])}
 
 
 def solvers() -> Iterator[Solver]:

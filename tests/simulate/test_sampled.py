@@ -209,3 +209,14 @@ def test_kinks_are_followed_alike(expression: str) -> None:
     )
     asked: dict[str, Any] = {"horizon": 0.4, "sample_time": 0.004, "x0": [0.1, 0.0]}
     assert_same(simulate(one, **asked), simulate(other, **asked))
+
+
+def test_holds_of_a_millisecond_take_one_step_each_in_the_shipped_models(root: Path, cache: Path) -> None:
+    runs = {
+        name: simulate(evaluator, sample_time=0.001)
+        for name in MODELS
+        for evaluator in [pair(root, cache, name)[0]]
+    }
+    holds = {name: round(done.t[-1] / 0.001) for name, done in runs.items()}
+    assert sum(holds.values()) == 80_000  # as docs/design.md says
+    assert {name: done.steps for name, done in runs.items()} == holds
