@@ -4,6 +4,7 @@
     current                   generated/<name>/ against what the model and the tools give now
     proof                     the certificate's identities against zero, with symbolic gains
     interpreter               CasADi's interpreter against compiled C, bit for bit
+    lanes                     functions over lanes, as compiled for sweeps, against their tapes, bit for bit
     symbolic                  compiled C against the derivation at 60 digits, within a derived error bound
     guards                    what the step control's kernels bound against the derivation at complex points
     derivatives               emitted partial derivatives against algorithmic differentiation of alpha
@@ -40,6 +41,7 @@ from pmjoint_codegen.check import (
     independent,
     interpreter,
     invariants,
+    lanes,
     proof,
     symbolic,
 )
@@ -69,6 +71,7 @@ GATES: Final = (
     Gate("current", current.check, needs_generated=False),
     Gate("proof", proof.check, needs_generated=False),
     Gate("interpreter", interpreter.check),
+    Gate("lanes", lanes.check),
     Gate("symbolic", symbolic.check),
     Gate("guards", guards.check),
     Gate("derivatives", derivatives.check),

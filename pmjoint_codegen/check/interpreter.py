@@ -45,7 +45,7 @@ def compare(
             values += sum(array.size for array in expected)
             unequal = [different_bits(a, b) for a, b in zip(expected, found, strict=True)]
             differing += sum(int(mask.sum()) for mask in unequal)
-            first = first or _difference(function, batch, expected, found, unequal)
+            first = first or describe_difference(function, batch, expected, found, unequal)
     if differing:
         return failed(NAME, f"{differing} of {values} values differ in their bits", differing, 0, first)
     kernels = len(compiled.manifest.functions)
@@ -58,13 +58,14 @@ def different_bits(a: npt.NDArray[np.float64], b: npt.NDArray[np.float64]) -> np
     return np.asarray(bits & ~(np.isnan(a) & np.isnan(b)), dtype=np.bool_)
 
 
-def _difference(
+def describe_difference(
     function: Function,
     batch: Batch,
     expected: tuple[npt.NDArray[np.float64], ...],
     found: tuple[npt.NDArray[np.float64], ...],
     unequal: list[npt.NDArray[np.bool_]],
 ) -> Difference | None:
+    """The first value of some results that differs, with the point as text that can be pasted."""
     for (label, _), a, b, mask in zip(function.outputs, expected, found, unequal, strict=True):
         if mask.any():
             row, entry = (int(i) for i in np.argwhere(mask)[0])

@@ -121,7 +121,7 @@ def _arguments(
         "R": lambda size: 10.0 ** random.uniform(-4.0, 1.0, (count, size)),
         "P": lambda size: 10.0 ** random.uniform(-4.0, 1.0, (count, size)),
     }
-    if manifest.kinks and function.name in ("plant", "plant_taylor", "plant_guard"):
+    if manifest.kinks and ("w", manifest.nw + len(manifest.kinks)) in function.inputs:
         special = {
             **special,
             "w": lambda size: _with_sides(

@@ -217,21 +217,38 @@ def _loops() -> list[Path]:
     return [*sorted((own / "c_batch").glob("*.[ch]")), *shared]
 
 
-def load(
-    sources: Mapping[str, bytes], manifest: Manifest, levels: Sequence[Level], compiler: Compiler, cache: Path
-) -> BatchLibrary:
-    """Build the batch loops, or reuse the build, and load them.
+@dataclass(frozen=True)
+class Target:
+    """A compiled library.
+
+    Attributes:
+        folder: of the build.
+        level: vector instructions that it was built for.
+    """
+
+    folder: Path
+    level: Level
+
+
+def level_flags(level: Level) -> tuple[str, ...]:
+    """The compiler's flags for everything that works on vectors of a level."""
+    return (*FLAGS, *level.flags, f"-DPMJ_WIDTH={level.width}")
+
+
+def compile_batch(
+    sources: Mapping[str, bytes], levels: Sequence[Level], compiler: Compiler, cache: Path
+) -> Target:
+    """Build the batch loops, or reuse the build.
 
     Args:
         sources: as `batch_sources` gives them.
-        manifest: the model.
         levels: what this machine can run, the widest first; a compiler that does not know one is asked for
             the next.
         compiler: to build with.
         cache: folder for builds.
 
     Raises:
-        BuildError: the compiler failed at the last level, or made what cannot be loaded here.
+        BuildError: the compiler failed at the last level.
         UsageError: the cache cannot be written.
     """
 
@@ -239,12 +256,22 @@ def load(
         return {MODULE: to_module(declarations("", sources[HEADER].decode(), [])).encode()}
 
     for level in levels:
-        flags = (*FLAGS, *level.flags, f"-DPMJ_WIDTH={level.width}")
         try:
-            built = build(sources, compiler, cache, extras, flags)
+            return Target(build(sources, compiler, cache, extras, level_flags(level)), level)
         except BuildError:
             if level is levels[-1]:
                 raise
-            continue
-        return BatchLibrary(manifest, level, *load_library(built))
     raise AssertionError("levels end with one that runs everywhere")
+
+
+def load(
+    sources: Mapping[str, bytes], manifest: Manifest, levels: Sequence[Level], compiler: Compiler, cache: Path
+) -> BatchLibrary:
+    """Build the batch loops of a model, or reuse the build, and load them: see `compile_batch`.
+
+    Raises:
+        BuildError: the compiler failed at the last level, or made what cannot be loaded here.
+        UsageError: the cache cannot be written.
+    """
+    target = compile_batch(sources, levels, compiler, cache)
+    return BatchLibrary(manifest, target.level, *load_library(target.folder))

@@ -106,7 +106,7 @@ def silent(_line: str) -> None:
 @pytest.mark.parametrize(("order", "rho"), [(1, 1), (2, 1), (3, 2)])
 def test_other_orders_pass_what_does_not_need_golden_files(tmp_path: Path, order: int, rho: int) -> None:
     subject = load_subject(other_model(tmp_path, order, rho), os.environ, silent)
-    names = ["current", "proof", "interpreter", "symbolic", "derivatives", "trajectory"]
+    names = ["current", "proof", "interpreter", "lanes", "symbolic", "derivatives", "trajectory"]
     results = {result.name: result for result in run_gates(subject, select(names))}
     assert results.pop("trajectory.golden").verdict is Verdict.NOT_RUN
     assert {name: result.detail for name, result in results.items() if result.verdict is Verdict.FAILED} == {}
@@ -153,7 +153,8 @@ def test_a_disturbance_with_a_kink_is_judged_as_any_other_but_by_heyoka(tmp_path
     regenerate([str(file)])
     subject = load_subject(file, os.environ, silent)
     golden.write(subject)
-    results = {result.name: result for result in run_gates(subject, select(["trajectory"]))}
+    results = {result.name: result for result in run_gates(subject, select(["lanes", "trajectory"]))}
+    assert results["lanes"].verdict is Verdict.PASSED, results["lanes"]
     assert results["trajectory.golden"].figure == 0
     assert results["trajectory.invariants"].verdict is Verdict.PASSED, results["trajectory.invariants"]
     assert len(results["trajectory.invariants"].findings) == 4
