@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 _SHOWN = 8  # switches in the table; summary.json holds all of them
 _BEYOND = "beyond floating point"  # of a run that failed
 _PASCALS = 1e5  # in a bar
-RATE = "theta_dot"  # of a joint, whose x2 is a coordinate of the design
 _MODES = {-1: "at -{limit}", 0: "inside its limits", 1: "at {limit}"}
 
 
@@ -55,18 +54,16 @@ def _saturation(run: Run) -> Iterator[tuple[str, ...]]:
 
 
 def _peaks(run: Run) -> Iterator[tuple[str, ...]]:
+    from pmjoint_codegen.simulate.record import RATE
+
     manifest = run.manifest
     units = {item.name: item.unit for item in (*manifest.signals, *manifest.states)}
-    of_joint = RATE in units
-    names = [] if of_joint else [f"x{i}" for i in range(2, manifest.n + 1)]
+    names = [RATE] if RATE in run.peaks else [f"x{i}" for i in range(2, manifest.n + 1)]
     names += [f"r{i}" for i in range(1, manifest.rho + 1)]
     for label, name in zip(["peaks", *[""] * len(names)], ["v", *names], strict=True):
         size, t = run.peaks[name]
         unit = f" {units[name]}" if units[name] not in ("", "1") else ""
         yield label, f"|{name}| = {size:.6g}{unit} at {t:.6g} s"
-    if of_joint and len(run.t):
-        at = int(abs(run[RATE]).argmax())
-        yield "", f"|{RATE}| = {abs(run[RATE][at]):.6g} {units[RATE]} at {run.t[at]:.6g} s, an output instant"
 
 
 def _tracking(run: Run) -> Iterator[tuple[str, ...]]:

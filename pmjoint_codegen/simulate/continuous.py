@@ -25,7 +25,7 @@ from typing import Final
 import numpy as np
 
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator, Kernel
-from pmjoint_codegen.simulate.polynomial import note_extremum, note_value
+from pmjoint_codegen.simulate.polynomial import note_extremum, note_rate, note_value
 from pmjoint_codegen.simulate.problem import Memory, Problem, Progress
 from pmjoint_codegen.simulate.status import Status
 from pmjoint_codegen.simulate.stepper import DEFECT, GROWTH, ROUNDED_UP, Stepper
@@ -116,6 +116,8 @@ class _Loop:
         progress.band = problem.settled * abs(float(self.c[0, self.e]))
         for i, value in enumerate(self.c[0, : self.e + 1].tolist()):
             note_value(value, 0.0, i, self.memory.peaks, self.memory.peak_times)
+        if problem.notes_rate:
+            note_value(float(self.c[1, 0]), 0.0, self.e + 1, self.memory.peaks, self.memory.peak_times)
 
     def step(self) -> None:
         """One step, to the first threshold or kink; cut until guard and points of comparison agree to it."""
@@ -231,13 +233,15 @@ class _Loop:
         progress.steps += 1
 
     def note_peaks(self, following: Array, tau: float) -> None:
-        """Peaks of X, v and e over a step: at its end, and inside."""
+        """Peaks of X, v, e and y' over a step: at its end, and inside."""
         c, t, peaks, times = self.c, self.progress.t, self.memory.peaks, self.memory.peak_times
         for i in range(self.e + 1):
             note_value(float(following[0, i]), t + tau, i, peaks, times)
             line = float(c[0, i]), float(c[1, i]) * tau
             if i < self.problem.n_searched and _may_exceed(*line, float(self.reach[i]), float(peaks[i])):
                 note_extremum(c[:, i].tolist(), t, tau, i, peaks, times)
+        if self.problem.notes_rate:
+            note_rate(c[:, 0].tolist(), t, tau, self.e + 1, peaks, times)
 
     def write_rows(self, until: float) -> None:
         """Output rows up to a time."""

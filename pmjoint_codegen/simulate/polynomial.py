@@ -147,6 +147,16 @@ def note_extremum(c: list[float], t: float, tau: float, i: int, peaks: Array, pe
         note_value(value, t + when, i, peaks, peak_times)
 
 
+def note_rate(c: list[float], t: float, tau: float, i: int, peaks: Array, peak_times: Array) -> None:
+    """The largest magnitude of one channel's rate over a step, kept at place i: at its end, and inside."""
+    rate = [k * c[k] for k in range(1, len(c))]
+    end = rate[-1]
+    for coefficient in rate[-2::-1]:
+        end = end * tau + coefficient
+    note_value(end, t + tau, i, peaks, peak_times)
+    note_extremum(rate, t, tau, i, peaks, peak_times)
+
+
 def last_outside(c: Sequence[float], tau: float, band: float) -> float | None:
     """The last time in [0, tau) at which a channel's magnitude falls below `band`, or None."""
     power, reach = 1.0, 0.0

@@ -40,6 +40,7 @@ class Problem:
         n_nodes: number of them; 0 leaves out the integral of e^2 and when e settles.
         n_searched: for the continuous loop, channels, of X, v and e, whose largest magnitudes are searched
             for inside steps too; the others' are those at the ends of steps.
+        notes_rate: whether the largest magnitude of the rate of y, channel 0, is asked for; 0 or 1.
         inside: points of a step, as parts of it, at which it is compared with the rates, beside its end.
         n_inside: number of them.
         lebesgue: factor on the largest defect found there.
@@ -81,6 +82,7 @@ class Problem:
     weights: Array
     n_nodes: int
     n_searched: int
+    notes_rate: int
     inside: Array
     n_inside: int
     lebesgue: float
@@ -179,7 +181,7 @@ class Memory:
         rows: shape (n_rows, nX), X at the output instants; the first row comes filled in.
         held: shape (n_rows, nX), X at the last sample before each output instant, sampled loop.
         held_times: shape (n_rows,), the instants of `held`, s.
-        peaks: shape (nX + 2,), largest |X_i|, |v| and |e| so far.
+        peaks: shape (nX + 3,), largest |X_i|, |v|, |e| and, where it is asked for, |dy/dt| so far.
         peak_times: of the same shape, their instants, s.
         switch_times: s.
         switch_modes: mode after each switch.
@@ -235,8 +237,8 @@ def make_memory(problem: Problem, x0: Array) -> Memory:
         rows=np.empty((rows, n)),
         held=np.empty((held_rows, n)),
         held_times=np.zeros(held_rows),
-        peaks=np.zeros(n + 2),
-        peak_times=np.zeros(n + 2),
+        peaks=np.zeros(n + 3),
+        peak_times=np.zeros(n + 3),
         switch_times=np.empty(problem.max_switches),
         switch_modes=np.empty(problem.max_switches, dtype=np.int64),
     )

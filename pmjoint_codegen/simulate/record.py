@@ -5,11 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Final
 
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.settings import Settings
 from pmjoint_codegen.simulate.status import Status
+
+RATE: Final = "theta_dot"  # of a joint: the rate of y, whose x2 is a coordinate of the design
+
+
+def reports_rate(manifest: Manifest) -> bool:
+    """Whether a run of a model has the column `RATE`, and its peak."""
+    return any(item.name == RATE for item in manifest.signals)
 
 
 @dataclass(frozen=True)
@@ -30,7 +38,8 @@ class Record:
         switches: (t, mode label) at every saturation switch, s; -1, 0, 1 for u at its lower limit, inside, at
             its upper.
         initial_mode: mode label at t = 0.
-        peaks: name -> (largest magnitude, its instant in s) of every state, v and e, on the dense output.
+        peaks: name -> (largest magnitude, its instant in s) of every state, v, e and, if it is
+            reported, `RATE`; on the dense output.
         ise: integral of e^2 over the time reached.
         settling_s: the last instant at which |e| exceeds 2 % of |e(0)|, on the dense output, s; None where
             e(0) is 0 or no number.

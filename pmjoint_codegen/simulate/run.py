@@ -24,7 +24,7 @@ from pmjoint_codegen.simulate.hold import hold_matrices
 from pmjoint_codegen.simulate.loops import Advance, make_loop
 from pmjoint_codegen.simulate.modes import Actuator, make_actuator
 from pmjoint_codegen.simulate.problem import Memory, Problem, Progress, make_memory
-from pmjoint_codegen.simulate.record import Record
+from pmjoint_codegen.simulate.record import RATE, Record, reports_rate
 from pmjoint_codegen.simulate.settings import Settings
 from pmjoint_codegen.simulate.status import Status, sentence
 from pmjoint_codegen.simulate.summary import summarise
@@ -124,6 +124,7 @@ def make_problem(evaluator: Evaluator, settings: Settings, actuator: Actuator) -
         weights=np.array(rule.weights),
         n_nodes=len(rule.nodes),
         n_searched=manifest.nX + 2,
+        notes_rate=int(reports_rate(manifest)),
         inside=np.array(guard.inside),
         n_inside=len(guard.inside),
         lebesgue=guard.lebesgue,
@@ -233,9 +234,9 @@ def _switches(actuator: Actuator, memory: Memory, state: Progress) -> tuple[tupl
 
 
 def _peaks(manifest: Manifest, memory: Memory) -> dict[str, tuple[float, float]]:
-    names = [*(item.name for item in manifest.states), "v", "e"]
+    names = [*(item.name for item in manifest.states), "v", "e", *([RATE] if reports_rate(manifest) else [])]
     pairs = zip(memory.peaks.tolist(), memory.peak_times.tolist(), strict=True)
-    return dict(zip(names, pairs, strict=True))
+    return dict(zip(names, pairs, strict=False))  # the last place may be unused
 
 
 def _message(manifest: Manifest, settings: Settings, memory: Memory, state: Progress) -> str:

@@ -17,7 +17,7 @@ import numpy as np
 
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator
 from pmjoint_codegen.simulate.continuous import SMALLEST_STEP
-from pmjoint_codegen.simulate.polynomial import evaluate, note_peaks, note_value, step_size
+from pmjoint_codegen.simulate.polynomial import evaluate, note_peaks, note_rate, note_value, step_size
 from pmjoint_codegen.simulate.problem import Memory, Problem, Progress
 from pmjoint_codegen.simulate.quadrature import short_steps
 from pmjoint_codegen.simulate.status import Status
@@ -116,7 +116,10 @@ class _Loop:
         """X(0) and e(0)."""
         for i, value in enumerate(self.memory.sample.tolist()):
             note_value(value, 0.0, i, self.memory.peaks, self.memory.peak_times)
-        note_value(float(c[0, self.e]), 0.0, -1, self.memory.peaks, self.memory.peak_times)
+        peaks, times, last = self.memory.peaks, self.memory.peak_times, self.problem.n_states + 1
+        note_value(float(c[0, self.e]), 0.0, last, peaks, times)
+        if self.problem.notes_rate:
+            note_value(float(c[1, 0]), 0.0, last + 1, peaks, times)
         self.progress.band = self.problem.settled * abs(float(c[0, self.e]))
 
     def note_mode(self, t: float, v: float) -> None:
@@ -329,8 +332,8 @@ class _Loop:
             if not (time <= until and time < rows_until):
                 break
             self.next_row(t_sample)[: self.problem.n_plant] = evaluate(c[:, : self.e], time - progress.t)
-        x, e, last = slice(0, self.e), slice(self.e, self.e + 1), slice(-1, None)
-        for channels, places in ((x, x), (e, last)):  # x in the first entries of the peaks, e in the last
+        x, e, place = slice(0, self.e), slice(self.e, self.e + 1), self.problem.n_states + 1
+        for channels, places in ((x, x), (e, slice(place, place + 1))):  # after X and v comes e
             note_peaks(
                 c[:, channels],
                 progress.t,
@@ -339,6 +342,9 @@ class _Loop:
                 self.memory.peaks[places],
                 self.memory.peak_times[places],
             )
+        if self.problem.notes_rate:
+            peaks, times = self.memory.peaks, self.memory.peak_times
+            note_rate(c[:, 0].tolist(), progress.t, tau, place + 1, peaks, times)
         self.stepper.note_settled(c[:, self.e].tolist(), float(trial[self.e]), tau, until)
         self.x = trial[: self.e].copy()
         progress.t = until

@@ -10,6 +10,7 @@ from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.assumptions import sentence
 from pmjoint_codegen.simulate.disturbance import disturbance_names, pressures
+from pmjoint_codegen.simulate.record import RATE
 from pmjoint_codegen.simulate.status import Status
 
 if TYPE_CHECKING:
@@ -203,7 +204,7 @@ def _family(manifest: Manifest, stem: str, indices: range) -> Panel:
 
 def _rate(manifest: Manifest) -> Panel:
     """Show a joint's angular velocity."""
-    return _single(manifest, "theta_dot", "$\\dot\\theta$")
+    return _single(manifest, RATE, "$\\dot\\theta$")
 
 
 def _state(run: Record, i: int) -> tuple[tuple[Panel, ...], str]:

@@ -54,7 +54,7 @@ def test_a_run_started_again_repeats_itself(evaluator: Evaluator, controller: st
     figures = (progress.steps, progress.switches, progress.integral)
     loop.restart(np.array([3.0, *np.zeros(9)]))  # farther away: larger peaks, to be forgotten
     loop(BUDGET)
-    assert np.all(memory.peaks[[0, -1]] > first["peaks"][[0, -1]])
+    assert np.all(memory.peaks[[0, -2]] > first["peaks"][[0, -2]])
     loop.restart(np.array([1.5, *np.zeros(9)]))
     loop(BUDGET)
     assert progress.status == Status.DONE
@@ -124,5 +124,5 @@ def test_no_output_row_exceeds_the_peaks_however_long_the_steps(model: str, cont
         )
         assert set(run.peaks) > {"x1", "xi1", "lambda1", "r1"}
         for name, (peak, _) in run.peaks.items():
-            if name != "v":  # rows of v are the law's, its peaks the polynomials'
+            if name not in ("v", "theta_dot"):  # their rows are the states', their peaks the polynomials'
                 assert np.max(np.abs(run[name])) <= peak * (1.0 + 1e-12)

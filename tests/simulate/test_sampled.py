@@ -220,3 +220,26 @@ def test_holds_of_a_millisecond_take_one_step_each_in_the_shipped_models(root: P
     holds = {name: round(done.t[-1] / 0.001) for name, done in runs.items()}
     assert sum(holds.values()) == 80_000  # as docs/design.md says
     assert {name: done.steps for name, done in runs.items()} == holds
+
+
+@pytest.mark.parametrize("controller", ["continuous", "sampled"])
+@pytest.mark.parametrize("name", ["joint-damped", "joint-lag"])
+def test_the_peak_of_a_joint_s_velocity_does_not_depend_on_the_output(
+    root: Path, cache: Path, name: str, controller: str
+) -> None:
+    both = pair(root, cache, name)
+    fine, coarse = (
+        run(both[0], make_settings(both[0].manifest, controller=controller, horizon=5.0, output_step=step))
+        for step in (0.0005, 5.0)
+    )
+    assert fine.peaks == coarse.peaks
+    peak, when = fine.peaks["theta_dot"]
+    column = np.abs(fine["theta_dot"])
+    at = int(np.argmax(column))
+    assert column[at] <= peak * (1 + 1e-12)
+    assert peak - column[at] < 1e-4 * peak and abs(when - fine.t[at]) <= 0.0005
+    twin = run(both[1], make_settings(both[1].manifest, controller=controller, horizon=0.2, output_step=0.1))
+    assert_same(
+        run(both[0], make_settings(both[0].manifest, controller=controller, horizon=0.2, output_step=0.1)),
+        twin,
+    )

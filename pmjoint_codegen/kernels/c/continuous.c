@@ -187,6 +187,9 @@ static void start(const pmj_problem *problem, const pmj_function *taylor, pmj_pr
     for (long long i = 0; i < n + 2; ++i) {
         pmj_note_value(c[i], 0.0, memory->peaks + i, memory->peak_times + i);
     }
+    if (problem->notes_rate) {
+        pmj_note_value(c[problem->n_channels], 0.0, memory->peaks + n + 2, memory->peak_times + n + 2);
+    }
 }
 
 /* A threshold or a kink is passed at time t. */
@@ -216,7 +219,7 @@ static int may_exceed(double start, double rise, double reach, double peak)
     return (fabs(start) > end ? fabs(start) : end) + beside > peak;
 }
 
-/* Peaks of X, v and e over a step of size tau: at its end, and inside. */
+/* Peaks of X, v, e and y' over a step of size tau: at its end, and inside. */
 static void note_peaks(const pmj_problem *problem, const pmj_progress *progress, const pmj_memory *memory,
                        const double *c, const double *next, double tau)
 {
@@ -230,6 +233,10 @@ static void note_peaks(const pmj_problem *problem, const pmj_progress *progress,
         if (i < problem->n_searched && may_exceed(c[i], c[width + i] * tau, memory->reach[i], memory->peaks[i])) {
             pmj_note_extremum(c + i, width, problem->order, t, tau, memory->peaks + i, memory->peak_times + i);
         }
+    }
+    if (problem->notes_rate) {
+        const long long place = problem->n_states + 2;
+        pmj_note_rate(c, width, problem->order, t, tau, memory->peaks + place, memory->peak_times + place);
     }
 }
 
@@ -355,7 +362,7 @@ void pmj_begin(const pmj_problem *problem, pmj_progress *progress, pmj_memory *m
             memory->held[i] = memory->state[i];
         }
     }
-    for (long long i = 0; i < problem->n_states + 2; ++i) {
+    for (long long i = 0; i < problem->n_states + 3; ++i) {
         memory->peaks[i] = 0.0;
         memory->peak_times[i] = 0.0;
     }

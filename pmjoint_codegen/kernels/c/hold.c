@@ -44,6 +44,9 @@ static void accept(const pmj_problem *problem, pmj_progress *progress, const pmj
     pmj_note_peaks(c, CHANNELS, order, PMJ_NX, progress->t, tau, memory->trial, memory->peaks, memory->peak_times);
     pmj_note_peaks(c + E, CHANNELS, order, 1, progress->t, tau, memory->trial + E, memory->peaks + PEAK_E,
                    memory->peak_times + PEAK_E);
+    if (problem->notes_rate) {
+        pmj_note_rate(c, CHANNELS, order, progress->t, tau, memory->peaks + PEAK_RATE, memory->peak_times + PEAK_RATE);
+    }
     pmj_note_settled(progress, c + E, CHANNELS, order, memory->trial[E], tau, until);
     memcpy(memory->state, memory->trial, PMJ_NX * sizeof(double));
     progress->t = until;

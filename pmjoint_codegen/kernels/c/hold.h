@@ -13,9 +13,10 @@
 #define ORDER PMJ_HOLD_ORDER
 #define CHANNELS (PMJ_NX + 1 + PMJ_NK)
 #define E PMJ_NX
-/* Entries of the peaks: X, v, e. */
+/* Entries of the peaks: X, v, e, y'. */
 #define PEAK_V PMJ_NS
 #define PEAK_E (PMJ_NS + 1)
+#define PEAK_RATE (PMJ_NS + 2)
 
 /* Left alone, compilers roll short loops up. */
 #if defined(__GNUC__)

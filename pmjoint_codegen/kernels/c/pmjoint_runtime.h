@@ -65,6 +65,7 @@ typedef struct {
     const double *weights;    /* [n_nodes] */
     long long n_nodes;        /* 0: nothing is asked of e */
     long long n_searched;     /* continuous: channels whose largest magnitudes are searched for inside steps too */
+    long long notes_rate;     /* whether the largest magnitude of the rate of channel 0, y, is asked for */
     const double *inside;     /* [n_inside] points of a step, as parts of it, at which it is compared with the rates */
     long long n_inside;
     double lebesgue;          /* factor on the largest defect found there and at the end */
@@ -130,7 +131,7 @@ typedef struct {
     double *rows;             /* [n_rows][nX]; the first row comes filled in */
     double *held;             /* sampled: [n_rows][nX], X at the last sample */
     double *held_times;       /* sampled: [n_rows] */
-    double *peaks;            /* [nX + 2]: largest |X_i|, |v| and |e| so far */
+    double *peaks;            /* [nX + 3]: largest |X_i|, |v|, |e| and, where it is asked for, |dy/dt| so far */
     double *peak_times;       /* the same */
     double *switch_times;     /* [max_switches] */
     long long *switch_modes;  /* [max_switches] */
@@ -147,6 +148,8 @@ void pmj_note_extremum(const double *c, long long width, long long order, double
                        double *peak_time);
 void pmj_note_peaks(const double *c, long long width, long long order, long long n, double t, double tau,
                     const double *end, double *peaks, double *peak_times);
+void pmj_note_rate(const double *c, long long width, long long order, double t, double tau, double *peak,
+                   double *peak_time);
 
 double pmj_last_outside(const double *c, long long width, long long order, double tau, double band);
 

@@ -287,6 +287,21 @@ void pmj_note_peaks(const double *c, long long width, long long order, long long
     }
 }
 
+/* The largest magnitude of the rate of one channel over a step that starts at t: at its end, and inside. */
+void pmj_note_rate(const double *c, long long width, long long order, double t, double tau, double *peak,
+                   double *peak_time)
+{
+    double rate[PMJ_MAX_ORDER];
+    for (long long k = 1; k <= order; ++k) {
+        rate[k - 1] = (double)k * c[k * width];
+    }
+    double end = rate[order - 1];
+    for (long long k = order - 2; k >= 0; --k) {
+        end = end * tau + rate[k];
+    }
+    pmj_note_peaks(rate, 1, order - 1, 1, t, tau, &end, peak, peak_time);
+}
+
 /* The last time in [0, tau) at which the magnitude of one channel goes from above `band` to below it, or -1. */
 double pmj_last_outside(const double *c, long long width, long long order, double tau, double band)
 {

@@ -140,6 +140,20 @@ static void note_start(const pmj_problem *problem, pmj_progress *progress, const
         pmj_note_value(memory->sample[i], 0.0, memory->peaks + i, memory->peak_times + i);
     }
     pmj_note_value(c[E], 0.0, memory->peaks + PEAK_E, memory->peak_times + PEAK_E);
+    if (problem->notes_rate) {
+        pmj_note_value(c[CHANNELS], 0.0, memory->peaks + PEAK_RATE, memory->peak_times + PEAK_RATE);
+    }
+}
+
+/* What |y'| can be during a hold of some size, at most. */
+static inline double steepest(const double *c, double size)
+{
+    double sum = 0.0;
+    UNROLLED
+    for (int k = ORDER; k > 0; --k) {
+        sum = sum * size + k * fabs(c[k * CHANNELS]);
+    }
+    return sum * PMJ_ROUNDED_UP;
 }
 
 /* Keep the peaks of an ordinary sample and its hold; or 0, and keep nothing, where the run may diverge. */
@@ -166,6 +180,9 @@ static RARE int note_sample(const pmj_problem *problem, const pmj_memory *memory
             pmj_note_peaks(c + i, CHANNELS, ORDER, 1, t, size, &last, memory->peaks + place,
                            memory->peak_times + place);
         }
+    }
+    if (problem->notes_rate) {
+        pmj_note_rate(c, CHANNELS, ORDER, t, size, memory->peaks + PEAK_RATE, memory->peak_times + PEAK_RATE);
     }
     return 1;
 }
@@ -212,6 +229,7 @@ void pmj_sampled(const pmj_problem *problem, const pmj_function *taylor, const p
         for (int j = 0; j < OWN; ++j) {
             calm = calm && fabs(next[j]) <= memory->peaks[PMJ_NX + j];
         }
+        calm = calm && (!problem->notes_rate || steepest(c, period) <= memory->peaks[PEAK_RATE]);
         if (SELDOM(!(usual && calm))) {
             double kept[OWN];
             memcpy(kept, next, sizeof kept);
