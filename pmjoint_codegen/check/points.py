@@ -67,6 +67,10 @@ def batches(
     for kind, draw in (("slow", "slow"), ("at rest", "all zero")):
         arguments = _arguments(evaluator, function, draws[draw], count, random)
         found.append(Batch(f"{kind} and unforced", _unforced(function, arguments)))
+    if extreme and any(label == "p" for label, _ in function.inputs):
+        # Near their defaults, parameters keep their signs, and |p| is p.
+        arguments = _arguments(evaluator, function, draws["random"], count, random)
+        found.append(Batch("parameters of either sign", _signed_parameters(function, arguments, random)))
     if features is not None and (needed := features.count(function)):
         arguments = _arguments(evaluator, function, draws["random"], max(count, needed), random)
         moved = features.near(function, arguments, random)
@@ -78,6 +82,16 @@ def _unforced(function: Function, arguments: tuple[Array, ...]) -> tuple[Array, 
     """Without input: in Taylor coefficients, fast motion hides slow motion, and motion what time drives."""
     return tuple(
         np.zeros_like(array) if label in ("g", "w") else array
+        for (label, _), array in zip(function.inputs, arguments, strict=True)
+    )
+
+
+def _signed_parameters(
+    function: Function, arguments: tuple[Array, ...], random: np.random.Generator
+) -> tuple[Array, ...]:
+    """Every parameter with a random sign of its own."""
+    return tuple(
+        array * random.choice(np.array([-1.0, 1.0]), array.shape) if label == "p" else array
         for (label, _), array in zip(function.inputs, arguments, strict=True)
     )
 
@@ -118,8 +132,8 @@ def _arguments(
         "p": lambda _size: parameter_values(manifest, count, random),
         "t": lambda size: random.uniform(0.0, manifest.simulation.horizon, (count, size)),
         "g": lambda _size: _with_sides(_modes(evaluator, count, random), manifest, random),
-        "R": lambda size: 10.0 ** random.uniform(-4.0, 1.0, (count, size)),
-        "P": lambda size: 10.0 ** random.uniform(-4.0, 1.0, (count, size)),
+        "R": lambda size: 10.0 ** random.uniform(-4.0, 2.0, (count, size)),
+        "P": lambda size: 10.0 ** random.uniform(-4.0, 2.0, (count, size)),
     }
     if manifest.kinks and ("w", manifest.nw + len(manifest.kinks)) in function.inputs:
         special = {

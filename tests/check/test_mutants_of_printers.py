@@ -41,6 +41,7 @@ from pmjoint_codegen.manifest import Function, Manifest
 Array = npt.NDArray[np.float64]
 Tally = Callable[[str, str, GateResult], None]
 WORD = re.compile(r"\{\d\}|[<>!]=|(?<![\d.])[01]\.0(?![\d.e])|[-+*/<>]")
+OPERAND = re.compile(r"\b([a-zA-Z]\w*)\[(\d+)\]")
 OTHERS = {
     "+": "-", "-": "+", "*": "/", "/": "*", "0.0": "0.5", "1.0": "1.5",
     "<": ">", ">": "<", "<=": "<", ">=": ">", "!=": "==", "{0}": "({0} + 1.0)", "{1}": "({1} + 1.0)",
@@ -90,6 +91,17 @@ def changed(text: str) -> Iterator[tuple[str, str]]:
     for found in WORD.finditer(text):
         wrong = text[: found.start()] + OTHERS[found[0]] + text[found.end() :]
         yield f"{wrong} for {text}", wrong
+
+
+def moved(line: str) -> Iterator[tuple[str, str]]:
+    """A line of C with the entry before it in place of one entry of an argument."""
+    for found in OPERAND.finditer(line):
+        if found.start() < line.index("="):
+            continue
+        other = f"{found[1]}[{int(found[2]) - 1}]"
+        if found[2] != "0":
+            wrong = line[: found.start()] + other + line[found.end() :]
+            yield f"{wrong} for {line}", wrong
 
 
 def wrong_templates(templates: Mapping[int, str]) -> Iterator[tuple[str, Mapping[int, str]]]:
@@ -180,7 +192,16 @@ def test_every_fault_of_the_printer_of_lanes_is_caught(
 
 
 @pytest.mark.parametrize(
-    "name", ["taylor_lanes", "rates_lanes", "plant_lanes", "sample_lanes", "arrive_lanes"]
+    "name",
+    [
+        "taylor_lanes",
+        "rates_lanes",
+        "guard_lanes",
+        "plant_lanes",
+        "plant_guard_lanes",
+        "sample_lanes",
+        "arrive_lanes",
+    ],
 )
 def test_changes_of_the_functions_over_lanes_are_caught(
     paper: Subject, compiler: Compiler, cache: Path, tally: Tally, name: str
@@ -193,17 +214,18 @@ def test_changes_of_the_functions_over_lanes_are_caught(
         (f"{name}: {what.strip()}", [*lines[:place], wrong, *lines[place + 1 :]])
         for place, line in enumerate(lines)
         if " = " in line
-        for what, wrong in changed(line)
-    ][:: max(len(lines) // 40, 1)]
+        for what, wrong in (*changed(line), *moved(line))
+    ][:: max(len(lines) // (400 if "guard" in name else 40), 1)]
     texts = ["\n".join(body).replace(f"{name}(", f"mutant_{i}(", 1) for i, (_, body) in enumerate(mutants)]
     library = Lanes(compiler, cache, function, texts)
 
-    def few(of: Function) -> list[Batch]:
+    def of_the_gate(mutant: Function) -> list[Batch]:
         # The name is part of the seed of the points.
-        return batches(paper.interpreted, replace(of, name=name), 40, interpreter.SEED, extreme=False)
+        count = interpreter.POINTS if "guard" in name else 40
+        return batches(paper.interpreted, replace(mutant, name=name), count, interpreter.SEED, extreme=True)
 
     for i, (what, _) in enumerate(mutants):
-        tally("lanes", what, library.judge(i, few))
+        tally("lanes", what, library.judge(i, of_the_gate))
 
 
 class Called:
