@@ -4,7 +4,8 @@ It shares nothing with what it checks but the symbolic derivation: no CasADi, no
 recurrence, no event search of ours, no step control either: its steps are short, and compared with the
 right-hand side at points inside. Held against it are the model's own run and runs with a drawn limit of u
 from drawn initial states. heyoka says which of these saturate and come back, so that a switch that our loop
-does not see keeps no run from being held.
+does not see keeps no run from being held. heyoka locates kinks too. A run that is stuck to a kink ends with
+a word: it must end between the same rows in both, and is then left out.
 """
 
 from __future__ import annotations
@@ -16,8 +17,17 @@ from typing import Any, Final
 import numpy as np
 
 from pmjoint_codegen.check.drawn import Draw, draws
-from pmjoint_codegen.check.golden import TOLERANCE, Trajectory, compare, default_run, kept_rows, trajectory_of
-from pmjoint_codegen.check.heyoka_loop import Loop, UntrustedError
+from pmjoint_codegen.check.golden import (
+    ACCURACY,
+    TOLERANCE,
+    Trajectory,
+    compare,
+    default_run,
+    kept_rows,
+    trajectory_of,
+)
+from pmjoint_codegen.check.heyoka_kinks import SlidingError, UntrustedError
+from pmjoint_codegen.check.heyoka_loop import Loop
 from pmjoint_codegen.check.result import GateResult, Verdict, failed, not_run
 from pmjoint_codegen.check.subject import Subject
 from pmjoint_codegen.errors import installing
@@ -35,8 +45,6 @@ TRIES: Final = 4  # draws for each of them at most: a limit may be too wide, or 
 
 def check(subject: Subject) -> GateResult:
     """Integrate the default run and the drawn runs a second time, with heyoka, and compare."""
-    if subject.manifest.kinks:
-        return not_run(NAME, "the disturbance has a kink (abs or sign), and heyoka locates no kinks")
     try:
         import heyoka
     except ImportError:
@@ -45,9 +53,12 @@ def check(subject: Subject) -> GateResult:
     done = default_run(evaluator)
     loop = Loop(heyoka, subject, done.settings.parameters)
     result = hold(loop, subject, done)
-    if result.verdict is not Verdict.PASSED:
+    # A run of the model's own that is stuck to a kink leaves the drawn ones to be held.
+    if result.verdict is not Verdict.PASSED and not (
+        result.verdict is Verdict.NOT_RUN and done.status == Status.SLIDING
+    ):
         return result
-    affordable = STEPS[evaluator.kind] // done.steps
+    affordable = STEPS[evaluator.kind] // max(done.steps, 1)
     return hold_drawn(loop, subject, evaluator, result, min(max(affordable, RUNS[0]), RUNS[1]))
 
 
@@ -59,12 +70,16 @@ def hold(loop: Loop, subject: Subject, done: Run) -> GateResult:
         subject: the model.
         done: the run.
     """
-    if done.status != Status.DONE:
+    if done.status not in (Status.DONE, Status.SLIDING):
         return failed(NAME, f"the run ended early: {done.message}")
     try:
         expected = reference(loop, subject, done.settings)
+    except SlidingError as error:
+        return _both_stuck(error, done)
     except UntrustedError as error:
         return not_run(NAME, f"heyoka's run is no reference: it {error}")
+    if done.status != Status.DONE:
+        return failed(NAME, f"the run ended early, and heyoka's does not: {done.message}")
     return _compare(loop, expected, done)
 
 
@@ -80,24 +95,33 @@ def hold_drawn(
         own: what the model's own run gave.
         wanted: how many runs.
     """
-    worst, held, switches, untrusted = own, 0, 0, 0
+    worst, held, switches, untrusted, stuck = own, 0, 0, 0, 0
     for draw in islice(draws(subject.manifest), TRIES * wanted):
         settings = drawn_settings(subject, draw)
+        expected: Trajectory | SlidingError
         try:
             expected = reference(loop, subject, settings)
+        except SlidingError as error:
+            expected = error
         except UntrustedError:
             untrusted += 1
             continue
-        if not saturates_and_returns(expected):
+        if not isinstance(expected, SlidingError) and not saturates_and_returns(expected):
             continue
-        held, switches = held + 1, switches + len(expected.switches)
         done = run(evaluator, settings)
-        if done.status != Status.DONE:
+        if isinstance(expected, SlidingError):
+            result = _both_stuck(expected, done)
+        elif done.status != Status.DONE:
             return failed(NAME, f"a drawn run ended early, with {_said(subject, draw)}: {done.message}")
-        result = _compare(loop, expected, done)
+        else:
+            result = _compare(loop, expected, done)
         if result.verdict is Verdict.FAILED:
             return dataclasses.replace(result, detail=f"{result.detail}, with {_said(subject, draw)}")
-        if (result.figure or 0.0) > (worst.figure or 0.0):
+        if isinstance(expected, SlidingError):
+            stuck += 1
+            continue
+        held, switches = held + 1, switches + len(expected.switches)
+        if worst.verdict is not Verdict.PASSED or (result.figure or 0.0) > (worst.figure or 0.0):
             worst = result
         if held == wanted:
             break
@@ -107,7 +131,19 @@ def hold_drawn(
         else "no drawn run that saturates and returns"
     )
     left = f"; heyoka gave no reference for {untrusted} more" if untrusted else ""
+    left += f"; {stuck} more are stuck to a kink and left out" if stuck else ""
     return dataclasses.replace(worst, detail=f"{own.detail}, and {drawn}{left}")
+
+
+def _both_stuck(found: SlidingError, done: Run) -> GateResult:
+    """Where heyoka's run is stuck to a kink, ours must end too, between the same rows; no more is held."""
+    if done.status != Status.SLIDING:
+        return failed(NAME, f"heyoka's run {found}, and the run does not end there: {done.message}")
+    around = np.array([found.t - ACCURACY, found.t + ACCURACY])
+    least, most = np.searchsorted(done.settings.times(), around, side="right")
+    if not least <= len(done.t) <= most:
+        return failed(NAME, f"heyoka's run {found}, and the run elsewhere: {done.message}")
+    return not_run(NAME, f"the run and heyoka's are stuck to a kink at t = {found.t:.6g} s")
 
 
 def drawn_settings(subject: Subject, draw: Draw) -> Settings:
@@ -120,6 +156,7 @@ def reference(loop: Loop, subject: Subject, settings: Settings) -> Trajectory:
     """What heyoka makes of some settings, at the instants that a golden file keeps.
 
     Raises:
+        SlidingError: heyoka's run is stuck to a kink.
         UntrustedError: heyoka's run leaves its own equations.
     """
     times = settings.times()

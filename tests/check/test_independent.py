@@ -12,14 +12,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+import sympy as sp
 
 from pmjoint_codegen.check import golden, heyoka_loop, independent
 from pmjoint_codegen.check.drawn import draws
-from pmjoint_codegen.check.heyoka_loop import Loop, UntrustedError, told_apart
+from pmjoint_codegen.check.heyoka_kinks import SlidingError, UntrustedError
+from pmjoint_codegen.check.heyoka_loop import Loop, told_apart
+from pmjoint_codegen.check.program import compile_program
 from pmjoint_codegen.check.result import Verdict
 from pmjoint_codegen.check.subject import Subject, load_subject
+from pmjoint_codegen.kernels.guard import Discs
 from pmjoint_codegen.provision import provide
-from pmjoint_codegen.simulate import stepper
+from pmjoint_codegen.simulate import continuous, stepper
+from pmjoint_codegen.simulate import run as simulate_run
 from pmjoint_codegen.simulate.modes import Actuator, make_actuator
 from pmjoint_codegen.simulate.run import initial_state, run
 from pmjoint_codegen.simulate.settings import make_settings
@@ -140,10 +145,19 @@ def narrow(root: Path, paper: Subject, name: str) -> tuple[Subject, Any]:
     (reference,) = (value for option, value in options if option == "--reference")
     disturbance = [value for option, value in options if option == "--disturbance"] or None
     x0 = [float(x) for option, value in options if option == "--x0" for x in value.split(",")]
+    return changed(paper, reference, disturbance, x0), case
+
+
+def changed(
+    paper: Subject, reference: str, disturbance: Sequence[str] | None, x0: Sequence[float] = ()
+) -> Subject:
+    """The paper's model with another reference, disturbance and start."""
     document = dict(paper.document)
-    document["simulation"] = {**document["simulation"], "reference": reference} | ({"x0": x0} if x0 else {})
+    document["simulation"] = {**document["simulation"], "reference": reference} | (
+        {"x0": list(x0)} if x0 else {}
+    )
     if disturbance:
-        document["plant"] = {**document["plant"], "disturbance": disturbance}
+        document["plant"] = {**document["plant"], "disturbance": list(disturbance)}
     provided = provide(
         paper.file,
         reference=reference,
@@ -151,10 +165,9 @@ def narrow(root: Path, paper: Subject, name: str) -> tuple[Subject, Any]:
         environment=paper.environment,
         notify=paper.notify,
     )
-    changed = dataclasses.replace(
-        paper, document=document, model=model_of(document, name), folder=provided.folder
+    return dataclasses.replace(
+        paper, document=document, model=model_of(document, "changed"), folder=provided.folder
     )
-    return changed, case
 
 
 def start_of(subject: Subject, case: Any) -> tuple[Any, Actuator, Any]:
@@ -220,3 +233,104 @@ def test_a_run_that_passes_over_a_pulse_fails(heyoka: Any, root: Path, paper: Su
     )
     result = independent.hold(Loop(heyoka, subject, settings.parameters), subject, still)
     assert result.verdict is Verdict.FAILED
+
+
+KINKED = {
+    "dry friction": "-0.3*sign(x2) - abs(x1)/10",
+    "one inside another": "0.2*abs(abs(x1) - 0.5) - max(0, x2 - 1)",
+    "over time": "sign(t-0.7305) - abs(t-2)/10 + min(max(5*(t-1.01), 0), 1)",
+    "a jump of an argument": "0.2*sign(x1 + 0.3*sign(x2))",
+}
+
+
+@pytest.mark.usefixtures("heyoka")
+@pytest.mark.parametrize("name", KINKED)
+def test_models_with_kinks_are_held(paper: Subject, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(independent, "RUNS", (2, 8))
+    result = independent.check(changed(paper, "sin(t)", ("0", KINKED[name])))
+    assert result.verdict is Verdict.PASSED, (result.detail, result.difference)
+    assert "8 drawn runs with" in result.detail
+
+
+def interpreted_of(subject: Subject) -> Subject:
+    """The same, as without a compiler: the loops are then Python, and can be spoiled."""
+    return dataclasses.replace(subject, environment={**os.environ, "PATH": ""})
+
+
+def side_ignored(self: Any, mode: int) -> Any:
+    return np.concatenate([self.problem.modes[mode], np.ones(self.problem.n_kinks)])
+
+
+@pytest.mark.usefixtures("heyoka")
+def test_a_kernel_that_ignores_a_side_fails(paper: Subject, monkeypatch: pytest.MonkeyPatch) -> None:
+    subject = interpreted_of(changed(paper, "sin(t)", ("0", KINKED["dry friction"])))
+    monkeypatch.setattr(independent, "RUNS", (0, 0))
+    assert independent.check(subject).verdict is Verdict.PASSED
+    monkeypatch.setattr(continuous._Loop, "actuation", side_ignored)
+    assert independent.check(subject).verdict is Verdict.FAILED
+
+
+@pytest.mark.usefixtures("heyoka")
+def test_a_step_over_a_narrow_feature_fails(paper: Subject, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A disturbance of a few milliseconds, at rest: without a guard one step covers the horizon."""
+    pulse = ("0", "9*exp(-((t-3.3)/0.002)**2)")
+    subject = interpreted_of(changed(paper, "0", pulse, [0.0, 0.0]))
+    monkeypatch.setattr(independent, "RUNS", (0, 0))
+    assert independent.check(subject).verdict is Verdict.PASSED
+    monkeypatch.setattr(simulate_run, "discs", lambda rule, tolerance: Discs((0.0,), (0.0,)))
+    result = independent.check(subject)
+    assert result.verdict is Verdict.FAILED
+    assert result.difference is not None
+
+
+def test_where_both_are_stuck_nothing_is_held_and_nothing_passes(
+    heyoka: Any, paper: Subject, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The reference stops: friction then holds the joint, in both, at one instant."""
+    subject = interpreted_of(changed(paper, "0.5", ("0", "-3*sign(x2)"), [0.0, 0.3]))
+    settings = make_settings(subject.manifest, horizon=8.0, tolerance=golden.TOLERANCE)
+    done = run(subject.interpreted, settings)
+    loop = Loop(heyoka, subject, settings.parameters)
+    with pytest.raises(SlidingError) as caught:
+        independent.reference(loop, subject, settings)
+    assert f"t = {caught.value.t:.6g} s" in done.message
+    result = independent.hold(loop, subject, done)
+    assert result.verdict is Verdict.NOT_RUN and "stuck to a kink" in result.detail
+    early = dataclasses.replace(done, t=done.t[:-1], states=done.states[:-1], signals=done.signals[:-1])
+    assert independent.hold(loop, subject, early).verdict is Verdict.FAILED
+    monkeypatch.setattr(independent, "drawn_settings", lambda _subject, _draw: settings)
+    drawn = independent.hold_drawn(loop, subject, subject.interpreted, result, 1)
+    assert drawn.verdict is Verdict.NOT_RUN
+    assert "no drawn run that saturates" in drawn.detail and "4 more are stuck to a kink" in drawn.detail
+
+
+def test_an_argument_on_the_wrong_side_is_no_reference(heyoka: Any, paper: Subject) -> None:
+    subject = changed(paper, "sin(t)", ("0", KINKED["dry friction"]))
+    settings = make_settings(subject.manifest, horizon=2.0)
+    blind = Loop(heyoka, subject, settings.parameters)
+    blind._kinks = None
+    actuator = make_actuator(np.asarray(subject.interpreted.call("actuation", settings.p)[0]))
+    start = initial_state(subject.manifest, settings)
+    t = settings.times()
+    blind.run(t, start, 10.0, actuator)  # the equations of one side hold all along
+    whole = Loop(heyoka, subject, settings.parameters)
+    whole._kinks.moving = (False,) * whole._kinks.count  # type: ignore[union-attr,misc]
+    with pytest.raises(UntrustedError, match="misses a kink near t ="):
+        whole.run(t, start, 10.0, actuator)
+
+
+def test_what_rounding_explains_is_counted_by_operations() -> None:
+    x, y = sp.symbols("x y")
+    program = compile_program([x * y + sp.sin(x) + 3, x**3], [x, y], {})  # type: ignore[arg-type]
+    assert heyoka_loop.operation_count(program) == 1 + 2 + 2 + 2 + 1  # product, sine, two sums, power, 3
+
+
+def test_without_what_rounding_explains_high_gain_has_no_reference(
+    heyoka: Any, paper: Subject, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Gains multiply the last digits of the states: rates cannot be compared more closely than that."""
+    settings = make_settings(paper.manifest, parameters={"c1": 500.0, "c2": 500.0}, horizon=1.0)
+    assert independent.reference(Loop(heyoka, paper, settings.parameters), paper, settings)
+    monkeypatch.setattr(heyoka_loop, "UNIT", 0.0)
+    with pytest.raises(UntrustedError, match="leaves its equations by"):
+        independent.reference(Loop(heyoka, paper, settings.parameters), paper, settings)
