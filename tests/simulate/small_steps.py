@@ -40,9 +40,9 @@ class Feature:
     """Something narrow.
 
     Attributes:
-        over: ``t`` or ``x1``.
-        place: s or rad.
-        width: s or rad.
+        over: ``t``, ``x1`` or ``x2``.
+        place: s, rad or rad/s.
+        width: s, rad or rad/s.
     """
 
     over: str
@@ -186,7 +186,8 @@ class Path:
     def __init__(self, rates: Rates, features: Sequence[Feature], count: int) -> None:
         self.rates = rates
         self.over_t = [feature for feature in features if feature.over == "t"]
-        self.over_x = [feature for feature in features if feature.over == "x1"]
+        self.over_x1 = [feature for feature in features if feature.over == "x1"]
+        self.over_x2 = [feature for feature in features if feature.over == "x2"]
         self.count = count
 
     def along(self, X: Array, t: Array) -> list[Array]:
@@ -208,7 +209,9 @@ class Path:
     def longest(self, t: float, X: Array, slopes: Array) -> float:
         """How long the next step may be."""
         longest = min([LONGEST, *(feature.room(t) for feature in self.over_t)])
-        for feature in self.over_x:
+        for feature in self.over_x2:  # half the room, for the rate of x2 changes within a step
+            longest = min(longest, feature.room(float(X[1])) / (2 * abs(float(slopes[1])) + 1e-9))
+        for feature in self.over_x1:
             room = feature.room(float(X[0]))
             speed, rate = abs(float(slopes[0])), abs(float(slopes[1]))
             longest = min(longest, room / (2 * speed + 1e-9), math.sqrt(room / (rate + 1e-9)))
