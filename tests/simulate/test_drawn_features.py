@@ -198,7 +198,9 @@ def drawn(draw: st.DrawFn, name: str) -> Drawn:
             height = draw(st.floats(0.1, 5.0))
         if one == "f" and name == "angle":  # the law knows phi, and takes its slope
             height = min(height, 100.0 * width)
-        own = {"h": draw(SIGNS) * height, "t": place, "x": place, "w": width, "d": draw(st.floats(0.01, 1.0))}
+        # Friction slows: a force that pushes multiplies what it starts from by exp(h/w t).
+        sign = 1.0 if one == "f" and name == "velocity" else draw(SIGNS)
+        own = {"h": sign * height, "t": place, "x": place, "w": width, "d": draw(st.floats(0.01, 1.0))}
         values |= {f"{one}{kind}": own[kind] for kind in kinds}
         if "w" in kinds:
             over = "t" if "t" in kinds else "x2" if name == "velocity" else "x1"
