@@ -10,12 +10,12 @@ import tempfile
 from contextlib import redirect_stdout
 from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from docs.stated import REGION, fill
 from pmjoint_codegen import ClosedLoop, Run
 from pmjoint_codegen.cli.main import run
-from pmjoint_codegen.simulate.figures import png
+from pmjoint_codegen.simulate import style
 from pmjoint_codegen.storage import write_bytes
 
 if TYPE_CHECKING:
@@ -23,15 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FIGURES = Path(__file__).resolve().parent / "figures"
-STYLE: Any = {  # matplotlib types its keys as a list of literals
-    "font.family": ["STIXGeneral", "DejaVu Serif"],
-    "mathtext.fontset": "stix",
-    "font.size": 10,
-    "axes.linewidth": 0.6,
-    "legend.frameon": False,
-    "xtick.direction": "in",
-    "ytick.direction": "in",
-}
+LOOK: style.Look = {"legend.fontsize": 9}  # beside what all figures have
 SHOWN = 10.0  # s; after it the curves lie on zero
 
 
@@ -42,10 +34,9 @@ def curve(axes: Axes, done: Run, column: str, label: str, colour: str, dashes: s
 
 def compensator_figure(with_it: Run, without: Run) -> Figure:
     """Draw tracking error and applied input with the compensator (23) and with plain clipping, r = 0."""
-    import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    with mpl.rc_context(STYLE):
+    with style.styled(LOOK):
         figure = Figure(figsize=(7.4, 2.9), layout="constrained")
         error, actuation = figure.subplots(1, 2)
         labelled = (
@@ -93,7 +84,7 @@ def main() -> None:
     """Write every figure but that of the benchmarks, which `make bench` draws."""
     loop = ClosedLoop.load("paper")
     runs = [loop.simulate(compensator=switch, output_step=0.002) for switch in (True, False)]
-    write_bytes(FIGURES / "compensator.png", png(compensator_figure(*runs)))
+    write_bytes(FIGURES / "compensator.png", style.png(compensator_figure(*runs), LOOK))
     from_command(f"{REGION} --out OUT", "region.png", "region.png")
     from_command(TUNE, "paper-tuned.png", "tune.png")
     fill()

@@ -40,9 +40,9 @@ class Feature:
     """Something narrow.
 
     Attributes:
-        over: ``t`` or ``x1``.
-        place: s or rad.
-        width: s or rad.
+        over: ``t``, ``x1`` or ``x2``.
+        place: s, rad or rad/s.
+        width: s, rad or rad/s.
     """
 
     over: str
@@ -180,13 +180,23 @@ class Equations:
         return np.array(rows)
 
 
+class Steps(DOP853):  # type: ignore[misc]
+    """SciPy's steps, where errors may underflow: it divides 0 by 0 there and never ends."""
+
+    def _estimate_error_norm(self, K: Array, h: float, scale: Array) -> float:
+        with np.errstate(invalid="ignore"):
+            norm = float(super()._estimate_error_norm(K, h, scale))
+        return 0.0 if math.isnan(norm) and bool(np.all(np.isfinite(K))) else norm
+
+
 class Path:
     """A run between located changes of side."""
 
     def __init__(self, rates: Rates, features: Sequence[Feature], count: int) -> None:
         self.rates = rates
         self.over_t = [feature for feature in features if feature.over == "t"]
-        self.over_x = [feature for feature in features if feature.over == "x1"]
+        self.over_x1 = [feature for feature in features if feature.over == "x1"]
+        self.over_x2 = [feature for feature in features if feature.over == "x2"]
         self.count = count
 
     def along(self, X: Array, t: Array) -> list[Array]:
@@ -208,7 +218,9 @@ class Path:
     def longest(self, t: float, X: Array, slopes: Array) -> float:
         """How long the next step may be."""
         longest = min([LONGEST, *(feature.room(t) for feature in self.over_t)])
-        for feature in self.over_x:
+        for feature in self.over_x2:  # half the room, for the rate of x2 changes within a step
+            longest = min(longest, feature.room(float(X[1])) / (2 * abs(float(slopes[1])) + 1e-9))
+        for feature in self.over_x1:
             room = feature.room(float(X[0]))
             speed, rate = abs(float(slopes[0])), abs(float(slopes[1]))
             longest = min(longest, room / (2 * speed + 1e-9), math.sqrt(room / (rate + 1e-9)))
@@ -245,12 +257,12 @@ class Path:
             change, before, first = np.abs(after - before), after, False
         return end, solver.y, -1
 
-    def _solver(self, t: float, X: Array, end: float, sides: list[float]) -> DOP853:
+    def _solver(self, t: float, X: Array, end: float, sides: list[float]) -> Steps:
         def slopes(time: float, state: Array) -> list[float]:
             return self.rates(time, state.tolist(), sides)[0]
 
         step = min(1e-4, (end - t), self.longest(t, X, np.array(slopes(t, X))))
-        return DOP853(slopes, t, X, end, max_step=LONGEST, rtol=1e-11, atol=1e-12, first_step=step)
+        return Steps(slopes, t, X, end, max_step=LONGEST, rtol=1e-11, atol=1e-12, first_step=step)
 
     def _signed(self, t: float, X: Array, sides: list[float]) -> Array:
         """What tells the sides, positive where it is on its own."""

@@ -1,8 +1,9 @@
 """Narrow features drawn at random, 1 ms to 1 s wide, anywhere: every loop against small steps.
 
-Pulses and windows of reference and disturbance, bumps of phi and of the disturbance over the angle, kinks
-over time and over the angle, at rest and in motion. Place, width and height are parameters, so that few
-models serve all examples. ``PMJOINT_EXAMPLES`` asks for another number of them.
+Pulses and windows of reference and disturbance, bumps of phi and of the disturbance over the angle, friction
+and bumps over the velocity, kinks over time and over the angle, at rest and in motion; holds of 5 and 10 ms.
+Place, width and height are parameters, so that few models serve all examples. ``PMJOINT_EXAMPLES`` asks for
+another number of them.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from pmjoint_codegen.check.subject import load_subject
 from pmjoint_codegen.errors import SimulationError
 from pmjoint_codegen.kernels import batch
 from pmjoint_codegen.kernels.batch import BatchLibrary, Runs
-from pmjoint_codegen.kernels.guard import Discs
+from pmjoint_codegen.kernels.guard import HOLD_RATIOS, Discs
 from pmjoint_codegen.kernels.processor import usable_levels
 from pmjoint_codegen.provision import provide
 from pmjoint_codegen.simulate import run as simulate_run
@@ -36,7 +37,7 @@ from pmjoint_codegen.sweep.metrics import Column
 from .small_steps import Array, Equations, Feature, SlidingError
 
 EXAMPLES = int(os.environ.get("PMJOINT_EXAMPLES", "25"))
-HORIZON, STEP, PERIOD = 2.0, 0.01, 0.005  # s
+HORIZON, STEP, PERIODS = 2.0, 0.01, (0.005, 0.01)  # s
 BOUND = max(2e-8, 100 * DEFAULT_TOLERANCE)
 NUDGE, CRITICAL = 1e-9, 100.0  # of x(0); a start is critical that multiplies it by more
 
@@ -52,7 +53,16 @@ MODELS = {
         f"{PULSE.format('f')} + {WINDOW.format('g')}",
     ),
     "angle": (PULSE.format("a"), BUMP.format("f", "y"), BUMP.format("g", "x1")),
-    "kinks over time": ("0", "0", "fh*sign(t-ft) + gh*abs(t-gt) + kh*min(max((t-kt)/kw, 0), 1)"),
+    "velocity": (
+        PULSE.format("a"),
+        "0",
+        f"-fh*tanh((x2-fx)/fw) + {BUMP.format('g', 'x2')}",
+    ),
+    "kinks over time": (
+        "0",
+        "0",
+        "fh*sign(t-ft) + gh*abs(t-gt) + kh*min(max((t-kt)/kw, 0), 1) + qh*sign(exp(-((t-qt)/qw)**2) - 0.5)",
+    ),
     "kinks over the angle": (
         PULSE.format("a"),
         "0",
@@ -67,7 +77,7 @@ source = "the paper's example"
 d1 = {{ value = 0.2, unit = "1/s^2", about = "stiffness" }}
 b0 = {{ value = 2.0, unit = "rad/(s^2 V)", about = "input gain" }}
 u_max = {{ value = 10.0, unit = "V", about = "limit" }}
-swing = {{ value = 1.0, unit = "rad", about = "amplitude of the reference" }}
+swing = {{ value = 1.0, unit = "rad", about = "amplitude of the motion" }}
 {parameters}
 [plant]
 order = 2
@@ -76,7 +86,7 @@ Phi = [["0"], ["y"]]
 theta = ["d1"]
 b = ["b0"]
 sigma = "1"
-disturbance = ["0", "0.1*sin(x2)*cos(t) + {disturbance}"]
+disturbance = ["0", "0.1*swing*sin(x2)*cos(t) + {disturbance}"]
 disturbance_bound = 1
 [actuator]
 limit = "u_max"
@@ -120,11 +130,13 @@ class Drawn:
         parameters: place, width and height of every feature, amplitude of the reference.
         x0: initial plant states.
         features: what the small steps are told.
+        period: sample time, s.
     """
 
     parameters: Mapping[str, float]
     x0: tuple[float, float]
     features: tuple[Feature, ...]
+    period: float = PERIODS[0]
 
 
 @pytest.fixture(scope="session")
@@ -162,7 +174,7 @@ def parameters_of(name: str) -> list[str]:
     """The parameters that a model's features bring."""
     text = " ".join(MODELS[name])
     return [
-        f"{one}{kind}" for one in "abfgk" for kind in "htxwd" if f"{one}{kind}" in text.replace("tanh", "")
+        f"{one}{kind}" for one in "abfgkq" for kind in "htxwd" if f"{one}{kind}" in text.replace("tanh", "")
     ]
 
 
@@ -186,16 +198,19 @@ def drawn(draw: st.DrawFn, name: str) -> Drawn:
             height = draw(st.floats(0.1, 5.0))
         if one == "f" and name == "angle":  # the law knows phi, and takes its slope
             height = min(height, 100.0 * width)
-        own = {"h": draw(SIGNS) * height, "t": place, "x": place, "w": width, "d": draw(st.floats(0.01, 1.0))}
+        # Friction slows: a force that pushes multiplies what it starts from by exp(h/w t).
+        sign = 1.0 if one == "f" and name == "velocity" else draw(SIGNS)
+        own = {"h": sign * height, "t": place, "x": place, "w": width, "d": draw(st.floats(0.01, 1.0))}
         values |= {f"{one}{kind}": own[kind] for kind in kinds}
         if "w" in kinds:
-            over = "t" if "t" in kinds else "x1"
+            over = "t" if "t" in kinds else "x2" if name == "velocity" else "x1"
             features += [
                 Feature(over, place + away, width) for away in ([0.0, own["d"]] if "d" in kinds else [0.0])
             ]
     moving = st.floats(-2.0, 2.0)
     x0 = (0.0, 0.0) if at_rest else (draw(moving), draw(moving))
-    return Drawn({**values, "swing": 0.0 if at_rest else 1.0}, x0, tuple(features))
+    swing = 0.0 if at_rest else 1.0
+    return Drawn({**values, "swing": swing}, x0, tuple(features), draw(st.sampled_from(PERIODS)))
 
 
 def expected(model: Model, example: Drawn, controller: str, x0: Array) -> Array:
@@ -203,8 +218,9 @@ def expected(model: Model, example: Drawn, controller: str, x0: Array) -> Array:
     parameters = make_settings(model.compiled.manifest, parameters=example.parameters).parameters
     if controller == "continuous":
         return model.equations.continuous(parameters, example.features, x0, instants())
-    rows = model.equations.sampled(parameters, example.features, x0, round(HORIZON / PERIOD), PERIOD)
-    return rows[:: round(STEP / PERIOD)]
+    count = round(HORIZON / example.period)
+    rows = model.equations.sampled(parameters, example.features, x0, count, example.period)
+    return rows[:: round(STEP / example.period)]
 
 
 def instants() -> Array:
@@ -238,7 +254,7 @@ def single(loop: ClosedLoop, example: Drawn, controller: str) -> Array | None:
             horizon=HORIZON,
             output_step=STEP,
             controller=controller,
-            sample_time=PERIOD,
+            sample_time=example.period,
         )
     except SimulationError as error:
         event(f"ends with a word: {error}")
@@ -246,15 +262,20 @@ def single(loop: ClosedLoop, example: Drawn, controller: str) -> Array | None:
     return np.column_stack([run.states, run["v"]])
 
 
-def in_lanes(model: Model, example: Drawn, controller: str) -> Array | None:
-    """The same run in a lane beside others."""
+OTHERS = ((0.3, -0.4), (0.0, 0.0))
+
+
+def in_lanes(
+    model: Model, example: Drawn, controller: str, others: tuple[tuple[float, float], ...] = OTHERS
+) -> Array | None:
+    """The same run in a lane beside others, which start from other states."""
     manifest = model.lanes.manifest
     p = make_settings(manifest, parameters=example.parameters).p
     x0 = np.zeros((3, manifest.nX))
-    x0[:, :2] = [0.3, -0.4], example.x0, [0.0, 0.0]
+    x0[:, :2] = others[0], example.x0, others[1]
     sampled = controller == "sampled"
-    hold = hold_matrices(model.compiled.evaluator, p, PERIOD)[np.newaxis] if sampled else np.empty((0, 0))
-    period = PERIOD if sampled else 0.0
+    period = example.period if sampled else 0.0
+    hold = hold_matrices(model.compiled.evaluator, p, period)[np.newaxis] if sampled else np.empty((0, 0))
     runs = Runs(x0, np.tile(p, (3, 1)), HORIZON, DEFAULT_TOLERANCE, period, hold, instants(), 1e4, 10_000_000)
     outcome = model.lanes.simulate(runs)
     if outcome.metrics[1, Column.STATUS] != Status.DONE:
@@ -334,21 +355,87 @@ def test_interpreted_runs_see_what_is_narrow(
 NO_DISCS = Discs((0.0,), (0.0,))
 
 
+def drawn_by_hand(name: str, swing: float, x0: tuple[float, float], period: float, **given: float) -> Drawn:
+    """An example whose other features have no height."""
+    quiet = {one: 0.0 if one.endswith("h") else 1.0 for one in parameters_of(name)}
+    over = "t" if name.endswith("time") else "x2" if name == "velocity" else "x1"
+    features = tuple(
+        Feature(over, given.get(f"{one}t", given.get(f"{one}x", 0.0)), given[f"{one}w"])
+        for one in "fgkq"
+        if f"{one}w" in given
+    )
+    return Drawn({**quiet, **given, "swing": swing}, x0, features, period)
+
+
+def times_allowed(model: Model, example: Drawn, controller: str) -> dict[str, Callable[[], float]]:
+    """How far a run is off, as a multiple of what is allowed, for every way to make it; the word is inf."""
+    right = expected(model, example, controller, np.array(example.x0))
+    bound = allowed(model, example, right)
+
+    def off(found: Array | None) -> float:
+        return math.inf if found is None else float(np.max(np.abs(found - right) / bound))
+
+    return {
+        "compiled": lambda: off(single(model.compiled, example, controller)),
+        "interpreted": lambda: off(single(model.interpreted, example, controller)),
+        # Lanes beside it may need the longer way, which looks at more points.
+        "lanes": lambda: off(in_lanes(model, example, controller, (example.x0, example.x0))),
+    }
+
+
 def test_loops_without_a_guard_are_caught(
     models: Callable[[str], Model], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A pulse of 2 ms of the disturbance, at rest; discs of radius 0 hold nothing that could miss."""
-    quiet = dict.fromkeys(parameters_of("time"), 0.0)
-    pulse = {"fh": 5.0, "ft": 1.2371, "fw": 0.002, "aw": 1.0, "bw": 1.0, "gw": 1.0, "swing": 0.0}
-    example, model = Drawn({**quiet, **pulse}, (0.0, 0.0), (Feature("t", 1.2371, 0.002),)), models("time")
-    right = expected(model, example, "continuous", np.array(example.x0))
-    bound = allowed(model, example, right)
-
-    def off() -> list[float]:
-        found = in_every_loop(model, example, "continuous").values()
-        return [math.inf if rows is None else float(np.max(np.abs(rows - right) / bound)) for rows in found]
-
-    assert max(off()) <= 1.0
+    example = drawn_by_hand("time", 0.0, (0.0, 0.0), 0.005, fh=5.0, ft=1.2371, fw=0.002)
+    off = times_allowed(models("time"), example, "continuous")
+    assert max(run() for run in off.values()) <= 1.0
     for module in (simulate_run, batch):
         monkeypatch.setattr(module, "discs", lambda rule, tolerance: NO_DISCS)
-    assert min(off()) > 1.0 and max(off()) < math.inf
+    found = {way: run() for way, run in off.items()}
+    assert min(found.values()) > 1.0 and max(found.values()) < math.inf
+
+
+# Far from the hold's start in widths, so that the coefficients there are 0 beside what lies ahead.
+IN_HOLDS = {
+    "a pulse of 1 ms at rest": (
+        "time",
+        drawn_by_hand("time", 0.0, (0.0, 0.0), 0.01, fh=5.0, ft=1.2389, fw=0.001),
+    ),
+    "a pulse of 1 ms in motion": (
+        "time",
+        drawn_by_hand("time", 1.0, (1.0, 0.0), 0.01, fh=-3.0, ft=0.7392, fw=0.001),
+    ),
+    "friction": ("velocity", drawn_by_hand("velocity", 0.0, (1.5, 0.15), 0.01, fh=0.1, fx=0.0, fw=0.003)),
+    "a bump of the velocity": (
+        "velocity",
+        drawn_by_hand("velocity", 0.0, (1.5, 0.15), 0.01, gh=5.0, gx=0.0, gw=0.003),
+    ),
+    "a bump of the angle": (
+        "angle",
+        drawn_by_hand("angle", 0.0, (0.4, 2.0), 0.01, gh=5.0, gx=0.4165, gw=0.002),
+    ),
+    "kinks of a pulse": (
+        "kinks over time",
+        drawn_by_hand("kinks over time", 1.0, (1.0, 0.0), 0.01, qh=3.0, qt=0.7389, qw=0.001),
+    ),
+}
+
+# Lanes look at points inside more of these holds than single runs do, whatever a guard says.
+BLIND_LANES = ("a pulse of 1 ms at rest", "a bump of the velocity")
+
+
+@pytest.mark.parametrize("what", IN_HOLDS)
+def test_holds_without_a_guard_are_caught(
+    models: Callable[[str], Model], monkeypatch: pytest.MonkeyPatch, what: str
+) -> None:
+    """What is narrower than a hold and lies inside: discs of radius 0 hold nothing that could miss."""
+    name, example = IN_HOLDS[what]
+    off = times_allowed(models(name), example, "sampled")
+    assert max(run() for run in off.values()) <= 1.0
+    for module in (simulate_run, batch):
+        monkeypatch.setattr(module, "discs", lambda rule, tolerance: NO_DISCS)
+        monkeypatch.setattr(module, "hold_factors", lambda zeros: [0.0] * len(HOLD_RATIOS))
+        monkeypatch.setattr(module, "HOLD_RATIOS", (0.0,) * len(HOLD_RATIOS))
+    found = {way: run() for way, run in off.items() if way != "lanes" or what in BLIND_LANES}
+    assert min(found.values()) > 1.0 and max(found.values()) < math.inf
