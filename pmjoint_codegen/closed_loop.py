@@ -29,7 +29,8 @@ Notify = Callable[[str], None]
 
 
 def _to_stderr(line: str) -> None:
-    print(line, file=sys.stderr)
+    if sys.stderr is not None:  # `print` takes None for standard output
+        print(line, file=sys.stderr)
 
 
 @dataclass(frozen=True)

@@ -114,7 +114,7 @@ def build_key(sources: Mapping[str, bytes], compiler: Compiler, flags: Sequence[
     """Name of the build: a hash of sources, flags, compiler and machine type."""
     digest = hashlib.sha256()
     for text in (*flags, *compiler.command, compiler.identity, os.uname().sysname, os.uname().machine):
-        digest.update(text.encode() + b"\0")
+        digest.update(os.fsencode(text) + b"\0")  # paths and flags may hold bytes that are no text
     for name, content in sorted(_with_self_test(sources).items()):
         digest.update(f"{name} {len(content)}\0".encode() + content)
     return digest.hexdigest()[:32]

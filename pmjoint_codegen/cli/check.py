@@ -19,6 +19,13 @@ if TYPE_CHECKING:
     from pmjoint_codegen.check.subject import Subject
 
 
+_ABOUT = """Check generated/<name>/ of each MODEL (of all models if none is named).
+
+Every gate says what it measured and what that may be at most. The exit code is 1 if any gate failed; a
+gate whose tool is missing says so and is not counted as passed, and where no gate could look at anything,
+the exit code is 3.
+"""
+
 _EXAMPLES = """\b
 Examples
   pmjoint check                             every model, every gate
@@ -28,7 +35,7 @@ Examples
 """
 
 
-@click.command(epilog=_EXAMPLES)
+@click.command(help=_ABOUT, epilog=_EXAMPLES)
 @click.argument("models", nargs=-1, metavar="[MODEL]...")
 @click.option(
     "--gate",
@@ -47,12 +54,7 @@ Examples
 def command(
     models: tuple[str, ...], names: tuple[str, ...], as_json: bool, report: Path | None, update_golden: bool
 ) -> int:
-    """Check generated/<name>/ of each MODEL (of all models if none is named).
-
-    Every gate says what it measured and what that may be at most. The exit code is 1 if any gate failed; a
-    gate whose tool is missing says so and is not counted as passed, and where no gate could look at anything,
-    the exit code is 3.
-    """
+    """Run ``pmjoint check``: click hands over what it has read."""
     with activity("checking"):
         from pmjoint_codegen.check.gates import select
         from pmjoint_codegen.storage import ensure_file

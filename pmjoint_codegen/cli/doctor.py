@@ -79,10 +79,13 @@ class Finding:
     meaning: str
 
 
-@click.command()
+_ABOUT = """Say what of this machine is found (compiler, packages, optional programs) and what that means."""
+
+
+@click.command(help=_ABOUT)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
 def command(as_json: bool) -> None:
-    """Say what of this machine is found (compiler, packages, optional programs) and what that means."""
+    """Run ``pmjoint doctor``: click hands over what it has read."""
     findings = list(examine(os.environ))
     if as_json:
         document({"version": __version__, "findings": [asdict(finding) for finding in findings]})

@@ -27,6 +27,12 @@ if TYPE_CHECKING:
 
 _DETAIL_ROWS = 500  # of the saturated transient in the figures
 
+_ABOUT = """Integrate the closed loop of MODEL.
+
+Writes trajectory.csv, summary.json and figures into a folder and prints a short table. What is not given
+is as the model file says. A run that fails still writes what it has, and exits with 3.
+"""
+
 _EXAMPLES = """\b
 Examples
   pmjoint simulate paper
@@ -37,7 +43,7 @@ Examples
 """
 
 
-@click.command(epilog=_EXAMPLES)
+@click.command(help=_ABOUT, epilog=_EXAMPLES)
 @click.argument("model")
 @click.option(
     "--set",
@@ -89,11 +95,7 @@ def command(
     no_compensator: bool,
     **settings: Any,
 ) -> int:
-    """Integrate the closed loop of MODEL.
-
-    Writes trajectory.csv, summary.json and figures into a folder and prints a short table. What is not given
-    is as the model file says. A run that fails still writes what it has, and exits with 3.
-    """
+    """Run ``pmjoint simulate``: click hands over what it has read."""
     from pmjoint_codegen.storage import ensure_folder
 
     tell_idle_sample_time(settings)

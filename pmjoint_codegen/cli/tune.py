@@ -21,6 +21,12 @@ if TYPE_CHECKING:
     from pmjoint_codegen.tune.request import Request
     from pmjoint_codegen.tune.search import Found
 
+_ABOUT = """Choose gains of MODEL that minimise an objective.
+
+Writes MODEL again with the gains found and a name of its own, comments kept, and a figure of both
+designs. The same seed finds the same gains.
+"""
+
 _EXAMPLES = """\b
 Examples
   pmjoint tune paper --max-v 200
@@ -32,7 +38,7 @@ _TUNED = "with gains tuned for least"  # in the note at the head of a file that 
 _FILE_STEM = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
 
 
-@click.command(epilog=_EXAMPLES)
+@click.command(help=_ABOUT, epilog=_EXAMPLES)
 @click.argument("model")
 @click.option(
     "--gain",
@@ -99,11 +105,7 @@ def command(
     wants_json: bool,
     **settings: Any,
 ) -> None:
-    """Choose gains of MODEL that minimise an objective.
-
-    Writes MODEL again with the gains found and a name of its own, comments kept, and a figure of both
-    designs. The same seed finds the same gains.
-    """
+    """Run ``pmjoint tune``: click hands over what it has read."""
     from pmjoint_codegen.provision import provide
     from pmjoint_codegen.storage import ensure_folder
     from pmjoint_codegen.tune.comparison import compare

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ast
 import re
+import sys
 import tempfile
 from collections.abc import Iterable
 from contextlib import redirect_stdout
@@ -90,7 +91,7 @@ def load_library(built: Path) -> tuple[Any, Any]:
     ffi = load_module((built / MODULE).read_text(encoding="utf-8"))
     library = str(built / LIBRARY)
     try:
-        return ffi, ffi.dlopen(library)
+        return ffi, _open(ffi, library)
     except OSError as error:
         raise BuildError(
             "what the C compiler made cannot be loaded here",
@@ -99,6 +100,17 @@ def load_library(built: Path) -> tuple[Any, Any]:
             "--evaluator interpreted",
             output=str(error),
         ) from error
+
+
+def _open(ffi: Any, library: str) -> Any:
+    """Load a library, also where the locale's encoding does not know the letters of its path."""
+    try:
+        library.encode(sys.getfilesystemencoding())
+    except UnicodeEncodeError:  # cffi encodes strictly; ctypes as Python's own file functions do
+        import ctypes
+
+        return ffi.dlopen(ffi.cast("void *", ctypes.CDLL(library)._handle))
+    return ffi.dlopen(library)
 
 
 def _lines(header: str) -> list[str]:

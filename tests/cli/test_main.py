@@ -195,7 +195,7 @@ def test_a_full_disk_under_standard_output_is_one_line_and_3(root: Path) -> None
         )
     assert done.returncode == 3
     assert len(done.stderr.splitlines()) == 1
-    assert "No space left" in done.stderr
+    assert "no space left" in done.stderr
 
 
 def test_the_package_runs_as_a_module(tmp_path: Path, root: Path) -> None:
