@@ -8,7 +8,6 @@ import re
 import shutil
 import subprocess
 import sys
-import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from importlib import metadata
@@ -149,11 +148,12 @@ def _compiler_fault(compiler: Compiler) -> str:
     """What keeps a compiler from making a library, in one line: wrong flags, no headers; or nothing."""
     from pmjoint_codegen.build.library import build
     from pmjoint_codegen.errors import BuildError
+    from pmjoint_codegen.scratch import scratch
 
     source = b"#include <math.h>\ndouble root(double a);\ndouble root(double a) { return sqrt(a); }\n"
-    with tempfile.TemporaryDirectory(prefix="pmjoint-") as folder:
+    with scratch("pmjoint-doctor") as folder:
         try:
-            build({"root.c": source}, compiler, Path(folder), patience=_PROGRAM_PATIENCE_S)
+            build({"root.c": source}, compiler, folder, patience=_PROGRAM_PATIENCE_S)
         except BuildError as error:
             lines = error.output.strip().splitlines()
             return next((line for line in lines if "error" in line), [*lines, error.what][0]).strip()

@@ -20,6 +20,8 @@ from __future__ import annotations
 import os
 import sys
 
+from pmjoint_codegen.cli import streams
+
 TYPE_CHECKING = False  # as in `typing`, which takes its time to import
 
 if TYPE_CHECKING:
@@ -64,25 +66,14 @@ class Terminated(KeyboardInterrupt):
 def main() -> None:
     """Run the command that the process was started with, and exit."""
     try:
-        _open_standard_streams()
+        streams.open_missing()
         _listen()
         code = run(sys.argv[1:])
-        from pmjoint_codegen.cli.terminal import settle_output
-
-        settle_output()
+        streams.settle()
     except KeyboardInterrupt as stop:
         code = _stopped(stop)
     _stop_listening()
     sys.exit(code)
-
-
-def _open_standard_streams() -> None:
-    """Open nothing for what the caller has closed: the next file would be standard output to a compiler."""
-    for stream in (0, 1, 2):
-        try:
-            os.fstat(stream)
-        except OSError:
-            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
 
 
 def _listen() -> None:
@@ -221,10 +212,10 @@ def _usage_line(misuse: click.ClickException) -> str:
 
 def _report(error: Exception) -> int:
     """Print an error as one line, after the compiler's words if it has any, and give its exit code."""
-    from pmjoint_codegen.cli.terminal import message, reader_left
+    from pmjoint_codegen.cli.terminal import message
     from pmjoint_codegen.errors import BuildError, PmjointError, installing
 
-    if isinstance(error, BrokenPipeError) and reader_left():
+    if isinstance(error, BrokenPipeError) and streams.reader_left():
         return 0
     if os.environ.get("PMJOINT_TRACEBACK") == "1":
         import traceback

@@ -11,16 +11,16 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from typing import Any, TextIO
+from typing import Any
 
 import click
 
+from pmjoint_codegen.cli.streams import discard
 from pmjoint_codegen.errors import ResourceError
 
 _PATIENCE_S = 1.0  # what takes less needs no bar, and no import of the library that draws it
@@ -38,46 +38,14 @@ def result(text: str) -> None:
         click.echo(_sayable(text, sys.stdout.encoding))
         sys.stdout.flush()
     except BrokenPipeError:
-        _discard(sys.stdout)
+        discard(sys.stdout)
     except OSError as error:
-        _discard(sys.stdout)
+        discard(sys.stdout)
         raise ResourceError(
             f"cannot be written ({(error.strerror or str(error)).lower()})",
             where="standard output",
             remedy="give it another place",
         ) from error
-
-
-def reader_left() -> bool:
-    """Whether standard output is a pipe that nobody reads any more; what is buffered for it is dropped."""
-    import select
-
-    asked = select.poll()
-    try:
-        asked.register(sys.stdout.fileno(), 0)
-    except (AttributeError, ValueError):  # closed, or no file at all
-        return False
-    left = any(event & select.POLLERR for _, event in asked.poll(0))
-    if left:
-        _discard(sys.stdout)
-    return left
-
-
-def settle_output() -> None:
-    """Write out what is buffered; where that fails, as on a full disk, it has been said already."""
-    for stream in (sys.stdout, sys.stderr):
-        try:
-            if stream is not None:
-                stream.flush()
-        except OSError:
-            _discard(stream)
-
-
-def _discard(stream: TextIO) -> None:
-    """Send what is still buffered nowhere, so that the interpreter's last flush does not fail as well."""
-    sink = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(sink, stream.fileno())
-    os.close(sink)
 
 
 def _sayable(text: str, encoding: str | None) -> str:
@@ -93,7 +61,7 @@ def message(text: str) -> None:
     try:
         click.echo(text, err=True)
     except OSError:
-        _discard(sys.stderr)
+        discard(sys.stderr)
 
 
 def document(value: object) -> None:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import ast
 import re
 import sys
-import tempfile
 from collections.abc import Iterable
 from contextlib import redirect_stdout
 from io import StringIO
@@ -18,6 +17,7 @@ from typing import Any
 
 from pmjoint_codegen.build.library import LIBRARY
 from pmjoint_codegen.errors import BuildError
+from pmjoint_codegen.scratch import scratch
 
 MODULE = "declarations.py"
 _COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
@@ -48,8 +48,8 @@ def to_module(text: str) -> str:
     ffi = cffi.FFI()
     ffi.cdef(text)
     ffi.set_source("pmjoint_kernels", None)
-    with tempfile.TemporaryDirectory(prefix="pmjoint-") as folder:
-        path = Path(folder) / MODULE
+    with scratch("pmjoint-declarations") as folder:
+        path = folder / MODULE
         with redirect_stdout(StringIO()):  # cffi announces the file there
             ffi.emit_python_code(str(path))
         return path.read_text(encoding="utf-8")
