@@ -72,8 +72,18 @@ def called(model_file: Path) -> str:
     return model_file.stem if named else shlex.quote(str(model_file))
 
 
+def is_stream(file: Path) -> bool:
+    """Whether a model comes from a pipe, ``/dev/stdin`` or the like, which can be read once."""
+    return os.path.exists(file) and not os.path.isfile(file) and not os.path.isdir(file)
+
+
 def generated_root(model_file: Path) -> Path:
-    """Folder that holds ``<name>/`` for this model: beside its ``models/`` folder, else beside the file."""
+    """Folder that holds ``<name>/`` for this model: beside its ``models/`` folder, else beside the file.
+
+    What comes from a pipe has it in the current directory.
+    """
+    if is_stream(model_file):
+        return Path(GENERATED)
     folder = model_file.parent
     if folder.name != MODELS:
         folder = folder.absolute()  # the current directory may itself be a models/ folder
@@ -104,7 +114,7 @@ def _is_path(text: str) -> bool:
 
 def _existing(file: Path, here: Path) -> Path:
     """Give the file back if it is there; otherwise say what stands beside it."""
-    if os.path.isfile(file):
+    if os.path.isfile(file) or is_stream(file):
         return file
     if os.path.isdir(file):
         raise ModelError("is a folder, not a model file", where=str(file), remedy=_known(here))

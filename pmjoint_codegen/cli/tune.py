@@ -106,14 +106,21 @@ def command(
     **settings: Any,
 ) -> None:
     """Run ``pmjoint tune``: click hands over what it has read."""
+    from pmjoint_codegen.errors import UsageError
     from pmjoint_codegen.provision import provide
     from pmjoint_codegen.storage import ensure_folder
     from pmjoint_codegen.tune.comparison import compare
     from pmjoint_codegen.tune.request import make_request
-    from pmjoint_codegen.workspace import find_model
+    from pmjoint_codegen.workspace import find_model, is_stream
 
     tell_idle_sample_time(settings)
     source = find_model(model)
+    if is_stream(source):
+        raise UsageError(
+            "is no file that could be written again with other gains",
+            where=str(source),
+            remedy="save the model as NAME.toml first",
+        )
     file = out or _default_file(source)
     _check_target(file, source)
     provided = provide(source, environment=os.environ, notify=_notify)
