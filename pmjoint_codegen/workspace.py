@@ -97,14 +97,19 @@ def cache_dir(env: Mapping[str, str], notify: Callable[[str], None] | None = Non
     or others could plant code in it, it is a folder under the temporary one that belongs to this
     user alone, and `notify` is told in one line.
     """
-    wanted = _wanted_cache(env)
-    reason = "no home folder is known" if wanted is None else _flaw(wanted)
+    wanted, reason = cache_place(env)
     if wanted is not None and reason is None:
         return wanted
     private = _private_temporary()
     if notify is not None:
         notify(f"cache: {reason}; using {private} (set PMJOINT_CACHE to a folder of your own)")
     return private
+
+
+def cache_place(env: Mapping[str, str]) -> tuple[Path | None, str | None]:
+    """The folder that the environment asks for, made if need be, and why it is not used, if it is not."""
+    wanted = _wanted_cache(env)
+    return wanted, "no home folder is known" if wanted is None else _flaw(wanted)
 
 
 def _is_path(text: str) -> bool:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from pmjoint_codegen.cli.options import Place
+from pmjoint_codegen.cli.options import ModelName, Place
 from pmjoint_codegen.cli.terminal import activity, document, message, result
 from pmjoint_codegen.errors import PmjointError
 
@@ -36,7 +36,7 @@ Examples
 
 
 @click.command(help=_ABOUT, epilog=_EXAMPLES)
-@click.argument("models", nargs=-1, metavar="[MODEL]...")
+@click.argument("models", nargs=-1, type=ModelName(), metavar="[MODEL]...")
 @click.option(
     "--gate",
     "names",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import click
 
+from pmjoint_codegen.cli.options import ModelName
 from pmjoint_codegen.cli.terminal import activity, document, result
 
 FORMATS = ("text", "latex", "json")
@@ -25,7 +26,7 @@ Examples
 
 
 @click.command(help=_ABOUT, epilog=_EXAMPLES)
-@click.argument("model")
+@click.argument("model", type=ModelName())
 @click.option(
     "--format",
     "form",

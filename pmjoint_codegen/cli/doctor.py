@@ -100,7 +100,7 @@ def examine(environment: Mapping[str, str]) -> Iterator[Finding]:
     """
     yield _python()
     yield _compiler(environment)
-    yield _cache(environment)
+    yield from _cache(environment)
     pins = pinned()
     for name, (purpose, without) in _PACKAGES.items():
         yield _package(name, purpose, without, pins.get(name, ""))
@@ -160,20 +160,29 @@ def _compiler_fault(compiler: Compiler) -> str:
     return ""
 
 
-def _cache(environment: Mapping[str, str]) -> Finding:
-    from pmjoint_codegen.workspace import cache_dir
+def _cache(environment: Mapping[str, str]) -> Iterator[Finding]:
+    from pmjoint_codegen.workspace import cache_dir, cache_place
 
-    folder = cache_dir(environment, message)
+    wanted, reason = cache_place(environment)
+    folder = cache_dir(environment)
+    if reason is not None:
+        meaning = f"not used: {reason}; {_mend_cache(wanted)}"
+        yield Finding("cache asked for", "machine", "differs", str(wanted or "none"), meaning)
     if not os.access(folder, os.W_OK):
-        return Finding(
-            "cache", "machine", "absent", str(folder), "not writable: nothing is kept between runs"
-        )
-    return Finding(
-        "cache",
-        "machine",
-        "ok",
-        str(folder),
-        "writable by you alone: keeps compiled kernels and derived models",
+        meaning = "not writable: nothing is kept between runs"
+        yield Finding("cache", "machine", "absent", str(folder), meaning)
+    else:
+        meaning = "writable by you alone: keeps compiled kernels and derived models"
+        yield Finding("cache", "machine", "ok", str(folder), meaning)
+
+
+def _mend_cache(wanted: Path | None) -> str:
+    """What makes a cache folder one that can be trusted."""
+    if wanted is None:
+        return "set PMJOINT_CACHE to a folder of your own"
+    return (
+        f"set PMJOINT_CACHE to a folder of your own, or take it from others: "
+        f"chown {os.getuid()} and chmod go-w, here and on the folders above"
     )
 
 

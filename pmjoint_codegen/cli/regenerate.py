@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from pmjoint_codegen.cli.options import ModelName
 from pmjoint_codegen.cli.terminal import activity, document, result
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ Examples
 
 
 @click.command(help=_ABOUT, epilog=_EXAMPLES)
-@click.argument("models", nargs=-1, metavar="[MODEL]...")
+@click.argument("models", nargs=-1, type=ModelName(), metavar="[MODEL]...")
 @click.option("--check", is_flag=True, help="Write nothing; exit with 1 if anything is stale.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
 def command(models: tuple[str, ...], check: bool, as_json: bool) -> int:

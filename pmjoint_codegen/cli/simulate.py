@@ -12,6 +12,7 @@ from pmjoint_codegen.cli.account import account
 from pmjoint_codegen.cli.drawing import ready_matplotlib
 from pmjoint_codegen.cli.options import (
     Assignment,
+    ModelName,
     Numbers,
     Place,
     assignments,
@@ -44,7 +45,7 @@ Examples
 
 
 @click.command(help=_ABOUT, epilog=_EXAMPLES)
-@click.argument("model")
+@click.argument("model", type=ModelName())
 @click.option(
     "--set",
     "parameters",

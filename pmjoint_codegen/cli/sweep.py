@@ -13,6 +13,7 @@ import click
 from pmjoint_codegen.cli.drawing import ready_matplotlib
 from pmjoint_codegen.cli.options import (
     Assignment,
+    ModelName,
     Numbers,
     Place,
     assignments,
@@ -46,7 +47,7 @@ Examples
 
 
 @click.command(help=_ABOUT, epilog=_EXAMPLES)
-@click.argument("model")
+@click.argument("model", type=ModelName())
 @click.option(
     "--grid",
     multiple=True,

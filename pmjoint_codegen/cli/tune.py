@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from pmjoint_codegen.cli.drawing import ready_matplotlib
-from pmjoint_codegen.cli.options import Numbers, Place, processors, tell_idle_sample_time
+from pmjoint_codegen.cli.options import ModelName, Numbers, Place, processors, tell_idle_sample_time
 from pmjoint_codegen.cli.terminal import activity, document, message, result, table
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ _FILE_STEM = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
 
 
 @click.command(help=_ABOUT, epilog=_EXAMPLES)
-@click.argument("model")
+@click.argument("model", type=ModelName())
 @click.option(
     "--gain",
     "gains",

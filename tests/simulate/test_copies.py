@@ -33,7 +33,8 @@ def loop(request: pytest.FixtureRequest, root: Path, tmp_path: Path, cache: Path
 
 def last_state(loop: ClosedLoop) -> bytes:
     """The end of a short run, bit for bit."""
-    return loop.simulate(horizon=0.5).states[-1].tobytes()
+    state: bytes = loop.simulate(horizon=0.5).states[-1].tobytes()
+    return state
 
 
 def value_of(law: Law) -> float:
@@ -80,5 +81,5 @@ def value_of_law(law: Law) -> float:
 def test_an_evaluator_of_unknown_origin_says_so(loop: ClosedLoop) -> None:
     bare = copy.copy(loop.evaluator)
     bare.recipe = None
-    with pytest.raises(TypeError, match="ClosedLoop.load"):
+    with pytest.raises(TypeError, match=r"ClosedLoop\.load"):
         pickle.dumps(bare)
