@@ -45,6 +45,10 @@ def command(form: str | None, json_wanted: bool, out: Path | None) -> None:
     """Run ``pmjoint audit``: click hands over what it has read."""
     if json_wanted and form not in (None, "json"):
         raise click.UsageError(f"--json and --format {form} exclude each other")
+    if out is not None:
+        from pmjoint_codegen.storage import ensure_file
+
+        ensure_file(out)  # before the audit, which takes its time
     text = _written(_findings(), "json" if json_wanted else form or "table")
     if out is None:
         result(text.rstrip("\n"))

@@ -42,6 +42,8 @@ Start with
   pmjoint simulate paper --help     see what can be changed from the command line
 """
 
+_LONGEST = 1000  # characters of a message
+
 _BRINGS = {  # module -> what brings it
     **dict.fromkeys(("sympy", "mpmath", "casadi", "pydantic"), "pmjoint-codegen[derive]"),
     **dict.fromkeys(("xarray", "zarr", "pandas", "pyarrow", "h5netcdf"), "pmjoint-codegen[sweep]"),
@@ -207,7 +209,12 @@ def _usage_line(misuse: click.ClickException) -> str:
     context = misuse.ctx if isinstance(misuse, click.UsageError) else None
     path = context.command_path if context else "pmjoint"
     what = " ".join(misuse.format_message().split()).rstrip(".")
-    return f"{path}: {what[:1].lower()}{what[1:]}; see {path} --help"
+    return f"{path}: {_cut(what[:1].lower() + what[1:])}; see {path} --help"
+
+
+def _cut(line: str) -> str:
+    """Cut the middle out of a line that repeats what is far too long to read."""
+    return line if len(line) <= _LONGEST else f"{line[: _LONGEST // 2]} ... {line[-_LONGEST // 2 :]}"
 
 
 def _report(error: Exception) -> int:
@@ -224,7 +231,7 @@ def _report(error: Exception) -> int:
     if isinstance(error, PmjointError):
         if isinstance(error, BuildError) and error.output:
             message(error.output.rstrip())
-        message(f"pmjoint: {error}")
+        message(f"pmjoint: {_cut(str(error))}")
         return error.exit_code
     if isinstance(error, ModuleNotFoundError) and error.name in _BRINGS:
         line = installing(_BRINGS[error.name])
