@@ -10,8 +10,7 @@ Importing the package imports nothing else: a public name is looked up where it 
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING
+TYPE_CHECKING = False  # `typing` costs milliseconds, in which Ctrl-C would end in a traceback
 
 if TYPE_CHECKING:
     from pmjoint_codegen.closed_loop import ClosedLoop
@@ -55,6 +54,8 @@ def _home(name: str) -> str | None:
 
 def __getattr__(name: str) -> object:
     """Import a public name on first use (PEP 562)."""
+    from importlib import import_module
+
     home = _home(name)
     if home is None:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

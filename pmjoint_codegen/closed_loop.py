@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -29,12 +29,39 @@ Notify = Callable[[str], None]
 
 
 def _to_stderr(line: str) -> None:
-    print(line, file=sys.stderr)
+    if sys.stderr is not None:  # `print` takes None for standard output
+        print(line, file=sys.stderr)
+
+
+def _silent(_line: str) -> None:
+    """A copy has nothing new to say."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """What a closed loop is loaded from: what a copy in another process is made of.
+
+    Attributes:
+        file: the model file, an absolute path.
+        document: its contents, as read once: the file may have changed since, or been a pipe.
+        evaluator, reference, disturbance: as for `ClosedLoop.load`.
+        environment: for compiler and cache folder; None: of the process that loads.
+    """
+
+    file: Path
+    document: Mapping[str, Any]
+    evaluator: str | None = None
+    reference: str | None = None
+    disturbance: tuple[str, ...] | None = None
+    environment: Mapping[str, str] | None = None
 
 
 @dataclass(frozen=True)
 class ClosedLoop:
     """A model with its kernels, ready to run.
+
+    It can be pickled and copied: the copy is loaded anew from the same model and settings, and takes the
+    build from the cache.
 
     Attributes:
         evaluator: of the kernels, compiled or interpreted.
@@ -72,13 +99,19 @@ class ClosedLoop:
         """
         if evaluator not in (None, "compiled", "interpreted"):
             raise UsageError(f"is {evaluator!r}", where="evaluator", remedy="allowed: compiled, interpreted")
-        from pmjoint_codegen.provision import provide
+        from pmjoint_codegen.spec.reader import read_document
+        from pmjoint_codegen.workspace import find_model
 
-        known = os.environ if environment is None else environment
-        provided = provide(
-            model, reference=reference, disturbance=disturbance, environment=known, notify=notify
+        path = find_model(model)
+        source = Source(
+            path.absolute(),
+            read_document(path),
+            evaluator,
+            reference,
+            None if disturbance is None else tuple(disturbance),
+            None if environment is None else dict(environment),
         )
-        return cls(_evaluator(provided, evaluator, known, notify))
+        return cls(evaluator_of(source, notify))
 
     @property
     def manifest(self) -> Manifest:
@@ -185,6 +218,24 @@ class ClosedLoop:
     def _own(self) -> Array:
         """Parameters as the model file has them, in the kernels' order."""
         return make_settings(self.manifest).p
+
+
+def evaluator_of(source: Source, notify: Notify = _silent) -> PreparingEvaluator:
+    """Load the kernels of a model that has been read; raises what `ClosedLoop.load` raises."""
+    from pmjoint_codegen.provision import provide_document
+
+    known = os.environ if source.environment is None else source.environment
+    provided = provide_document(
+        source.file,
+        source.document,
+        reference=source.reference,
+        disturbance=source.disturbance,
+        environment=known,
+        notify=notify,
+    )
+    loaded = _evaluator(provided, source.evaluator, known, notify)
+    loaded.recipe = evaluator_of, (source,)
+    return loaded
 
 
 def _evaluator(

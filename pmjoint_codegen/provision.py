@@ -70,7 +70,35 @@ def provide(
         MissingToolError: when something must be derived and the toolchain is not installed.
     """
     path = find_model(model)
-    document = read_document(path)
+    return provide_document(
+        path,
+        read_document(path),
+        reference=reference,
+        disturbance=disturbance,
+        environment=environment,
+        notify=notify,
+    )
+
+
+def provide_document(
+    path: Path,
+    document: Mapping[str, Any],
+    *,
+    reference: str | None = None,
+    disturbance: Sequence[str] | None = None,
+    environment: Mapping[str, str],
+    notify: Notify,
+) -> Provided:
+    """`provide` for a model file that has been read: a pipe gives its contents once.
+
+    Args:
+        path: of the file; its generated folder is looked for from there.
+        document: its contents.
+        reference: as for `provide`, as are the errors.
+        disturbance: the same.
+        environment: the same.
+        notify: the same.
+    """
     if reference is None and disturbance is None:
         committed = _committed(path, document, notify)
         if committed is not None:

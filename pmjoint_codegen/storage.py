@@ -24,8 +24,10 @@ from pathlib import Path
 from typing import BinaryIO
 
 from pmjoint_codegen.errors import ResourceError, UsageError
+from pmjoint_codegen.scratch import clear, owned
 
 _EXHAUSTED = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})  # no fault of the path's
+_STAGED = ".pmjoint-new"  # beginning of the name of a file until it is whole
 _AT_FDCWD = -100  # Linux <fcntl.h>: paths are relative to the current directory
 _EXCHANGE = 2  # RENAME_EXCHANGE of Linux and RENAME_SWAP of macOS
 
@@ -56,7 +58,7 @@ def ensure_folder(path: Path) -> None:
     """
     with explained(path):
         path.mkdir(parents=True, exist_ok=True)
-        probe = _sibling(path / "probe", "tmp")
+        probe = _staged(path)
         probe.touch(exist_ok=False)
         probe.unlink()
 
@@ -84,7 +86,7 @@ def ensure_file(path: Path) -> None:
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
         if _special(path):
             return  # opening it could wait for a reader, or be seen by one
-        probe = _sibling(target, "tmp")
+        probe = _staged(target.parent)
         probe.touch(exist_ok=False)
         probe.unlink()
 
@@ -104,7 +106,7 @@ def writing(path: Path) -> Iterator[BinaryIO]:
                 yield stream
             return
         target = Path(os.path.realpath(path))  # a symbolic link is written through, not replaced
-        staged = _sibling(target, "tmp")
+        staged = _staged(target.parent)
         try:
             with staged.open("xb") as stream:
                 yield stream
@@ -199,6 +201,12 @@ def _special(path: Path) -> bool:
 def _sibling(path: Path, kind: str) -> Path:
     """Name a hidden neighbour that no other process uses."""
     return path.with_name(f".{path.name}.{kind}-{uuid.uuid4().hex}")
+
+
+def _staged(folder: Path) -> Path:
+    """Name a hidden file in a folder for this process, and remove what killed ones left there."""
+    clear(folder, _STAGED)
+    return folder / f"{owned(_STAGED)}{uuid.uuid4().hex}"
 
 
 def _aside(path: Path) -> Path:

@@ -72,8 +72,18 @@ def called(model_file: Path) -> str:
     return model_file.stem if named else shlex.quote(str(model_file))
 
 
+def is_stream(file: Path) -> bool:
+    """Whether a model comes from a pipe, ``/dev/stdin`` or the like, which can be read once."""
+    return os.path.exists(file) and not os.path.isfile(file) and not os.path.isdir(file)
+
+
 def generated_root(model_file: Path) -> Path:
-    """Folder that holds ``<name>/`` for this model: beside its ``models/`` folder, else beside the file."""
+    """Folder that holds ``<name>/`` for this model: beside its ``models/`` folder, else beside the file.
+
+    What comes from a pipe has it in the current directory.
+    """
+    if is_stream(model_file):
+        return Path(GENERATED)
     folder = model_file.parent
     if folder.name != MODELS:
         folder = folder.absolute()  # the current directory may itself be a models/ folder
@@ -87,14 +97,19 @@ def cache_dir(env: Mapping[str, str], notify: Callable[[str], None] | None = Non
     or others could plant code in it, it is a folder under the temporary one that belongs to this
     user alone, and `notify` is told in one line.
     """
-    wanted = _wanted_cache(env)
-    reason = "no home folder is known" if wanted is None else _flaw(wanted)
+    wanted, reason = cache_place(env)
     if wanted is not None and reason is None:
         return wanted
     private = _private_temporary()
     if notify is not None:
         notify(f"cache: {reason}; using {private} (set PMJOINT_CACHE to a folder of your own)")
     return private
+
+
+def cache_place(env: Mapping[str, str]) -> tuple[Path | None, str | None]:
+    """The folder that the environment asks for, made if need be, and why it is not used, if it is not."""
+    wanted = _wanted_cache(env)
+    return wanted, "no home folder is known" if wanted is None else _flaw(wanted)
 
 
 def _is_path(text: str) -> bool:
@@ -104,7 +119,7 @@ def _is_path(text: str) -> bool:
 
 def _existing(file: Path, here: Path) -> Path:
     """Give the file back if it is there; otherwise say what stands beside it."""
-    if os.path.isfile(file):
+    if os.path.isfile(file) or is_stream(file):
         return file
     if os.path.isdir(file):
         raise ModelError("is a folder, not a model file", where=str(file), remedy=_known(here))

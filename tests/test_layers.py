@@ -15,7 +15,7 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = "pmjoint_codegen"
 
-GROUND_FLOOR = ("errors", "storage", "workspace", "identity", "manifest", "values")
+GROUND_FLOOR = ("errors", "storage", "workspace", "identity", "manifest", "values", "scratch")
 RUNTIME = ("build", "kernels", "simulate", "sweep", "tune")
 FACADE = ("closed_loop",)
 SYMBOLIC = {"pmjoint_derive", "sympy", "casadi", "pydantic"}

@@ -16,12 +16,10 @@ import hashlib
 import json
 import os
 import shlex
-import shutil
 import signal
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -29,6 +27,7 @@ from typing import Final
 
 from pmjoint_codegen.build.compiler import Compiler
 from pmjoint_codegen.errors import BuildError, UsageError
+from pmjoint_codegen.scratch import scratch
 from pmjoint_codegen.storage import drop_link, ensure_folder, replace_folder, sha256
 
 # They stand behind what CC brings, so that they win. Bits must not depend on the machine or the optimiser:
@@ -55,8 +54,7 @@ FLAGS: Final = (
 )
 LIBRARY: Final = "kernels.so"
 HASHES: Final = "sha256.json"
-PRIVATE: Final = ".build-"  # beginning of the name of the folder that a compiler works in
-ABANDONED_S: Final = 24 * 3600.0  # no build takes a day
+PRIVATE: Final = ".build"  # beginning of the name of the folder that a compiler works in
 COMPILE_S: Final = 900.0  # no compiler that works takes longer; those of large models take minutes
 ASK_S: Final = 60.0
 SELF_TEST: Final = "self_test.c"
@@ -114,7 +112,7 @@ def build_key(sources: Mapping[str, bytes], compiler: Compiler, flags: Sequence[
     """Name of the build: a hash of sources, flags, compiler and machine type."""
     digest = hashlib.sha256()
     for text in (*flags, *compiler.command, compiler.identity, os.uname().sysname, os.uname().machine):
-        digest.update(text.encode() + b"\0")
+        digest.update(os.fsencode(text) + b"\0")  # paths and flags may hold bytes that are no text
     for name, content in sorted(_with_self_test(sources).items()):
         digest.update(f"{name} {len(content)}\0".encode() + content)
     return digest.hexdigest()[:32]
@@ -139,33 +137,19 @@ def _compile(
     sources: Mapping[str, bytes], compiler: Compiler, cache: Path, flags: Sequence[str], patience: float
 ) -> bytes:
     ensure_folder(cache)
-    _clear_abandoned(cache)
     try:
-        with tempfile.TemporaryDirectory(prefix=PRIVATE, dir=cache) as private:
+        with scratch(PRIVATE, cache) as private:
             every = _with_self_test(sources)
             for name, content in every.items():
-                (Path(private) / name).write_bytes(content)
+                (private / name).write_bytes(content)
             units = sorted(name for name in every if name.endswith(".c"))
-            _call([*compiler.command, *flags, *units, "-o", LIBRARY, "-lm"], Path(private), patience)
-            _ask(Path(private) / LIBRARY, compiler)
-            return (Path(private) / LIBRARY).read_bytes()
+            _call([*compiler.command, *flags, *units, "-o", LIBRARY, "-lm"], private, patience)
+            _ask(private / LIBRARY, compiler)
+            return (private / LIBRARY).read_bytes()
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         remedy = "make room, or set PMJOINT_CACHE to another folder"
         raise UsageError(f"cannot be used to build in ({reason})", where=str(cache), remedy=remedy) from error
-
-
-def _clear_abandoned(cache: Path) -> None:
-    """Remove the private folders of builds that were killed: those that nobody has touched for `ABANDONED_S`.
-
-    Another process may do the same, or a folder be another user's: what cannot be removed is left.
-    """
-    oldest = time.time() - ABANDONED_S
-    with suppress(OSError):
-        for folder in cache.glob(f"{PRIVATE}*"):
-            with suppress(OSError):
-                if folder.lstat().st_mtime < oldest:
-                    shutil.rmtree(folder, ignore_errors=True)
 
 
 def _call(command: list[str], folder: Path, patience: float) -> None:
@@ -219,6 +203,7 @@ def _run(command: Sequence[str], folder: Path, patience: float) -> tuple[int, st
         child = subprocess.Popen(
             command,
             cwd=folder,
+            env={**os.environ, "TMPDIR": str(folder)},  # a compiler that is killed leaves files there
             stdin=subprocess.DEVNULL,
             stdout=output,
             stderr=subprocess.STDOUT,

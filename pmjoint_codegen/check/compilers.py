@@ -7,10 +7,10 @@ other name that goes unused is an error of the gate.
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import subprocess
-import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +19,7 @@ from pmjoint_codegen.check import harness
 from pmjoint_codegen.check.result import Difference, GateResult, failed, not_run, passed
 from pmjoint_codegen.check.subject import Subject
 from pmjoint_codegen.kernels.compiled import GENERATED
+from pmjoint_codegen.scratch import scratch
 
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror")
 CONVENTION = ("arg", "res", "iw", "w", "mem", "i")  # of CasADi: kernels take all but i; its accessors take i
@@ -54,7 +55,13 @@ def run(command: Sequence[str], folder: Path, given: bytes = b"") -> Outcome:
     """Run a tool in a folder, with given standard input."""
     try:
         done = subprocess.run(
-            command, cwd=folder, input=given, capture_output=True, check=False, timeout=TIME_LIMIT
+            command,
+            cwd=folder,
+            env={**os.environ, "TMPDIR": str(folder)},  # a compiler that is killed leaves files there
+            input=given,
+            capture_output=True,
+            check=False,
+            timeout=TIME_LIMIT,
         )
     except subprocess.TimeoutExpired:
         return Outcome(-1, b"", f"error: {command[0]} took more than {TIME_LIMIT} s")
@@ -101,8 +108,7 @@ def warnings(name: str, tool: str, files: Mapping[str, str]) -> GateResult:
         tool: compiler.
         files: the C sources by name.
     """
-    with tempfile.TemporaryDirectory(prefix="pmjoint-check-") as private:
-        folder = Path(private)
+    with scratch("pmjoint-check") as folder:
         write(folder, files)
         strict = run(
             [tool, *WARNINGS, "-Wno-unused-parameter", "-O1", "-c", "kernels.c", "-o", "strict.o"], folder
@@ -164,8 +170,7 @@ def watched(
         files: C sources by name, the generated ones by default.
     """
     questions, answers = harness.feed(subject.interpreted)
-    with tempfile.TemporaryDirectory(prefix="pmjoint-check-") as private:
-        folder = Path(private)
+    with scratch("pmjoint-check") as folder:
         write(folder, {**(files or sources(subject)), "main.c": harness.program(subject.manifest)})
         made = run([*compiler, "main.c", "kernels.c", "-o", "watched", "-lm"], folder)
         if made.code and "sanitize" in " ".join(compiler) and "cannot find" in made.messages:
@@ -204,8 +209,7 @@ def objects(name: str, compiler: Sequence[str], files: Mapping[str, str]) -> Gat
         compiler: command.
         files: the C sources by name.
     """
-    with tempfile.TemporaryDirectory(prefix="pmjoint-check-") as private:
-        folder = Path(private)
+    with scratch("pmjoint-check") as folder:
         write(folder, files)
         flags = ["-std=c99", "-O0", "-ffunction-sections", "-fno-builtin", "-fno-stack-protector"]
         made = run([*compiler, *flags, "-c", "kernels.c", "-o", "kernels.o"], folder)
@@ -281,8 +285,7 @@ def cppcheck(name: str, files: Mapping[str, str]) -> GateResult:
         name: of the gate.
         files: the C sources by name.
     """
-    with tempfile.TemporaryDirectory(prefix="pmjoint-check-") as private:
-        folder = Path(private)
+    with scratch("pmjoint-check") as folder:
         write(folder, files)
         flags = ["--std=c99", "--enable=warning,performance,portability", "--error-exitcode=1", "--quiet"]
         flags.append("--max-configs=1")  # the others differ in macros of other platforms' linkers

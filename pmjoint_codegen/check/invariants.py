@@ -20,7 +20,7 @@ from pmjoint_codegen.check.golden import ACCURACY, default_run
 from pmjoint_codegen.check.proof import design_values
 from pmjoint_codegen.check.result import Difference, GateResult, failed, not_run, passed
 from pmjoint_codegen.check.subject import Subject
-from pmjoint_codegen.closed_loop import ClosedLoop
+from pmjoint_codegen.closed_loop import Source, evaluator_of
 from pmjoint_codegen.errors import PmjointError
 from pmjoint_codegen.kernels.evaluator import Evaluator
 from pmjoint_codegen.simulate.run import Run
@@ -53,11 +53,9 @@ def quiet_evaluator(subject: Subject) -> Evaluator:
         ModelError: the model's disturbance follows from its physics and cannot be taken away.
     """
     kind = "compiled" if subject.compiler else "interpreted"
-    zeros = ["0"] * subject.manifest.n
-    loop = ClosedLoop.load(
-        subject.file, kind, disturbance=zeros, environment=subject.environment, notify=subject.notify
-    )
-    return loop.evaluator
+    zeros = ("0",) * subject.manifest.n
+    source = Source(subject.file, subject.document, kind, disturbance=zeros, environment=subject.environment)
+    return evaluator_of(source, subject.notify)
 
 
 def errors_add_up(run: Run) -> Finding:

@@ -17,6 +17,13 @@ if TYPE_CHECKING:
 
 FORMATS = ("table", "markdown", "json")
 
+_ABOUT = """Hold every printed equation of the paper against what follows from its model.
+
+Each of (1)-(37), and each claim made in words, gets a verdict: follows, definition, assumption, follows
+with a correction, does not follow. Verdicts are computed: differences expand to zero, remainders are sums
+of squares, and claims about the closed loop are tried on it.
+"""
+
 _EXAMPLES = """\b
 Examples
   pmjoint audit
@@ -25,7 +32,7 @@ Examples
 """
 
 
-@click.command(epilog=_EXAMPLES)
+@click.command(help=_ABOUT, epilog=_EXAMPLES)
 @click.option(
     "--format",
     "form",
@@ -35,14 +42,13 @@ Examples
 @click.option("--json", "json_wanted", is_flag=True, help="Print one JSON document, as --format json does.")
 @click.option("--out", type=Place(dir_okay=False), help="Write to a file instead.")
 def command(form: str | None, json_wanted: bool, out: Path | None) -> None:
-    """Hold every printed equation of the paper against what follows from its model.
-
-    Each of (1)-(37), and each claim made in words, gets a verdict: follows, definition, assumption, follows
-    with a correction, does not follow. Verdicts are computed: differences expand to zero, remainders are sums
-    of squares, and claims about the closed loop are tried on it.
-    """
+    """Run ``pmjoint audit``: click hands over what it has read."""
     if json_wanted and form not in (None, "json"):
         raise click.UsageError(f"--json and --format {form} exclude each other")
+    if out is not None:
+        from pmjoint_codegen.storage import ensure_file
+
+        ensure_file(out)  # before the audit, which takes its time
     text = _written(_findings(), "json" if json_wanted else form or "table")
     if out is None:
         result(text.rstrip("\n"))

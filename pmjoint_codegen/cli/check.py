@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from pmjoint_codegen.cli.options import Place
+from pmjoint_codegen.cli.options import ModelName, Place
 from pmjoint_codegen.cli.terminal import activity, document, message, result
 from pmjoint_codegen.errors import PmjointError
 
@@ -18,6 +18,13 @@ if TYPE_CHECKING:
     from pmjoint_codegen.check.result import GateResult
     from pmjoint_codegen.check.subject import Subject
 
+
+_ABOUT = """Check generated/<name>/ of each MODEL (of all models if none is named).
+
+Every gate says what it measured and what that may be at most. The exit code is 1 if any gate failed; a
+gate whose tool is missing says so and is not counted as passed, and where no gate could look at anything,
+the exit code is 3.
+"""
 
 _EXAMPLES = """\b
 Examples
@@ -28,8 +35,8 @@ Examples
 """
 
 
-@click.command(epilog=_EXAMPLES)
-@click.argument("models", nargs=-1, metavar="[MODEL]...")
+@click.command(help=_ABOUT, epilog=_EXAMPLES)
+@click.argument("models", nargs=-1, type=ModelName(), metavar="[MODEL]...")
 @click.option(
     "--gate",
     "names",
@@ -47,12 +54,7 @@ Examples
 def command(
     models: tuple[str, ...], names: tuple[str, ...], as_json: bool, report: Path | None, update_golden: bool
 ) -> int:
-    """Check generated/<name>/ of each MODEL (of all models if none is named).
-
-    Every gate says what it measured and what that may be at most. The exit code is 1 if any gate failed; a
-    gate whose tool is missing says so and is not counted as passed, and where no gate could look at anything,
-    the exit code is 3.
-    """
+    """Run ``pmjoint check``: click hands over what it has read."""
     with activity("checking"):
         from pmjoint_codegen.check.gates import select
         from pmjoint_codegen.storage import ensure_file

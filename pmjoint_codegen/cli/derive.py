@@ -4,10 +4,18 @@ from __future__ import annotations
 
 import click
 
+from pmjoint_codegen.cli.options import ModelName
 from pmjoint_codegen.cli.terminal import activity, document, result
 
 FORMATS = ("text", "latex", "json")
 
+
+_ABOUT = """Print the derivation of MODEL, equation by equation.
+
+From the plant follow the filters, the compensator, each error, virtual control and partial derivative,
+the law v, and the Lyapunov function V with its rate: named steps, each with its number in the paper, its
+meaning and its unit.
+"""
 
 _EXAMPLES = """\b
 Examples
@@ -17,8 +25,8 @@ Examples
 """
 
 
-@click.command(epilog=_EXAMPLES)
-@click.argument("model")
+@click.command(help=_ABOUT, epilog=_EXAMPLES)
+@click.argument("model", type=ModelName())
 @click.option(
     "--format",
     "form",
@@ -28,12 +36,7 @@ Examples
     help="text copies into code; latex is a whole document (article, amsmath); json is one document.",
 )
 def command(model: str, form: str) -> None:
-    """Print the derivation of MODEL, equation by equation.
-
-    From the plant follow the filters, the compensator, each error, virtual control and partial derivative,
-    the law v, and the Lyapunov function V with its rate: named steps, each with its number in the paper, its
-    meaning and its unit.
-    """
+    """Run ``pmjoint derive``: click hands over what it has read."""
     with activity(f"deriving {model}"):
         from pmjoint_codegen.report.latex import latex_report
         from pmjoint_codegen.report.record import derivation_record

@@ -8,7 +8,6 @@ import re
 import shutil
 import subprocess
 import sys
-import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from importlib import metadata
@@ -79,10 +78,13 @@ class Finding:
     meaning: str
 
 
-@click.command()
+_ABOUT = """Say what of this machine is found (compiler, packages, optional programs) and what that means."""
+
+
+@click.command(help=_ABOUT)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
 def command(as_json: bool) -> None:
-    """Say what of this machine is found (compiler, packages, optional programs) and what that means."""
+    """Run ``pmjoint doctor``: click hands over what it has read."""
     findings = list(examine(os.environ))
     if as_json:
         document({"version": __version__, "findings": [asdict(finding) for finding in findings]})
@@ -98,7 +100,7 @@ def examine(environment: Mapping[str, str]) -> Iterator[Finding]:
     """
     yield _python()
     yield _compiler(environment)
-    yield _cache(environment)
+    yield from _cache(environment)
     pins = pinned()
     for name, (purpose, without) in _PACKAGES.items():
         yield _package(name, purpose, without, pins.get(name, ""))
@@ -146,31 +148,41 @@ def _compiler_fault(compiler: Compiler) -> str:
     """What keeps a compiler from making a library, in one line: wrong flags, no headers; or nothing."""
     from pmjoint_codegen.build.library import build
     from pmjoint_codegen.errors import BuildError
+    from pmjoint_codegen.scratch import scratch
 
     source = b"#include <math.h>\ndouble root(double a);\ndouble root(double a) { return sqrt(a); }\n"
-    with tempfile.TemporaryDirectory(prefix="pmjoint-") as folder:
+    with scratch("pmjoint-doctor") as folder:
         try:
-            build({"root.c": source}, compiler, Path(folder), patience=_PROGRAM_PATIENCE_S)
+            build({"root.c": source}, compiler, folder, patience=_PROGRAM_PATIENCE_S)
         except BuildError as error:
             lines = error.output.strip().splitlines()
             return next((line for line in lines if "error" in line), [*lines, error.what][0]).strip()
     return ""
 
 
-def _cache(environment: Mapping[str, str]) -> Finding:
-    from pmjoint_codegen.workspace import cache_dir
+def _cache(environment: Mapping[str, str]) -> Iterator[Finding]:
+    from pmjoint_codegen.workspace import cache_dir, cache_place
 
-    folder = cache_dir(environment, message)
+    wanted, reason = cache_place(environment)
+    folder = cache_dir(environment)
+    if reason is not None:
+        meaning = f"not used: {reason}; {_mend_cache(wanted)}"
+        yield Finding("cache asked for", "machine", "differs", str(wanted or "none"), meaning)
     if not os.access(folder, os.W_OK):
-        return Finding(
-            "cache", "machine", "absent", str(folder), "not writable: nothing is kept between runs"
-        )
-    return Finding(
-        "cache",
-        "machine",
-        "ok",
-        str(folder),
-        "writable by you alone: keeps compiled kernels and derived models",
+        meaning = "not writable: nothing is kept between runs"
+        yield Finding("cache", "machine", "absent", str(folder), meaning)
+    else:
+        meaning = "writable by you alone: keeps compiled kernels and derived models"
+        yield Finding("cache", "machine", "ok", str(folder), meaning)
+
+
+def _mend_cache(wanted: Path | None) -> str:
+    """What makes a cache folder one that can be trusted."""
+    if wanted is None:
+        return "set PMJOINT_CACHE to a folder of your own"
+    return (
+        f"set PMJOINT_CACHE to a folder of your own, or take it from others: "
+        f"chown {os.getuid()} and chmod go-w, here and on the folders above"
     )
 
 

@@ -13,6 +13,11 @@ from pmjoint_codegen.cli.terminal import result
 
 TEMPLATES = Path(__file__).resolve().with_name("templates")
 
+_ABOUT = """Write a model file for a new model called NAME, with a comment beside each entry.
+
+It simulates as it stands; change it from there. A file that exists is never overwritten.
+"""
+
 _EXAMPLES = """\b
 Examples
   pmjoint new elbow                    models/elbow.toml, a joint with two muscles
@@ -21,7 +26,7 @@ Examples
 """
 
 
-@click.command(epilog=_EXAMPLES)
+@click.command(help=_ABOUT, epilog=_EXAMPLES)
 @click.argument("name")
 @click.option("--joint", "kind", flag_value="joint", default=True, help="Two muscles on a pulley [default].")
 @click.option(
@@ -35,10 +40,7 @@ Examples
     help="Folder [default: models].",
 )
 def command(name: str, kind: str | None, out: Path) -> None:
-    """Write a model file for a new model called NAME, with a comment beside each entry.
-
-    It simulates as it stands; change it from there. A file that exists is never overwritten.
-    """
+    """Run ``pmjoint new``: click hands over what it has read."""
     path = create(name, kind or "joint", out)
     result(f"{path}\nnext: pmjoint simulate {shlex.quote(str(path))}")
 

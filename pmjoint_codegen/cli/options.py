@@ -12,6 +12,8 @@ import click
 from pmjoint_codegen.cli.terminal import message
 
 if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
+
     _Kind = click.ParamType[Any]  # generic in newer releases of click, to the type checker alone
 else:
     _Kind = click.ParamType
@@ -48,6 +50,30 @@ class Place(click.Path):
         if os.fspath(value) == "":
             self.fail("is empty; give a path, or leave the option out", param, ctx)
         return super().convert(value, param, ctx)
+
+
+class ModelName(_Kind):
+    """A model by name or path, which the shell completes."""
+
+    name = "model"
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Take it as it is: the command finds the file, or says which there are."""
+        return str(value)
+
+    def shell_complete(
+        self, ctx: click.Context, param: click.Parameter, incomplete: str
+    ) -> list[CompletionItem]:
+        """Give names of models and model files that begin so; where none does, the shell looks for files."""
+        from click.shell_completion import CompletionItem
+
+        from pmjoint_codegen.workspace import known_models
+
+        folder = os.path.dirname(incomplete)
+        files = sorted(file for file in Path(folder).glob("[!.]*.toml") if file.is_file())
+        paths = (os.path.join(folder, file.name) for file in files)
+        found = [text for text in (*known_models(), *paths) if text.startswith(incomplete)]
+        return [CompletionItem(text) for text in found] or [CompletionItem(incomplete, type="file")]
 
 
 class Numbers(_Kind):

@@ -7,11 +7,18 @@ from typing import TYPE_CHECKING
 
 import click
 
+from pmjoint_codegen.cli.options import ModelName
 from pmjoint_codegen.cli.terminal import activity, document, result
 
 if TYPE_CHECKING:
     from pmjoint_codegen.emit.regenerate import Report
 
+
+_ABOUT = """Write generated/<name>/ of each MODEL (of all models if none is named).
+
+A folder is replaced as a whole, and only if it would change. What changed is told in mathematics: which
+named equations are new, gone or different.
+"""
 
 _EXAMPLES = """\b
 Examples
@@ -20,16 +27,12 @@ Examples
 """
 
 
-@click.command(epilog=_EXAMPLES)
-@click.argument("models", nargs=-1, metavar="[MODEL]...")
+@click.command(help=_ABOUT, epilog=_EXAMPLES)
+@click.argument("models", nargs=-1, type=ModelName(), metavar="[MODEL]...")
 @click.option("--check", is_flag=True, help="Write nothing; exit with 1 if anything is stale.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
 def command(models: tuple[str, ...], check: bool, as_json: bool) -> int:
-    """Write generated/<name>/ of each MODEL (of all models if none is named).
-
-    A folder is replaced as a whole, and only if it would change. What changed is told in mathematics: which
-    named equations are new, gone or different.
-    """
+    """Run ``pmjoint regenerate``: click hands over what it has read."""
     with activity("deriving and generating"):
         from pmjoint_codegen.emit.regenerate import regenerate
 

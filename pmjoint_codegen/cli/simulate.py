@@ -12,6 +12,7 @@ from pmjoint_codegen.cli.account import account
 from pmjoint_codegen.cli.drawing import ready_matplotlib
 from pmjoint_codegen.cli.options import (
     Assignment,
+    ModelName,
     Numbers,
     Place,
     assignments,
@@ -27,6 +28,12 @@ if TYPE_CHECKING:
 
 _DETAIL_ROWS = 500  # of the saturated transient in the figures
 
+_ABOUT = """Integrate the closed loop of MODEL.
+
+Writes trajectory.csv, summary.json and figures into a folder and prints a short table. What is not given
+is as the model file says. A run that fails still writes what it has, and exits with 3.
+"""
+
 _EXAMPLES = """\b
 Examples
   pmjoint simulate paper
@@ -37,8 +44,8 @@ Examples
 """
 
 
-@click.command(epilog=_EXAMPLES)
-@click.argument("model")
+@click.command(help=_ABOUT, epilog=_EXAMPLES)
+@click.argument("model", type=ModelName())
 @click.option(
     "--set",
     "parameters",
@@ -89,11 +96,7 @@ def command(
     no_compensator: bool,
     **settings: Any,
 ) -> int:
-    """Integrate the closed loop of MODEL.
-
-    Writes trajectory.csv, summary.json and figures into a folder and prints a short table. What is not given
-    is as the model file says. A run that fails still writes what it has, and exits with 3.
-    """
+    """Run ``pmjoint simulate``: click hands over what it has read."""
     from pmjoint_codegen.storage import ensure_folder
 
     tell_idle_sample_time(settings)

@@ -13,6 +13,7 @@ import click
 from pmjoint_codegen.cli.drawing import ready_matplotlib
 from pmjoint_codegen.cli.options import (
     Assignment,
+    ModelName,
     Numbers,
     Place,
     assignments,
@@ -28,6 +29,12 @@ if TYPE_CHECKING:
 
 _SHOWN = 3  # damaged files that a message names
 
+_ABOUT = """Simulate MODEL many times over: on a grid, with random values, or both.
+
+Writes one dataset, sweep.zarr, and figures into a folder. A sweep that is interrupted, by whatever, goes
+on where it was when the same command is given again, and its result is the same.
+"""
+
 _EXAMPLES = """\b
 Examples
   pmjoint sweep paper --grid x1=-100:100:201 --grid x2=-40:40:81 --grid compensator=0,1
@@ -39,8 +46,8 @@ Examples
 """
 
 
-@click.command(epilog=_EXAMPLES)
-@click.argument("model")
+@click.command(help=_ABOUT, epilog=_EXAMPLES)
+@click.argument("model", type=ModelName())
 @click.option(
     "--grid",
     multiple=True,
@@ -135,11 +142,7 @@ def command(
     wants_json: bool,
     **settings: Any,
 ) -> None:
-    """Simulate MODEL many times over: on a grid, with random values, or both.
-
-    Writes one dataset, sweep.zarr, and figures into a folder. A sweep that is interrupted, by whatever, goes
-    on where it was when the same command is given again, and its result is the same.
-    """
+    """Run ``pmjoint sweep``: click hands over what it has read."""
     from pmjoint_codegen.provision import provide
     from pmjoint_codegen.sweep.formats import require
     from pmjoint_codegen.sweep.plan import make_plan

@@ -11,58 +11,73 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import click
+
+from pmjoint_codegen.cli.streams import discard
+from pmjoint_codegen.errors import ResourceError
 
 _PATIENCE_S = 1.0  # what takes less needs no bar, and no import of the library that draws it
 
 
 def result(text: str) -> None:
-    """Write text and a newline to standard output."""
+    """Write text and a newline to standard output; what its encoding cannot say is escaped.
+
+    Raises:
+        ResourceError: it cannot be written: a full disk.
+    """
+    if sys.stdout is None:
+        return
     try:
-        click.echo(text)
-        if sys.stdout is not None:
-            sys.stdout.flush()
+        click.echo(_sayable(text, sys.stdout.encoding))
+        sys.stdout.flush()
     except BrokenPipeError:
-        _discard_output()
+        discard(sys.stdout)
+    except OSError as error:
+        discard(sys.stdout)
+        raise ResourceError(
+            f"cannot be written ({(error.strerror or str(error)).lower()})",
+            where="standard output",
+            remedy="give it another place",
+        ) from error
 
 
-def settle_output() -> None:
-    """Write out what is buffered; where that fails, as on a full disk, it has been said already."""
-    try:
-        if sys.stdout is not None:
-            sys.stdout.flush()
-    except OSError:
-        _discard_output()
-
-
-def _discard_output() -> None:
-    """Send what is still buffered nowhere, so that the interpreter's last flush does not fail as well."""
-    sink = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(sink, sys.stdout.fileno())
-    os.close(sink)
+def _sayable(text: str, encoding: str | None) -> str:
+    """Escape what an encoding cannot hold, such as the bytes of a path that are no text."""
+    name = encoding or "utf-8"
+    return text.encode(name, "backslashreplace").decode(name)
 
 
 def message(text: str) -> None:
-    """Write text and a newline to standard error."""
-    click.echo(text, err=True)
+    """Write text and a newline to standard error; where that cannot be written, nobody wants to know."""
+    if sys.stderr is None:
+        return
+    try:
+        click.echo(text, err=True)
+    except OSError:
+        discard(sys.stderr)
 
 
 def document(value: object) -> None:
-    """Write one JSON document to standard output."""
-    result(as_json(value))
+    """Write one JSON document to standard output; what its encoding cannot say, as JSON escapes it."""
+    text = as_json(value)
+    encoding = (sys.stdout and sys.stdout.encoding) or "utf-8"
+    try:
+        text.encode(encoding)
+    except UnicodeEncodeError:
+        text = as_json(value, ascii_only=True)
+    result(text)
 
 
-def as_json(value: object) -> str:
+def as_json(value: object, *, ascii_only: bool = False) -> str:
     """Give strict JSON: NaN and infinities, which it does not know, become null."""
-    return json.dumps(_plain(value), indent=2, allow_nan=False, ensure_ascii=False)
+    return json.dumps(_plain(value), indent=2, allow_nan=False, ensure_ascii=ascii_only)
 
 
 def _plain(value: Any) -> Any:
@@ -176,4 +191,5 @@ class _Bar:
         with self._lock:
             self._closed = True
             if self._progress is not None:
-                self._progress.stop()
+                with suppress(OSError):  # a terminal that was closed
+                    self._progress.stop()

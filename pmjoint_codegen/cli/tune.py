@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from pmjoint_codegen.cli.drawing import ready_matplotlib
-from pmjoint_codegen.cli.options import Numbers, Place, processors, tell_idle_sample_time
+from pmjoint_codegen.cli.options import ModelName, Numbers, Place, processors, tell_idle_sample_time
 from pmjoint_codegen.cli.terminal import activity, document, message, result, table
 
 if TYPE_CHECKING:
@@ -20,6 +20,12 @@ if TYPE_CHECKING:
     from pmjoint_codegen.tune.cost import Costing
     from pmjoint_codegen.tune.request import Request
     from pmjoint_codegen.tune.search import Found
+
+_ABOUT = """Choose gains of MODEL that minimise an objective.
+
+Writes MODEL again with the gains found and a name of its own, comments kept, and a figure of both
+designs. The same seed finds the same gains.
+"""
 
 _EXAMPLES = """\b
 Examples
@@ -32,8 +38,8 @@ _TUNED = "with gains tuned for least"  # in the note at the head of a file that 
 _FILE_STEM = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
 
 
-@click.command(epilog=_EXAMPLES)
-@click.argument("model")
+@click.command(help=_ABOUT, epilog=_EXAMPLES)
+@click.argument("model", type=ModelName())
 @click.option(
     "--gain",
     "gains",
@@ -99,19 +105,22 @@ def command(
     wants_json: bool,
     **settings: Any,
 ) -> None:
-    """Choose gains of MODEL that minimise an objective.
-
-    Writes MODEL again with the gains found and a name of its own, comments kept, and a figure of both
-    designs. The same seed finds the same gains.
-    """
+    """Run ``pmjoint tune``: click hands over what it has read."""
+    from pmjoint_codegen.errors import UsageError
     from pmjoint_codegen.provision import provide
     from pmjoint_codegen.storage import ensure_folder
     from pmjoint_codegen.tune.comparison import compare
     from pmjoint_codegen.tune.request import make_request
-    from pmjoint_codegen.workspace import find_model
+    from pmjoint_codegen.workspace import find_model, is_stream
 
     tell_idle_sample_time(settings)
     source = find_model(model)
+    if is_stream(source):
+        raise UsageError(
+            "is no file that could be written again with other gains",
+            where=str(source),
+            remedy="save the model as NAME.toml first",
+        )
     file = out or _default_file(source)
     _check_target(file, source)
     provided = provide(source, environment=os.environ, notify=_notify)

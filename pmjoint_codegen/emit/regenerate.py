@@ -9,6 +9,7 @@ from pathlib import Path
 from pmjoint_codegen.emit.pipeline import Artifacts, generate
 from pmjoint_codegen.emit.staleness import REMEDIES, Comparison, Verdict, compare, read_folder
 from pmjoint_codegen.errors import ModelError, quoted
+from pmjoint_codegen.identity import Document
 from pmjoint_codegen.spec import model_of
 from pmjoint_codegen.spec.reader import read_document
 from pmjoint_codegen.storage import recover_folder, replace_folder
@@ -57,26 +58,28 @@ def regenerate(models: Sequence[str] = (), *, check: bool = False) -> list[Repor
         UsageError: for a folder that cannot be written; no folder is then half written.
     """
     files = [find_model(model) for model in models] or _all_models()
-    for file in files:
-        _refuse_namesakes(file)
-    reports = [_one(file, check=check) for file in files]
-    return reports if models else [*reports, *_orphans(files)]
+    documents = [read_document(file) for file in files]  # once: a pipe cannot be read again
+    for file, document in zip(files, documents, strict=True):
+        _refuse_namesakes(file, document)
+    reports = [_one(file, document, check=check) for file, document in zip(files, documents, strict=True)]
+    return reports if models else [*reports, *_orphans(files, documents)]
 
 
 def _all_models() -> list[Path]:
     folders = model_folders()
-    return sorted(folders[0].glob("[!.]*.toml")) if folders else []
+    files = sorted(folders[0].glob("[!.]*.toml")) if folders else []
+    return [file for file in files if file.is_file()]
 
 
-def _refuse_namesakes(file: Path) -> None:
+def _refuse_namesakes(file: Path, document: Document) -> None:
     """Refuse a file whose name another one beside it has: the two would write one folder in turns.
 
     Raises:
         ModelError: naming both.
     """
-    name = read_document(file).get("name")
+    name = document.get("name")
     for other in sorted(file.parent.glob("[!.]*.toml")):
-        if other.name != file.name and name is not None and _name(other) == name:
+        if other.name != file.name and other.is_file() and name is not None and _name(other) == name:
             raise ModelError(
                 f"has the name {quoted(name)}, as {other} has, and so the same generated folder",
                 where=str(file),
@@ -92,13 +95,13 @@ def _name(file: Path) -> object:
         return None
 
 
-def _one(file: Path, *, check: bool) -> Report:
+def _one(file: Path, document: Document, *, check: bool) -> Report:
     try:
-        artifacts = artifacts_of(file)
+        artifacts = generate(document, model_of(document, str(file)))
     except ArithmeticError as error:  # a derivation that contradicts itself, not a bad model
         if not check:
             raise
-        return _failed(file, error)
+        return _failed(file, document, error)
     folder = generated_root(file) / artifacts.manifest.name
     if not check:
         recover_folder(folder)
@@ -109,8 +112,8 @@ def _one(file: Path, *, check: bool) -> Report:
     return Report(artifacts.manifest.name, folder, comparison, written=write, called=called(file))
 
 
-def _failed(file: Path, error: ArithmeticError) -> Report:
-    name = str(read_document(file)["name"])
+def _failed(file: Path, document: Document, error: ArithmeticError) -> Report:
+    name = str(document["name"])
     found = Comparison(Verdict.GENERATOR_CHANGED, (f"the derivation fails: {error}",))
     return Report(name, generated_root(file) / name, found, written=False, called=called(file))
 
@@ -125,11 +128,11 @@ def artifacts_of(file: Path) -> Artifacts:
     return generate(document, model_of(document, str(file)))
 
 
-def _orphans(files: Sequence[Path]) -> list[Report]:
+def _orphans(files: Sequence[Path], documents: Sequence[Document]) -> list[Report]:
     if not files:
         return []
     root = generated_root(files[0])
-    known = {read_document(file).get("name") for file in files}
+    known = {document.get("name") for document in documents}
     folders = (
         sorted(path for path in root.iterdir() if path.is_dir() and path.name[0] != ".")
         if root.is_dir()

@@ -17,6 +17,7 @@ from pmjoint_codegen.errors import BuildError, SimulationError, StaleError
 from pmjoint_codegen.kernels.declarations import MODULE, declarations, load_library, to_module
 from pmjoint_codegen.kernels.evaluator import (
     Array,
+    Copied,
     Kernel,
     Kind,
     Prepared,
@@ -46,7 +47,7 @@ class BoundFunction(NamedTuple):
     library: Any
 
 
-class CompiledEvaluator:
+class CompiledEvaluator(Copied):
     """One loaded library: `Evaluator`, and the C loops for `simulate`.
 
     Attributes:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import ast
 import re
-import tempfile
+import sys
 from collections.abc import Iterable
 from contextlib import redirect_stdout
 from io import StringIO
@@ -17,6 +17,7 @@ from typing import Any
 
 from pmjoint_codegen.build.library import LIBRARY
 from pmjoint_codegen.errors import BuildError
+from pmjoint_codegen.scratch import scratch
 
 MODULE = "declarations.py"
 _COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
@@ -47,8 +48,8 @@ def to_module(text: str) -> str:
     ffi = cffi.FFI()
     ffi.cdef(text)
     ffi.set_source("pmjoint_kernels", None)
-    with tempfile.TemporaryDirectory(prefix="pmjoint-") as folder:
-        path = Path(folder) / MODULE
+    with scratch("pmjoint-declarations") as folder:
+        path = folder / MODULE
         with redirect_stdout(StringIO()):  # cffi announces the file there
             ffi.emit_python_code(str(path))
         return path.read_text(encoding="utf-8")
@@ -90,7 +91,7 @@ def load_library(built: Path) -> tuple[Any, Any]:
     ffi = load_module((built / MODULE).read_text(encoding="utf-8"))
     library = str(built / LIBRARY)
     try:
-        return ffi, ffi.dlopen(library)
+        return ffi, _open(ffi, library)
     except OSError as error:
         raise BuildError(
             "what the C compiler made cannot be loaded here",
@@ -99,6 +100,17 @@ def load_library(built: Path) -> tuple[Any, Any]:
             "--evaluator interpreted",
             output=str(error),
         ) from error
+
+
+def _open(ffi: Any, library: str) -> Any:
+    """Load a library, also where the locale's encoding does not know the letters of its path."""
+    try:
+        library.encode(sys.getfilesystemencoding())
+    except UnicodeEncodeError:  # cffi encodes strictly; ctypes as Python's own file functions do
+        import ctypes
+
+        return ffi.dlopen(ffi.cast("void *", ctypes.CDLL(library)._handle))
+    return ffi.dlopen(library)
 
 
 def _lines(header: str) -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +15,7 @@ from pmjoint_codegen.manifest import Function, Manifest
 Array = npt.NDArray[np.float64]
 Kernel = Callable[..., tuple[Array, ...]]
 Kind = Literal["compiled", "interpreted"]
+Recipe = tuple[Callable[..., "PreparingEvaluator"], tuple[Any, ...]]
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,22 @@ class Prepared:
     inputs: tuple[Array, ...]
     outputs: tuple[Array, ...]
     run: Callable[[], None]
+
+
+class Copied:
+    """Pickled and copied by its recipe: loaded code and C memory belong to one process.
+
+    Attributes:
+        recipe: see `PreparingEvaluator`.
+    """
+
+    recipe: Recipe | None = None
+
+    def __reduce__(self) -> Recipe:
+        """Give the recipe; raises `TypeError` where there is none."""
+        if self.recipe is None:
+            raise TypeError(f"{type(self).__name__} cannot be copied: ClosedLoop.load did not make it")
+        return self.recipe
 
 
 class Evaluator(Protocol):
@@ -66,7 +83,13 @@ class Evaluator(Protocol):
 
 
 class PreparingEvaluator(Evaluator, Protocol):
-    """What a script is given beyond what a run needs."""
+    """What a script is given beyond what a run needs.
+
+    Attributes:
+        recipe: a function and its arguments, which make the same evaluator in another process; None: unknown.
+    """
+
+    recipe: Recipe | None
 
     def prepare(self, name: str) -> Prepared:
         """One kernel for one point after another, its arguments and results in place.

@@ -18,6 +18,7 @@ from pmjoint_codegen.build.compiler import INSTALL
 from pmjoint_codegen.errors import MissingToolError, StaleError, installing
 from pmjoint_codegen.kernels.evaluator import (
     Array,
+    Copied,
     Kernel,
     Kind,
     Prepared,
@@ -30,7 +31,7 @@ from pmjoint_codegen.kernels.tape import FILE_NAME, Tape, read_tapes
 from pmjoint_codegen.manifest import Function, Manifest
 
 
-class InterpretedEvaluator:
+class InterpretedEvaluator(Copied):
     """One model's kernels in CasADi's virtual machine: `Evaluator`.
 
     Attributes:

@@ -25,7 +25,20 @@ class Law:
         v: (29), shape (1,).
     """
 
-    __slots__ = ("_lock", "_owner", "_places", "_run", "_value", "alpha", "s", "v", "y", "y_r", "z")
+    __slots__ = (
+        "_lock",
+        "_made_of",
+        "_owner",
+        "_places",
+        "_run",
+        "_value",
+        "alpha",
+        "s",
+        "v",
+        "y",
+        "y_r",
+        "z",
+    )
 
     def __init__(self, evaluator: PreparingEvaluator, p: Array) -> None:
         """Make the law ready.
@@ -42,6 +55,11 @@ class Law:
         self._value = self.v.item
         self._places = self.s.data, self.y_r.data
         self._lock, self._owner = Lock(), get_ident()
+        self._made_of = evaluator, p
+
+    def __reduce__(self) -> tuple[type[Law], tuple[PreparingEvaluator, Array]]:
+        """Pickle and copy by what it was made of; what stands in its arrays is no part of it."""
+        return Law, self._made_of
 
     def __call__(self, state: npt.ArrayLike, y: float, reference: npt.ArrayLike) -> float:
         """Evaluate.

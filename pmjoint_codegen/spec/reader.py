@@ -54,11 +54,11 @@ def parse_document(text: str, where: str) -> dict[str, Any]:
 
 
 def _read(path: Path, where: str) -> bytes:
-    """Read at most a little more than the limit, and only from a regular file: a pipe might never end."""
+    """Read at most a little more than the limit: a pipe or device might never end."""
     if not os.path.exists(path):
         raise ModelError("no such model file", where=where, remedy="give the path of a .toml file")
-    if not os.path.isfile(path):
-        raise ModelError("is not a regular file", where=where, remedy="give the path of a .toml file")
+    if os.path.isdir(path):
+        raise ModelError("is a folder, not a model file", where=where, remedy="give the path of a .toml file")
     try:
         with path.open("rb") as stream:
             data = stream.read(_MOST_BYTES + 1)

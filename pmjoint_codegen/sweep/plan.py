@@ -220,6 +220,8 @@ def _check_length(text: str, count: int) -> None:
 
 def _spaced(first: float, last: float, count: int) -> tuple[float, ...]:
     """Evenly spaced values; ends whose difference no double holds are halved first, which is exact there."""
+    if not (math.isfinite(first) and math.isfinite(last)):
+        return (math.nan,)  # refused with all other values that are not finite
     scale = 1.0 if math.isfinite(last - first) else 2.0
     return tuple((scale * np.linspace(first / scale, last / scale, count)).tolist())
 

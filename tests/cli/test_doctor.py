@@ -106,3 +106,21 @@ def test_a_program_that_cannot_run_does_not_stop_the_examination(tmp_path: Path)
     finding = found({"PATH": str(tmp_path), "PMJOINT_CACHE": str(tmp_path)})["clang"]
     assert finding.state == "ok"
     assert finding.found == str(tmp_path / "clang")
+
+
+def test_a_cache_that_others_may_write_is_a_finding_with_a_remedy(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shared = tmp_path / "shared"
+    shared.mkdir()
+    shared.chmod(0o777)
+    (shared / "mine").mkdir(mode=0o700)
+    for folder, guilty in ((shared, shared), (shared / "mine", shared)):
+        findings = found({"PATH": "", "PMJOINT_CACHE": str(folder)})
+        asked = findings["cache asked for"]
+        assert (asked.state, asked.found) == ("differs", str(folder))
+        assert f"other users may write to {guilty}" in asked.meaning and "PMJOINT_CACHE" in asked.meaning
+        assert findings["cache"].state == "ok" and findings["cache"].found != str(folder)
+    assert capsys.readouterr().err.count("cache") == 0  # the table says it
+    shared.chmod(0o755)
+    assert "cache asked for" not in found({"PATH": "", "PMJOINT_CACHE": str(shared / "mine")})

@@ -195,10 +195,39 @@ def test_a_full_disk_under_standard_output_is_one_line_and_3(root: Path) -> None
         )
     assert done.returncode == 3
     assert len(done.stderr.splitlines()) == 1
-    assert "No space left" in done.stderr
+    assert "no space left" in done.stderr
 
 
 def test_the_package_runs_as_a_module(tmp_path: Path, root: Path) -> None:
     done = python("-m", "pmjoint_codegen", "--version", cwd=tmp_path, PYTHONPATH=str(root))
     assert done.returncode == 0
     assert done.stdout.startswith("pmjoint ")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["simulate", "paper", "--horizon", "{}"], ["{}"], ["sweep", "paper", "--grid", "{}"]],
+    ids=lambda arguments: arguments[0],
+)
+def test_a_message_repeats_no_more_than_can_be_read(
+    arguments: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main.run([text.format("a" * 5000) for text in arguments]) == 2
+    said = capsys.readouterr().err
+    assert len(said) < 1500 and "aaa ... " in said and len(said.splitlines()) == 1
+
+
+def test_an_output_that_cannot_be_written_is_said_before_the_audit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from pmjoint_codegen.cli import audit
+
+    monkeypatch.setattr(audit, "_findings", lambda: pytest.fail("audited"))
+    assert main.run(["audit", "--out", str(tmp_path / "none" / "file")]) == 2
+    assert "cannot be written" in capsys.readouterr().err
+
+
+def test_an_axis_without_finite_ends_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    for axis in ("x1=inf:inf:2", "x1=nan:1:3", "x1=-inf:0:3"):
+        assert main.run(["sweep", "paper", "--grid", axis]) == 2
+        assert len(capsys.readouterr().err.splitlines()) == 1

@@ -33,11 +33,22 @@ def test_a_missing_file(tmp_path: Path) -> None:
         read_document(tmp_path / "m.toml")
 
 
-def test_a_folder_and_a_pipe_are_no_files(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "pipe")
-    for path in (tmp_path, tmp_path / "pipe", Path("/dev/zero")):
-        with pytest.raises(ModelError, match="is not a regular file"):
-            read_document(path)
+def test_a_folder_is_no_file(tmp_path: Path) -> None:
+    with pytest.raises(ModelError, match="is a folder"):
+        read_document(tmp_path)
+
+
+def test_a_pipe_is_read_like_a_file(tmp_path: Path) -> None:
+    reader, writer = os.pipe()
+    os.write(writer, b"order = 2\n")
+    os.close(writer)
+    assert read_document(Path(f"/dev/fd/{reader}")) == {"order": 2}
+    os.close(reader)
+
+
+def test_what_never_ends_is_too_large() -> None:
+    with pytest.raises(ModelError, match="is too large"):
+        read_document(Path("/dev/zero"))
 
 
 def test_not_utf8_names_byte_and_line(tmp_path: Path) -> None:
