@@ -40,6 +40,12 @@ A MODEL is the name of a file in models/ (such as paper) or the path of a model 
 Start with
   pmjoint simulate paper            run the paper's example; look in runs/paper/
   pmjoint simulate paper --help     see what can be changed from the command line
+
+\b
+Exit codes
+  0 done                    1 a check found a difference
+  2 bad usage or model      3 a run failed, or the machine gave out
+  130, 143, 129             ended by Ctrl-C, SIGTERM, a closed terminal
 """
 
 _LONGEST = 1000  # characters of a message
