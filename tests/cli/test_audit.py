@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import NoReturn
 
 import pytest
 
@@ -51,3 +52,26 @@ def test_a_file_that_cannot_be_written_is_refused(tmp_path: Path, capsys: pytest
     (tmp_path / "file").write_text("", encoding="utf-8")
     assert run(["audit", "--out", str(tmp_path / "file" / "audit.md")]) == 2
     assert str(tmp_path / "file") in capsys.readouterr().err
+
+
+def test_an_out_that_cannot_be_written_is_refused_before_the_audit(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    begun: list[object] = []
+    monkeypatch.setattr("pmjoint_codegen.audit.examination.audit", lambda *told: begun.append(told))
+    assert run(["audit", "--out", str(tmp_path / "nowhere" / "audit.md")]) == 2
+    assert begun == []
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_another_model_called_paper_is_no_bug(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def contradict(*_told: object) -> NoReturn:
+        raise ArithmeticError("x1(0) = 60.0 and 80.0 are not on either side of the boundary")
+
+    monkeypatch.setattr("pmjoint_codegen.audit.examination.audit", contradict)
+    assert run(["audit"]) == 2
+    error = capsys.readouterr().err
+    assert len(error.splitlines()) == 1
+    assert "is not the paper's model" in error
