@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 _SHOWN = 8  # switches in the table; summary.json holds all of them
 _BEYOND = "beyond floating point"  # of a run that failed
+_SEEN = "at the output instants"  # of what is no state: between them it may be more
 _PASCALS = 1e5  # in a bar
 _MODES = {-1: "at -{limit}", 0: "inside its limits", 1: "at {limit}"}
 
@@ -95,14 +96,14 @@ def _disturbance(run: Run) -> Iterator[tuple[str, ...]]:
         size = _BEYOND if largest is None else f"{largest:.6g}"
         held = largest is not None and largest <= bound
         presumed = f"D_max = {bound:g}{'' if held else ' is exceeded'}"
-        yield "max |D|", f"{size}: unknown to the controller; {presumed}"
+        yield "max |D|", f"{size} {_SEEN}: unknown to the controller; {presumed}"
     units = {item.name: item.unit for item in run.manifest.signals}
     acting = {name: ends for name, ends in summary["disturbance_range"].items() if ends != [0.0, 0.0]}
     if bound is not None and len(acting) < 2:
         return
     for label, (name, ends) in zip(["D", *[""] * len(acting)], acting.items(), strict=False):
         low, high = (_BEYOND if end is None else f"{end:.6g}" for end in ends)
-        what = f": {_what(run)}" if label else ""
+        what = f" {_SEEN}: {_what(run)}" if label else ""
         yield label, f"{name} = {low} to {high} {units[name]}{what}"
 
 
@@ -119,7 +120,8 @@ def _pressures(run: Run) -> Iterator[tuple[str, ...]]:
     muscles = run.summary["pressures"] or {}
     for label, (name, item) in zip(("pressures", ""), muscles.items(), strict=False):
         least, greatest, limit = (item[key] / _PASCALS for key in ("min", "max", "P_max"))
-        yield label, f"{name} = {least:.4g} to {greatest:.4g} bar, limits 0 and {limit:.4g} bar"
+        seen = f" {_SEEN}" if label else ""
+        yield label, f"{name} = {least:.4g} to {greatest:.4g} bar{seen}, limits 0 and {limit:.4g} bar"
         if item["clipped"]:
             low, high = (value / _PASCALS for value in item["commanded"])
             yield (

@@ -68,7 +68,15 @@ def _findings() -> tuple[Finding, ...]:
 
             remedy = f"install it: {installing('pmjoint-codegen[derive]')}"
             raise MissingToolError(f"{error.name} is needed to audit", where="audit", remedy=remedy) from None
-        return audit(progress, message)
+        try:
+            return audit(progress, message)
+        except ArithmeticError as error:  # a claim whose ground is missing: another model under that name
+            from pmjoint_codegen.errors import ModelError
+            from pmjoint_codegen.workspace import find_model
+
+            remedy = "run the audit in a folder without a model called paper"
+            what = f"is not the paper's model ({error})"
+            raise ModelError(what, where=str(find_model("paper")), remedy=remedy) from error
 
 
 def _written(findings: Sequence[Finding], form: str) -> str:

@@ -19,7 +19,8 @@ def summarise(run: Record) -> dict[str, Any]:
 
     ``ise`` is the integral of e^2 by Gauss-Legendre quadrature of the dense output, step by step;
     ``max_abs_e``, ``max_abs_v``, ``peaks`` (largest magnitude, its instant) and ``settling_s`` are taken on
-    the dense output as well. None of them depends on the output grid. ``held`` is false where the joint has
+    the dense output as well. None of them depends on the output grid; the extremes of the disturbance and of
+    pressures are those at the output instants. ``held`` is false where the joint has
     left its reference for good, by the rule of sweeps.
     """
     settings, manifest = run.settings, run.manifest
