@@ -111,7 +111,7 @@ def _shared(
 ) -> tuple[sp.Symbol, ...]:
     """Parameters that both sides use; not the limit of u, which the controller applies itself (10).
 
-    The plant takes u and v as numbers. What v is made of, such as the reference's amplitude, is no part of it.
+    The plant takes u and v as numbers: what v is made of, such as an amplitude of y_r, is no part of it.
     """
     controller = [signals.v, *map(_rate, signals.controller_state), *signals.y_r]
     plant = _reach((item.symbol for item in physics), table, until={signals.u, signals.v})
@@ -125,9 +125,7 @@ def _rate(state: sp.Symbol) -> sp.Symbol:
     return parameter_symbol(derivative_name(state))
 
 
-def _reach(
-    names: Iterable[sp.Symbol], table: Equations, until: Iterable[sp.Symbol] = ()
-) -> set[sp.Symbol]:
+def _reach(names: Iterable[sp.Symbol], table: Equations, until: Iterable[sp.Symbol] = ()) -> set[sp.Symbol]:
     """The names, and everything that their equations speak of, directly or by way of others but `until`."""
     found = set(until)
     waiting = list(names)
