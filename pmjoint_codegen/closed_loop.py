@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from pmjoint_codegen.provision import Provided
 
 Notify = Callable[[str], None]
+Stage = Callable[[str, float], None]  # name, part done
 
 
 def _to_stderr(line: str) -> None:
@@ -52,6 +53,7 @@ class ClosedLoop:
         disturbance: Sequence[str] | None = None,
         environment: Mapping[str, str] | None = None,
         notify: Notify = _to_stderr,
+        stage: Stage = lambda name, done: None,
     ) -> ClosedLoop:
         """Load a model, building its kernels or reusing the build.
 
@@ -62,6 +64,7 @@ class ClosedLoop:
             disturbance: another disturbance, one expression a state.
             environment: for compiler and cache folder; the process's own by default.
             notify: told, in one line, what the user should know.
+            stage: told what takes time, by name, and the part of it that is done.
 
         Raises:
             ModelError: the model cannot be found, read or derived.
@@ -76,8 +79,14 @@ class ClosedLoop:
 
         known = os.environ if environment is None else environment
         provided = provide(
-            model, reference=reference, disturbance=disturbance, environment=known, notify=notify
+            model,
+            reference=reference,
+            disturbance=disturbance,
+            environment=known,
+            notify=notify,
+            stage=stage,
         )
+        stage("compiling or loading the kernels", 0.0)
         return cls(_evaluator(provided, evaluator, known, notify))
 
     @property

@@ -62,7 +62,7 @@ def _findings() -> tuple[Finding, ...]:
 
             remedy = f"install it: {installing('pmjoint-codegen[derive]')}"
             raise MissingToolError(f"{error.name} is needed to audit", where="audit", remedy=remedy) from None
-        return audit(progress, message)
+        return audit(lambda done: progress.stage("examining claims", done), message)
 
 
 def _written(findings: Sequence[Finding], form: str) -> str:

@@ -30,10 +30,11 @@ def command(models: tuple[str, ...], check: bool, as_json: bool) -> int:
     A folder is replaced as a whole, and only if it would change. What changed is told in mathematics: which
     named equations are new, gone or different.
     """
-    with activity("deriving and generating"):
+    with activity("regenerating") as shown:
+        shown.stage("loading what derives", 0.0)
         from pmjoint_codegen.emit.regenerate import regenerate
 
-        reports = regenerate(models, check=check)
+        reports = regenerate(models, check=check, stage=shown.stage)
     if as_json:
         document([_record(report) for report in reports])
     else:
