@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import resource
 import shutil
 import signal
@@ -57,6 +58,11 @@ def pmjoint(
     )
 
 
+def said(stderr: str) -> list[str]:
+    """Lines of standard error but those that name a stage: a loaded machine takes over a second for some."""
+    return [line for line in stderr.splitlines() if not re.search(r" \(\d+ s(, about .* left)?\)$", line)]
+
+
 def changed_gain(project: Path, gain: int) -> None:
     """Make the model say something else, so that there is something to write."""
     model = project / "models" / "paper.toml"
@@ -107,7 +113,7 @@ def test_a_disk_that_fills_up_while_regenerating_leaves_the_old_folder(
         root, project, tmp_path / "cache", ["regenerate", "models/paper.toml"], largest_file=20_000
     )
     assert starved.returncode in (2, 3)
-    assert "Traceback" not in starved.stderr and len(starved.stderr.strip().splitlines()) == 1
+    assert "Traceback" not in starved.stderr and len(said(starved.stderr)) == 1
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
     assert pmjoint(root, project, tmp_path / "cache", ["regenerate", "models/paper.toml"]).returncode == 0
 
@@ -120,7 +126,7 @@ def test_results_that_do_not_fit_on_the_disk_are_one_line_and_3(
     out = project / "out"
     starved = pmjoint(root, project, cache, [*SHORT, "--out", str(out)], largest_file=1000)
     assert starved.returncode == 3
-    assert "file too large" in starved.stderr and len(starved.stderr.splitlines()) == 1
+    assert "file too large" in starved.stderr and len(said(starved.stderr)) == 1
     assert list(out.iterdir()) == []
 
 
