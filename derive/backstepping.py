@@ -23,6 +23,7 @@ from pmjoint_derive.compensator import compensator_rates
 from pmjoint_derive.equation import Equation
 from pmjoint_derive.filters import estimate, filter_rates, input_filter_rates, input_filters
 from pmjoint_derive.model import Plant, parameter_symbol
+from pmjoint_derive.progress import Stage, unwatched
 from pmjoint_derive.shield import multiplied_out, shielded
 from pmjoint_derive.signals import Signals, Units, free, partial_name
 from pmjoint_derive.units import SECOND
@@ -169,10 +170,25 @@ def total_rate(step: Step, partials: dict[sp.Symbol, sp.Symbol]) -> sp.Expr:
     return sum((name * step.rates[by] for by, name in partials.items()), sp.Integer(0))
 
 
-def nonzero_partials(step: Step, alpha: sp.Expr) -> dict[sp.Symbol, sp.Expr]:
-    """Partial derivatives of an expanded virtual control that do not vanish, keyed by signal."""
-    found = {by: sp.diff(alpha, by) for by in step.signals.measurable if by in alpha.free_symbols}
-    return {by: tidy(value, step.signals.y) for by, value in found.items() if value != 0}
+def nonzero_partials(
+    step: Step, alpha: sp.Expr, stage: Stage = unwatched, name: str = ""
+) -> dict[sp.Symbol, sp.Expr]:
+    """Partial derivatives of an expanded virtual control that do not vanish, keyed by signal.
+
+    Args:
+        step: signals of the design.
+        alpha: the virtual control.
+        stage: told how many of the signals are done.
+        name: what it is told that this is.
+    """
+    signals = [by for by in step.signals.measurable if by in alpha.free_symbols]
+    found: dict[sp.Symbol, sp.Expr] = {}
+    for count, by in enumerate(signals):
+        stage(name, count / len(signals))
+        value = sp.diff(alpha, by)
+        if value != 0:
+            found[by] = tidy(value, step.signals.y)
+    return found
 
 
 def tidy(value: sp.Expr, y: sp.Symbol) -> sp.Expr:
@@ -182,8 +198,8 @@ def tidy(value: sp.Expr, y: sp.Symbol) -> sp.Expr:
     return shielded(lambda part: sp.factor_terms(sp.expand(part)), value, (y,))
 
 
-def backstep(plant: Plant, signals: Signals, units: Units) -> list[Equation]:
-    """All named steps of (24)-(29), in the order in which they can be evaluated."""
+def backstep(plant: Plant, signals: Signals, units: Units, stage: Stage = unwatched) -> list[Equation]:
+    """All named steps of (24)-(29), in the order in which they can be evaluated; each step is told of."""
     step = prepare(plant, signals)
     equations = [*filtered_input_equations(step, units), omega_equation(step, units)]
     primitive = {item.symbol: item.expression for item in equations}
@@ -197,6 +213,8 @@ def backstep(plant: Plant, signals: Signals, units: Units) -> list[Equation]:
             f"error {i}",
             units.of(signals.z[i - 1]),
         )
+        place = f"step {i} of {plant.rho}"
+        stage(f"deriving {f'alpha_{i}' if i < plant.rho else 'v'}, {place}", 0.0)
         primitive[z_i.symbol] = z_i.expression.xreplace(primitive)
         law = solve_step(step, i, total_rate(step, partials), list(partials.values()))
         equations.append(z_i)
@@ -207,7 +225,9 @@ def backstep(plant: Plant, signals: Signals, units: Units) -> list[Equation]:
         number = "(25)" if i == 1 else ""
         equations.append(Equation(alpha, law, SECTION, number, f"virtual control {i}", units.of(alpha)))
         primitive[alpha] = law.xreplace(primitive)
-        derivatives = nonzero_partials(step, primitive[alpha])
+        derivatives = nonzero_partials(
+            step, primitive[alpha], stage, f"partial derivatives of alpha_{i}, {place}"
+        )
         partials = {by: parameter_symbol(partial_name(alpha, by)) for by in derivatives}
         primitive |= {partials[by]: value for by, value in derivatives.items()}
         equations += partial_equations(alpha, partials, derivatives, units)

@@ -35,6 +35,7 @@ from pmjoint_derive.constants import name_constants
 from pmjoint_derive.equation import Equation, Equations
 from pmjoint_derive.filters import filter_equations
 from pmjoint_derive.model import Model, OutsideClassError, Plant
+from pmjoint_derive.progress import Stage, unwatched
 from pmjoint_derive.sampling import sampling_equations
 from pmjoint_derive.signals import Signals, Units
 from pmjoint_derive.true_plant import true_plant
@@ -72,8 +73,12 @@ class Derivation:
         )
 
 
-def derive(model: Model) -> Derivation:
+def derive(model: Model, stage: Stage = unwatched) -> Derivation:
     """Derive filters, compensator, virtual controls, partial derivatives and the law for a model.
+
+    Args:
+        model: what to derive from.
+        stage: told what is being derived.
 
     Raises:
         OutsideClassError: when a parameter bears the name of an equation; what else is outside the class was
@@ -90,13 +95,15 @@ def derive(model: Model) -> Derivation:
         *physics,
         *filter_equations(plant, signals, units),
         *reference_equations(model, signals, units),
-        *backstep(plant, signals, units),
+        *backstep(plant, signals, units, stage),
         *compensator_equations(plant, signals, units),
         *error_rate_equations(plant, signals, units),
         *delivered,
         *error_equations(signals, units),
     ]
+    stage("deriving the sampled controller", 0.0)
     held = sampling_equations(Equations(continuous), signals, units)
+    stage("deriving the true plant", 0.0)
     true = true_plant(model, plant, signals, units, [*constants, *physics, *delivered[1:]], continuous)
     equations = Equations([*continuous, *held, *true.equations])
     _check_names(model, equations)

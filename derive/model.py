@@ -43,15 +43,17 @@ class Parameter:
 
     Attributes:
         name: identifier in expressions and on the command line.
-        value: default.
-        unit: physical unit, such as ``rad/(s^2 V)``.
+        value: default, in SI units where `scale` says so.
+        unit: physical unit for the reader, such as ``rad/(s^2 V)``.
         about: one line for the reader.
+        scale: how many SI units `unit` is, as a decimal: the reader is shown `value` divided by it.
     """
 
     name: str
     value: float
     unit: str
     about: str
+    scale: str = "1"
 
     @property
     def symbol(self) -> sp.Symbol:

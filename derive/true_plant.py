@@ -109,9 +109,13 @@ def _known_rates(plant: Plant, signals: Signals, units: Units) -> list[Equation]
 def _shared(
     model: Model, signals: Signals, table: Equations, physics: Sequence[Equation]
 ) -> tuple[sp.Symbol, ...]:
-    """Parameters that both sides use; not the limit of u, which the controller applies itself (10)."""
+    """Parameters that both sides use; not the limit of u, which the controller applies itself (10).
+
+    The plant takes u and v as numbers: what v is made of, such as an amplitude of y_r, is no part of it.
+    """
     controller = [signals.v, *map(_rate, signals.controller_state), *signals.y_r]
-    used = _reach(controller, table) & _reach((item.symbol for item in physics), table)
+    plant = _reach((item.symbol for item in physics), table, until={signals.u, signals.v})
+    used = _reach(controller, table) & plant
     return tuple(
         item.symbol for item in model.parameters if item.symbol in used and item.symbol != model.limit
     )
@@ -121,9 +125,9 @@ def _rate(state: sp.Symbol) -> sp.Symbol:
     return parameter_symbol(derivative_name(state))
 
 
-def _reach(names: Iterable[sp.Symbol], table: Equations) -> set[sp.Symbol]:
-    """The names, and everything that their equations speak of, directly or by way of others."""
-    found: set[sp.Symbol] = set()
+def _reach(names: Iterable[sp.Symbol], table: Equations, until: Iterable[sp.Symbol] = ()) -> set[sp.Symbol]:
+    """The names, and everything that their equations speak of, directly or by way of others but `until`."""
+    found = set(until)
     waiting = list(names)
     while waiting:
         symbol = waiting.pop()

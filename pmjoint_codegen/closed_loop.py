@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from pmjoint_codegen.provision import Provided
 
 Notify = Callable[[str], None]
+Stage = Callable[[str, float], None]  # name, part done
 
 
 def _to_stderr(line: str) -> None:
@@ -79,6 +80,7 @@ class ClosedLoop:
         disturbance: Sequence[str] | None = None,
         environment: Mapping[str, str] | None = None,
         notify: Notify = _to_stderr,
+        stage: Stage = lambda name, done: None,
     ) -> ClosedLoop:
         """Load a model, building its kernels or reusing the build.
 
@@ -89,6 +91,7 @@ class ClosedLoop:
             disturbance: another disturbance, one expression a state.
             environment: for compiler and cache folder; the process's own by default.
             notify: told, in one line, what the user should know.
+            stage: told what takes time, by name, and the part of it that is done.
 
         Raises:
             ModelError: the model cannot be found, read or derived.
@@ -111,7 +114,7 @@ class ClosedLoop:
             None if disturbance is None else tuple(disturbance),
             None if environment is None else dict(environment),
         )
-        return cls(evaluator_of(source, notify))
+        return cls(evaluator_of(source, notify, stage))
 
     @property
     def manifest(self) -> Manifest:
@@ -220,7 +223,9 @@ class ClosedLoop:
         return make_settings(self.manifest).p
 
 
-def evaluator_of(source: Source, notify: Notify = _silent) -> PreparingEvaluator:
+def evaluator_of(
+    source: Source, notify: Notify = _silent, stage: Stage = lambda name, done: None
+) -> PreparingEvaluator:
     """Load the kernels of a model that has been read; raises what `ClosedLoop.load` raises."""
     from pmjoint_codegen.provision import provide_document
 
@@ -232,7 +237,9 @@ def evaluator_of(source: Source, notify: Notify = _silent) -> PreparingEvaluator
         disturbance=source.disturbance,
         environment=known,
         notify=notify,
+        stage=stage,
     )
+    stage("compiling or loading the kernels", 0.0)
     loaded = _evaluator(provided, source.evaluator, known, notify)
     loaded.recipe = evaluator_of, (source,)
     return loaded

@@ -19,10 +19,11 @@ import numpy as np
 
 from pmjoint_codegen.errors import OtherVersionError, StaleError
 from pmjoint_codegen.storage import sha256
-from pmjoint_codegen.values import OWN_SUFFIX, Numbers, Rule, evaluate
+from pmjoint_codegen.values import OWN_SUFFIX, SI, Numbers, Rule, evaluate, from_si
 
 FILE_NAME: Final = "model.json"
 SCHEMA: Final = 2
+_REMEDY: Final = "run pmjoint regenerate"
 
 
 @dataclass(frozen=True)
@@ -46,11 +47,12 @@ class Parameter:
 
     Attributes:
         name: as on the command line.
-        value: default.
-        unit: physical unit.
+        value: default, as the kernels take it: of a joint in SI units.
+        unit: physical unit, as in the model file.
         about: one line for the reader.
         kind: ``plant``, ``gain``, ``switch`` or ``own``: the simulated plant's own value, such as
             ``J_plant``, of a parameter that the controller uses too. It equals that one where nobody sets it.
+        scale: how many SI units `unit` is, as a decimal; "1" where values are given as the kernels take them.
     """
 
     name: str
@@ -58,6 +60,7 @@ class Parameter:
     unit: str
     about: str
     kind: str
+    scale: str = SI
 
 
 @dataclass(frozen=True)
@@ -261,12 +264,20 @@ class Manifest:
         """Names in the order of p."""
         return tuple(item.name for item in self.parameters)
 
+    @cached_property
+    def scales(self) -> Mapping[str, str]:
+        """Scales of the parameters that the model file states in other than SI units, by name."""
+        return {item.name: item.scale for item in self.parameters if item.scale != SI}
+
+    def written(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Values of parameters, as the kernels take them, in the units of the model file."""
+        return {name: from_si(value, self.scales.get(name, SI)) for name, value in values.items()}
+
     @property
     def own(self) -> Mapping[str, str]:
         """Name of the plant's own value -> the controller's parameter: ``J_plant`` -> ``J``."""
-        return {
-            item.name: item.name.removesuffix(OWN_SUFFIX) for item in self.parameters if item.kind == "own"
-        }
+        twins = (item.name for item in self.parameters if item.kind == "own")
+        return {name: name.removesuffix(OWN_SUFFIX) for name in twins}
 
     def stated(self, values: Mapping[str, float]) -> dict[str, float]:
         """Values by name without the plant's own where they are those that the controller goes by."""
@@ -302,6 +313,9 @@ class Manifest:
     def to_json(self) -> str:
         """The file's text, with a hash over itself."""
         contents = {"schema": SCHEMA, **asdict(self), "contents_hash": ""}
+        for item in contents["parameters"]:
+            if item["scale"] == SI:  # said where it says something
+                del item["scale"]
         text = json.dumps(contents, indent=1, ensure_ascii=False) + "\n"
         return _with_hash(text, "", sha256(text.encode()))
 
@@ -321,21 +335,15 @@ class Manifest:
             contents = json.loads(text)
             recorded = str(contents.pop("contents_hash"))
         except (ValueError, KeyError, AttributeError, TypeError):
-            raise StaleError(
-                "is not a generated model", where=where, remedy="run pmjoint regenerate"
-            ) from None
+            raise StaleError("is not a generated model", where=where, remedy=_REMEDY) from None
         if sha256(_with_hash(text, recorded, "").encode()) != recorded:
             raise StaleError(
-                "was edited by hand",
-                where=where,
-                remedy="run pmjoint regenerate; edit the model file instead",
+                "was edited by hand", where=where, remedy=f"{_REMEDY}; edit the model file instead"
             )
         if contents.pop("schema") == SCHEMA and contents.keys() == {field.name for field in fields(cls)}:
             with suppress(TypeError, KeyError):  # records inside with other fields
                 return cls._from_contents(contents)
-        raise OtherVersionError(
-            "was written by another version", where=where, remedy="run pmjoint regenerate"
-        )
+        raise OtherVersionError("was written by another version", where=where, remedy=_REMEDY)
 
     @classmethod
     def _from_contents(cls, contents: dict[str, Any]) -> Manifest:
@@ -347,25 +355,17 @@ class Manifest:
         }
         for key, record in records.items():
             contents[key] = tuple(record(**item) for item in contents[key])
-        contents["rules"] = tuple(
-            Rule(**{**item, "terms": tuple(item["terms"])}) for item in contents["rules"]
-        )
+        contents["rules"] = tuple(Rule(**_with_tuples(item, "terms")) for item in contents["rules"])
         start = contents["start"]
         contents["start"] = Start(
             tuple(Variable(**item) for item in start["variables"]), start["required"], tuple(start["terms"])
         )
         contents["functions"] = tuple(_function(item) for item in contents["functions"])
         contents["blocks"] = {key: tuple(value) for key, value in contents["blocks"].items()}
-        contents["partials"] = tuple(contents["partials"])
-        contents["kinks"] = tuple(contents["kinks"])
-        contents["guards"] = {
-            key: GuardRule(**{**item, "inside": tuple(item["inside"])})
-            for key, item in contents["guards"].items()
-        }
-        simulation = contents["simulation"]
-        contents["simulation"] = Simulation(
-            **{**simulation, "x0": tuple(simulation["x0"]), "disturbance": tuple(simulation["disturbance"])}
-        )
+        contents = _with_tuples(contents, "partials", "kinks")
+        guards = contents["guards"].items()
+        contents["guards"] = {key: GuardRule(**_with_tuples(item, "inside")) for key, item in guards}
+        contents["simulation"] = Simulation(**_with_tuples(contents["simulation"], "x0", "disturbance"))
         return cls(**{field.name: contents[field.name] for field in fields(cls)})
 
     @classmethod
@@ -379,15 +379,18 @@ class Manifest:
         try:
             text = path.read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError):
-            raise StaleError(
-                "is missing or unreadable", where=str(path), remedy="run pmjoint regenerate"
-            ) from None
+            raise StaleError("is missing or unreadable", where=str(path), remedy=_REMEDY) from None
         return cls.from_json(text, str(path))
 
 
 def _with_hash(text: str, old: str, new: str) -> str:
     """The file with another hash; quotes inside strings are escaped, so only the key itself matches."""
     return text.replace(f'"contents_hash": "{old}"', f'"contents_hash": "{new}"')
+
+
+def _with_tuples(item: dict[str, Any], *keys: str) -> dict[str, Any]:
+    """An object of JSON with tuples for its lists under some keys."""
+    return {**item, **{key: tuple(item[key]) for key in keys}}
 
 
 def _function(item: dict[str, Any]) -> Function:

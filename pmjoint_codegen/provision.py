@@ -29,6 +29,7 @@ from pmjoint_codegen.storage import drop_link, replace_folder, sha256_file
 from pmjoint_codegen.workspace import cache_dir, called, find_model, generated_root
 
 Notify = Callable[[str], None]
+Stage = Callable[[str, float], None]  # name, part done
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,7 @@ def provide(
     disturbance: Sequence[str] | None = None,
     environment: Mapping[str, str],
     notify: Notify,
+    stage: Stage = lambda name, done: None,
 ) -> Provided:
     """Find or make the kernels of a model.
 
@@ -62,6 +64,7 @@ def provide(
         disturbance: another disturbance, one expression a state.
         environment: for the cache folder.
         notify: is told, in one line, what takes time or what the user should know.
+        stage: is told what is being derived, where something is.
 
     Raises:
         ModelError: for a model that cannot be found, read or derived; a fault in what was given in place of
@@ -77,6 +80,7 @@ def provide(
         disturbance=disturbance,
         environment=environment,
         notify=notify,
+        stage=stage,
     )
 
 
@@ -88,6 +92,7 @@ def provide_document(
     disturbance: Sequence[str] | None = None,
     environment: Mapping[str, str],
     notify: Notify,
+    stage: Stage = lambda name, done: None,
 ) -> Provided:
     """`provide` for a model file that has been read: a pipe gives its contents once.
 
@@ -98,13 +103,14 @@ def provide_document(
         disturbance: the same.
         environment: the same.
         notify: the same.
+        stage: the same.
     """
     if reference is None and disturbance is None:
         committed = _committed(path, document, notify)
         if committed is not None:
             return committed
     try:
-        return _derived(path, _changed(document, reference, disturbance), environment, notify)
+        return _derived(path, _changed(document, reference, disturbance), environment, notify, stage)
     except ModelError as error:
         raise _of_option(error, reference, disturbance) from error
 
@@ -186,7 +192,7 @@ def _disturbed(document: Mapping[str, Any], disturbance: Sequence[str]) -> dict[
 
 
 def _derived(
-    path: Path, document: dict[str, Any], environment: Mapping[str, str], notify: Notify
+    path: Path, document: dict[str, Any], environment: Mapping[str, str], notify: Notify, stage: Stage
 ) -> Provided:
     key = canonical_hash([model_hash(document), _toolchain_key()])
     folder = cache_dir(environment, notify) / "models" / key[:32]
@@ -195,6 +201,7 @@ def _derived(
         manifest = Manifest.read(folder)
         if not any(_altered(folder / file, recorded) for file, recorded in manifest.files.items()):
             return Provided(manifest, folder, committed=False)
+    stage("loading what derives", 0.0)
     try:
         from pmjoint_codegen.emit.pipeline import generate
         from pmjoint_codegen.spec import model_of
@@ -204,7 +211,8 @@ def _derived(
             where=str(path),
             remedy=f"install it: {installing('pmjoint-codegen[derive]')}",
         ) from None
-    artifacts = generate(document, model_of(document, str(path)))
+    stage("reading the model", 0.0)
+    artifacts = generate(document, model_of(document, str(path)), stage=stage)
     replace_folder(folder, {name: text.encode() for name, text in artifacts.files.items()}, private=True)
     return Provided(artifacts.manifest, folder, committed=False)
 

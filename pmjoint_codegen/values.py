@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from pmjoint_codegen.errors import ModelError, PmjointError
 
+SI = "1"  # the scale of a parameter that is stated in SI units, or in units that its author keeps consistent
 COMPENSATOR = "compensator"  # the switch between (23) and plain clipping
 SETTLED = 0.02  # part of |e(0)| within which e has settled once it stays there
 OWN_SUFFIX = "_plant"  # of the simulated plant's own value of a parameter that the controller uses too
@@ -90,6 +91,7 @@ def check_values(
     where: str,
     error: type[PmjointError] = ModelError,
     key: Callable[[str], str] = str,
+    scales: Mapping[str, str] | None = None,
 ) -> None:
     """Check the value of every parameter, gain and switch of a design.
 
@@ -102,6 +104,7 @@ def check_values(
         where: file or option that a message begins with.
         error: kind of error to raise: `ModelError` for a file, `UsageError` for a command.
         key: turns a name into what the reader knows it by, such as ``design.c, entry 1``.
+        scales: of names that are stated in other than SI units, so that a message shows what was written.
 
     Raises:
         PmjointError: of the kind `error`, for the first rule that a value breaks.
@@ -117,7 +120,8 @@ def check_values(
             raise refuse(name, f"is {value}", "a finite number")
     for name in (*gain_names(_POSITIVE_GAINS, rho), limit):
         if not values[name] > 0:
-            raise refuse(name, f"is {values[name]:g}", "a number greater than 0")
+            written = from_si(values[name], (scales or {}).get(name, SI))
+            raise refuse(name, f"is {written:g}", "a number greater than 0")
     if leading is not None and values[leading] == 0:
         raise refuse(leading, "is 0, so b_m = 0 and no input acts", "a number other than 0")
     if values[COMPENSATOR] not in (0, 1):
@@ -130,7 +134,11 @@ def check_values(
 
 
 def check_rules(
-    values: Mapping[str, float], rules: Iterable[Rule], *, error: type[PmjointError] = ModelError
+    values: Mapping[str, float],
+    rules: Iterable[Rule],
+    *,
+    error: type[PmjointError] = ModelError,
+    scales: Mapping[str, str] | None = None,
 ) -> None:
     """Check the rules that a model adds to those of every design.
 
@@ -138,6 +146,7 @@ def check_rules(
         values: name -> number.
         rules: of the model.
         error: kind of error to raise.
+        scales: of names that are stated in other than SI units, so that a message shows what was written.
 
     Raises:
         PmjointError: of the kind `error`, for the first rule that is broken.
@@ -146,6 +155,8 @@ def check_rules(
     for rule in rules:
         if not obeys(rule, columns)[0]:
             found = [float(term[0]) for term in _terms(rule, columns)]
+            if rule.terms == (rule.name,):
+                found = [from_si(found[0], (scales or {}).get(rule.name, SI))]
             raise error(_broken(rule, found), where=rule.name, remedy=f"allowed: {rule.allowed}")
 
 
@@ -205,6 +216,41 @@ def evaluate(node: ast.expr, columns: Mapping[str, Numbers]) -> Any:
         case ast.Call(func=ast.Name(id=name), args=[argument]):
             return _FUNCTIONS[name](evaluate(argument, columns))
     raise ValueError(f"not an expression of parameters: {ast.unparse(node)}")
+
+
+def to_si(value: float, scale: str) -> float:
+    """A number in SI units from one in a model file's own unit, rounded once: 14.7 mm is 0.0147 m.
+
+    Args:
+        value: as it is written.
+        scale: how many SI units the unit is, as a decimal.
+    """
+    if scale == SI or not math.isfinite(value):
+        return value
+    from decimal import Decimal
+
+    return float(Decimal(repr(value)) * Decimal(scale))
+
+
+def from_si(value: float, scale: str) -> float:
+    """The shortest number in a model file's own unit that `to_si` takes to `value`, or the nearest."""
+    if scale == SI or not math.isfinite(value):
+        return value
+    from decimal import Decimal
+
+    exact = Decimal(repr(value)) / Decimal(scale)
+    nearest = float(exact)
+    found = [float(f"{exact:.{digits}g}") for digits in (15, 16)]
+    found += [nearest, math.nextafter(nearest, math.inf), math.nextafter(nearest, -math.inf)]
+    return next((number for number in found if to_si(number, scale) == value), nearest)
+
+
+def all_to_si(values: Numbers, scale: str) -> Numbers:
+    """`to_si` of many numbers; equal ones are converted once."""
+    if scale == SI:
+        return values
+    different, places = np.unique(values, return_inverse=True)
+    return np.array([to_si(value, scale) for value in different.tolist()])[places.reshape(values.shape)]
 
 
 def of_plant(values: Mapping[str, float], name: str) -> float:

@@ -40,6 +40,14 @@ def cache(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Iterator[
         yield folder
 
 
+@pytest.fixture(scope="session", autouse=True)
+def patience() -> Iterator[None]:
+    """Let no line of progress come between what tests read, however loaded the machine is."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("pmjoint_codegen.cli.terminal._PATIENCE_S", 60.0)
+        yield
+
+
 def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
     """Print the table of mutants and the gates that caught them: counts, or with ``-v`` every mutant."""
     reports = [

@@ -35,7 +35,7 @@ def simulated(file: str, diff: str, folder: Path) -> Run:
 
 
 def test_every_change_has_a_diff() -> None:
-    assert PAGE.count("\n```diff\n") == len(DIFFS) == 5
+    assert PAGE.count("\n```diff\n") == len(DIFFS) == 6
     assert len(re.findall(r"^## (?:My joint has|I have)", PAGE, re.MULTILINE)) == 4
     for _, diff in DIFFS:
         assert all(line[:1] in "+-" for line in diff.splitlines())

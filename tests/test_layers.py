@@ -18,7 +18,7 @@ PACKAGE = "pmjoint_codegen"
 GROUND_FLOOR = ("errors", "storage", "workspace", "identity", "manifest", "values", "scratch")
 RUNTIME = ("build", "kernels", "simulate", "sweep", "tune")
 FACADE = ("closed_loop",)
-SYMBOLIC = {"pmjoint_derive", "sympy", "casadi", "pydantic"}
+SYMBOLIC = {"pmjoint_derive", "sympy", "casadi", "pint", "pydantic"}
 TOOLCHAIN = {f"{PACKAGE}.{name}" for name in ("spec", "emit", "report", "audit", "check", "provision")}
 
 

@@ -35,7 +35,7 @@ def loaded(root: Path, *arguments: str) -> set[str]:
 def test_simulate_loads_no_symbolic_tool(root: Path, tmp_path: Path) -> None:
     names = loaded(root, "simulate", "paper", "--horizon", "0.1", "--no-figures", "--out", str(tmp_path))
     assert "numpy" in names
-    assert names.isdisjoint({"sympy", "casadi", "pydantic", "matplotlib", "scipy", "pmjoint_derive"})
+    assert names.isdisjoint({"sympy", "casadi", "pint", "pydantic", "matplotlib", "scipy", "pmjoint_derive"})
 
 
 @pytest.mark.skipif(find_compiler(os.environ) is None, reason="a sweep needs a compiler")

@@ -48,6 +48,7 @@ from pmjoint_codegen.check import (
 from pmjoint_codegen.check.result import GateResult, failed, not_run
 from pmjoint_codegen.check.subject import Subject
 from pmjoint_codegen.errors import PmjointError, StaleError, UsageError, quoted
+from pmjoint_derive.progress import Stage, unwatched
 
 
 @dataclass(frozen=True)
@@ -114,10 +115,18 @@ def _stands_for(name: str, gate: Gate) -> bool:
     return gate.name == name or gate.name.startswith(f"{name}.")
 
 
-def run_gates(subject: Subject, gates: Sequence[Gate] = GATES) -> Iterator[GateResult]:
+def run_gates(
+    subject: Subject, gates: Sequence[Gate] = GATES, stage: Stage = unwatched
+) -> Iterator[GateResult]:
     """Run gates on one model, giving each result in the table's order as soon as it is there.
 
-    Gates that mostly wait for compilers run in a second thread meanwhile.
+    Gates that mostly wait for compilers run in a second thread meanwhile. What interrupts the gates keeps
+    those that have not begun from beginning.
+
+    Args:
+        subject: the model.
+        gates: which.
+        stage: told which gate is at work.
     """
     obstacle = _obstacle(subject) if any(gate.needs_generated for gate in gates) else ""
     if not obstacle and any(gate.outside for gate in gates):
@@ -126,8 +135,13 @@ def run_gates(subject: Subject, gates: Sequence[Gate] = GATES) -> Iterator[GateR
         waiting = {
             gate.name: beside.submit(run_gate, subject, gate, obstacle) for gate in gates if gate.outside
         }
-        for gate in gates:
-            yield waiting[gate.name].result() if gate.outside else run_gate(subject, gate, obstacle)
+        try:
+            for count, gate in enumerate(gates, start=1):
+                stage(f"gate {gate.name}, {count} of {len(gates)}", 0.0)
+                yield waiting[gate.name].result() if gate.outside else run_gate(subject, gate, obstacle)
+        except BaseException:
+            beside.shutdown(wait=False, cancel_futures=True)
+            raise
 
 
 def _prepare(subject: Subject) -> None:

@@ -59,12 +59,12 @@ def default_run(
 
     Args:
         evaluator: of the model's kernels.
-        parameters: other values of some parameters.
+        parameters: other values of some parameters, as the kernels take them.
         output_step: another than the model's, s.
     """
     settings = make_settings(
         evaluator.manifest,
-        parameters=parameters,
+        parameters=evaluator.manifest.written(parameters or {}),
         output_step=output_step,
         tolerance=TOLERANCE,
     )

@@ -148,7 +148,7 @@ def _both_stuck(found: SlidingError, done: Run) -> GateResult:
 
 def drawn_settings(subject: Subject, draw: Draw) -> Settings:
     """The model's run with a drawn limit from a drawn state."""
-    limit = {subject.manifest.limit: draw.limit}
+    limit = subject.manifest.written({subject.manifest.limit: draw.limit})
     return make_settings(subject.manifest, parameters=limit, x0=draw.x0, tolerance=TOLERANCE)
 
 

@@ -19,6 +19,7 @@ from pmjoint_codegen.kernels.tape import FILE_NAME, Tape, read_tapes
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.workspace import cache_dir, generated_root
 from pmjoint_derive import Derivation, Model, derive
+from pmjoint_derive.progress import Stage, unwatched
 
 Notify = Callable[[str], None]
 
@@ -34,6 +35,7 @@ class Subject:
         folder: ``generated/<name>/``, as it stands.
         environment: where compiler and cache are found.
         notify: is told what the user should know, in one line.
+        stage: is told what is being derived.
     """
 
     file: Path
@@ -42,11 +44,12 @@ class Subject:
     folder: Path
     environment: Mapping[str, str]
     notify: Notify
+    stage: Stage = unwatched
 
     @cached_property
     def derivation(self) -> Derivation:
         """The symbolic reference, derived anew."""
-        return derive(self.model)
+        return derive(self.model, self.stage)
 
     @cached_property
     def manifest(self) -> Manifest:
@@ -89,7 +92,9 @@ class Subject:
         return interpreted.load(self.folder, self.manifest)
 
 
-def load_subject(file: Path, environment: Mapping[str, str], notify: Notify) -> Subject:
+def load_subject(
+    file: Path, environment: Mapping[str, str], notify: Notify, stage: Stage = unwatched
+) -> Subject:
     """Read a model file and find its generated folder.
 
     Raises:
@@ -100,4 +105,4 @@ def load_subject(file: Path, environment: Mapping[str, str], notify: Notify) -> 
 
     document: dict[str, Any] = read_document(file)
     model = model_of(document, str(file))
-    return Subject(file, document, model, generated_root(file) / model.name, environment, notify)
+    return Subject(file, document, model, generated_root(file) / model.name, environment, notify, stage)

@@ -69,7 +69,7 @@ def _findings() -> tuple[Finding, ...]:
             remedy = f"install it: {installing('pmjoint-codegen[derive]')}"
             raise MissingToolError(f"{error.name} is needed to audit", where="audit", remedy=remedy) from None
         try:
-            return audit(progress, message)
+            return audit(lambda done: progress.stage("examining claims", done), message)
         except ArithmeticError as error:  # a claim whose ground is missing: another model under that name
             from pmjoint_codegen.errors import ModelError
             from pmjoint_codegen.workspace import find_model

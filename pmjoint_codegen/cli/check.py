@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from pmjoint_codegen.check.gates import Gate
     from pmjoint_codegen.check.result import GateResult
     from pmjoint_codegen.check.subject import Subject
+    from pmjoint_codegen.cli.terminal import Shown
 
 
 _ABOUT = """Check generated/<name>/ of each MODEL (of all models if none is named).
@@ -55,19 +56,21 @@ def command(
     models: tuple[str, ...], names: tuple[str, ...], as_json: bool, report: Path | None, update_golden: bool
 ) -> int:
     """Run ``pmjoint check``: click hands over what it has read."""
-    with activity("checking"):
+    with activity("checking") as shown:
+        shown.stage("loading the gates", 0.0)
         from pmjoint_codegen.check.gates import select
         from pmjoint_codegen.storage import ensure_file
 
         gates = select(names)
         if report is not None:
             ensure_file(report)
-        subjects = _subjects(models)
+        relay = _Relay()
+        subjects = _subjects(models, relay)
     results: dict[str, list[GateResult]] = {}
     for subject in subjects:
         if update_golden:
             _update(subject)
-        results[subject.model.name] = list(_checked(subject, gates, quiet=as_json))
+        results[subject.model.name] = list(_checked(subject, gates, relay, quiet=as_json))
     if report is not None:
         from pmjoint_codegen.check.junit import junit
         from pmjoint_codegen.storage import write_text
@@ -93,12 +96,24 @@ def _conclude(found: Sequence[GateResult]) -> int:
     return int(any(gate.verdict == "failed" for gate in found))
 
 
-def _subjects(models: Sequence[str]) -> list[Subject]:
+class _Relay:
+    """Hands stages on to the activity shown at the time, so that none is where a result is printed."""
+
+    def __init__(self) -> None:
+        self.shown: Shown | None = None
+
+    def __call__(self, name: str, done: float) -> None:
+        """Take note of the stage at work."""
+        if self.shown is not None:
+            self.shown.stage(name, done)
+
+
+def _subjects(models: Sequence[str], relay: _Relay) -> list[Subject]:
     from pmjoint_codegen.check.subject import load_subject
     from pmjoint_codegen.workspace import find_model, known_models
 
     files = [find_model(model) for model in models or known_models()]
-    return [load_subject(file, os.environ, message) for file in files]
+    return [load_subject(file, os.environ, message, relay) for file in files]
 
 
 def _update(subject: Subject) -> None:
@@ -108,12 +123,17 @@ def _update(subject: Subject) -> None:
         message(f"written: {path}")
 
 
-def _checked(subject: Subject, gates: Sequence[Gate], *, quiet: bool) -> Iterator[GateResult]:
+def _checked(subject: Subject, gates: Sequence[Gate], relay: _Relay, *, quiet: bool) -> Iterator[GateResult]:
     from pmjoint_codegen.check.gates import run_gates
 
     if not quiet:
         result(f"{subject.model.name}: {subject.model.title}")
-    for found in run_gates(subject, gates):
+    running = run_gates(subject, gates, relay)
+    while True:
+        with activity(f"checking {subject.model.name}") as relay.shown:
+            found = next(running, None)
+        if found is None:
+            return
         if not quiet:
             result("\n".join(lines(found)))
         yield found

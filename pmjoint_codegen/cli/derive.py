@@ -37,7 +37,8 @@ Examples
 )
 def command(model: str, form: str) -> None:
     """Run ``pmjoint derive``: click hands over what it has read."""
-    with activity(f"deriving {model}"):
+    with activity(f"deriving {model}") as shown:
+        shown.stage("loading what derives", 0.0)
         from pmjoint_codegen.report.latex import latex_report
         from pmjoint_codegen.report.record import derivation_record
         from pmjoint_codegen.report.text import text_report
@@ -48,8 +49,10 @@ def command(model: str, form: str) -> None:
         from pmjoint_derive.certificate import certificate_equations
 
         path = find_model(model)
+        shown.stage("reading the model", 0.0)
         source = model_of(read_document(path), str(path))
-        derivation = derive(source)
+        derivation = derive(source, shown.stage)
+        shown.stage("certificate", 0.0)
         equations = (*derivation.equations.values(), *certificate_equations(derivation))
     if form == "json":
         document(derivation_record(source, equations))

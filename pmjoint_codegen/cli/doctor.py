@@ -37,6 +37,7 @@ _PACKAGES = {
         "generates C, and runs kernels where no compiler is",
         "without it, only the committed models run, compiled",
     ),
+    "pint": ("converts units of [joint]", "without it, they must be those of the SI"),
     "pydantic": ("validates model files", "without it, only the committed models run, as they are"),
 }
 _OPTIONAL = {  # what it does, and what brings it

@@ -51,7 +51,7 @@ Exit codes
 _LONGEST = 1000  # characters of a message
 
 _BRINGS = {  # module -> what brings it
-    **dict.fromkeys(("sympy", "mpmath", "casadi", "pydantic"), "pmjoint-codegen[derive]"),
+    **dict.fromkeys(("sympy", "mpmath", "casadi", "pint", "pydantic"), "pmjoint-codegen[derive]"),
     **dict.fromkeys(("xarray", "zarr", "pandas", "pyarrow", "h5netcdf"), "pmjoint-codegen[sweep]"),
     "_cffi_backend": "cffi",
     "matplotlib": "matplotlib",

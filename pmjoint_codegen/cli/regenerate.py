@@ -33,10 +33,11 @@ Examples
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
 def command(models: tuple[str, ...], check: bool, as_json: bool) -> int:
     """Run ``pmjoint regenerate``: click hands over what it has read."""
-    with activity("deriving and generating"):
+    with activity("regenerating") as shown:
+        shown.stage("loading what derives", 0.0)
         from pmjoint_codegen.emit.regenerate import regenerate
 
-        reports = regenerate(models, check=check)
+        reports = regenerate(models, check=check, stage=shown.stage)
     if as_json:
         document([_record(report) for report in reports])
     else:

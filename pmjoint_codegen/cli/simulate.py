@@ -128,13 +128,14 @@ def _load(model: str, evaluator: str | None, reference: str | None, disturbance:
     """Load the model's kernels, deriving and compiling what is not there yet."""
     from pmjoint_codegen.closed_loop import ClosedLoop
 
-    with activity(f"preparing {model}"):
+    with activity(f"preparing {model}") as shown:
         return ClosedLoop.load(
             model,
             evaluator,
             reference=reference,
             disturbance=disturbance or None,
             notify=lambda line: message(f"pmjoint: {line}"),
+            stage=shown.stage,
         )
 
 

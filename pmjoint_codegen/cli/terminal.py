@@ -4,7 +4,7 @@ result    text for standard output; a reader that has closed the pipe is no erro
 document  exactly one JSON document for standard output, with null for what JSON cannot hold
 message   one line for standard error
 table     aligned columns, the same on a terminal and in a file
-activity  a progress bar on standard error, once something has taken a second
+activity  the stage that is at work, once it has taken a second: a live bar on a terminal, else a line
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ import math
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from typing import Any
+from typing import Any, Protocol
 
 import click
 
@@ -107,8 +107,8 @@ def table(rows: Sequence[Sequence[str]], *, indent: int = 2, gap: int = 2) -> st
 
 
 @contextmanager
-def activity(label: str, *, total: int = 0, unit: str = "") -> Iterator[Callable[[float], None]]:
-    """Show a progress bar on a terminal while the block takes longer than a second.
+def activity(label: str, *, total: int = 0, unit: str = "") -> Iterator[Shown]:
+    """Show what takes longer than a second: on a terminal a progress bar, elsewhere a line for each stage.
 
     Args:
         label: what is being done.
@@ -116,27 +116,90 @@ def activity(label: str, *, total: int = 0, unit: str = "") -> Iterator[Callable
         unit: what they are called.
 
     Yields:
-        a function to call with the fraction done, 0 to 1; until then, the bar says only that time passes.
+        what to call with the fraction done, 0 to 1, and to tell of stages; until then, the bar says only that
+        time passes.
     """
     if sys.stderr is None or not sys.stderr.isatty():
-        yield lambda fraction: None
+        lines = _Lines(label)
+        try:
+            yield lines
+        finally:
+            lines.close()
         return
     bar = _Bar(label, total, unit)
     waiting = threading.Timer(_PATIENCE_S, bar.show)
     waiting.daemon = True
     waiting.start()
     try:
-        yield bar.advance
+        yield bar
     finally:
         waiting.cancel()
         bar.close()
+
+
+class Shown(Protocol):
+    """What work tells of itself to whoever watches."""
+
+    def __call__(self, fraction: float) -> None:
+        """Take note of the fraction of all that is done, 0 to 1."""
+
+    def stage(self, name: str, done: float) -> None:
+        """Take note of the stage at work and of the part of it that is done; 0 where that is not known."""
+
+
+class _Lines:
+    """A line when a stage has lasted a second, and again at twice that time from ten seconds on."""
+
+    def __init__(self, label: str) -> None:
+        self._label = label
+        self._lock = threading.Lock()
+        self._closed = threading.Event()
+        self._watcher: threading.Thread | None = None
+        self._name, self._done = "", 0.0
+        self._begun, self._due = 0.0, math.inf
+
+    def __call__(self, fraction: float) -> None:
+        """Say nothing: a log is no place for a bar."""
+
+    def stage(self, name: str, done: float) -> None:
+        """Take note of the stage; the first one starts the thread that watches the clock."""
+        with self._lock:
+            if name != self._name:
+                self._name, self._begun, self._due = name, time.monotonic(), _PATIENCE_S
+            self._done = done
+            if self._watcher is None:
+                self._watcher = threading.Thread(target=self._watch, daemon=True)
+                self._watcher.start()
+
+    def _watch(self) -> None:
+        while not self._closed.wait(_PATIENCE_S / 5):
+            with self._lock:
+                lasted = time.monotonic() - self._begun
+                if lasted < self._due:
+                    continue
+                self._due = max(10 * _PATIENCE_S, 2 * self._due)
+                line = f"pmjoint: {self._label}: {self._name} ({_spent(lasted, self._done)})"
+            with suppress(OSError, ValueError):  # nobody reads any more
+                message(line)
+
+    def close(self) -> None:
+        """Say no more; a line that is being written is finished first."""
+        self._closed.set()
+        if self._watcher is not None:
+            self._watcher.join(_PATIENCE_S)
+
+
+def _spent(seconds: float, done: float) -> str:
+    """Say how long a stage has lasted and, where a part of it is known to be done, what is left."""
+    left = f", about {seconds * (1 - done) / done:.0f} s left" if done > 0 else ""
+    return f"{seconds:.0f} s{left}"
 
 
 class _Bar:
     """A bar that exists from its first showing on, and is told of progress before that too."""
 
     def __init__(self, label: str, total: int = 0, unit: str = "") -> None:
-        self._label = label
+        self._label, self._stage = label, ""
         self._total = total
         self._unit = unit
         self._first: tuple[float, float] | None = None  # when the first fraction came, and which
@@ -162,11 +225,23 @@ class _Bar:
             if self._closed:
                 return
             self._progress = Progress(*columns, console=Console(stderr=True), transient=True)
-            self._progress.add_task(self._label, total=None, rate="")
+            self._progress.add_task(self._described(), total=None, rate="")
             self._progress.start()
             self._update()
 
-    def advance(self, fraction: float) -> None:
+    def stage(self, name: str, done: float) -> None:
+        """Take note of the stage at work and of the part of it that is done; 0 is shown as not known."""
+        with self._lock:
+            self._stage, self._fraction = name, done or None
+            if self._progress is not None:
+                task = self._progress.task_ids[0]
+                self._progress.update(task, description=self._described(), completed=done)
+                self._progress.tasks[0].total = 1.0 if done else None  # `update` takes None for "as it was"
+
+    def _described(self) -> str:
+        return f"{self._label}: {self._stage}" if self._stage else self._label
+
+    def __call__(self, fraction: float) -> None:
         """Take note of the fraction done, 0 to 1."""
         with self._lock:
             self._fraction = fraction

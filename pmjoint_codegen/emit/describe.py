@@ -176,7 +176,10 @@ def _parameters(derivation: Derivation) -> tuple[Parameter, ...]:
         "k": "filter gain",
     }
     values = {"c": gains.c, "e": gains.e, "ck": gains.ck, "k": gains.k}
-    plant = [Parameter(item.name, item.value, item.unit, item.about, "plant") for item in model.parameters]
+    plant = [
+        Parameter(item.name, item.value, item.unit, item.about, "plant", item.scale)
+        for item in model.parameters
+    ]
     design = [
         Parameter(symbol.name, float(value), str(units.of(symbol)), f"{abouts[stem]} {i}", "gain")
         for stem, symbols in {"c": s.c, "e": s.e, "ck": s.ck, "k": s.k}.items()
@@ -191,6 +194,7 @@ def _parameters(derivation: Derivation) -> tuple[Parameter, ...]:
             item.unit,
             f"{item.about}, of the plant",
             "own",
+            item.scale,
         )
         for item in model.parameters
         if item.symbol in derivation.own_parameters

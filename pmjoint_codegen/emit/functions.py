@@ -11,6 +11,7 @@ from pmjoint_codegen.emit.table import Block, Kernel, kernel_table
 from pmjoint_codegen.emit.taylor import taylor_function
 from pmjoint_codegen.emit.translate import Translator
 from pmjoint_derive import Derivation
+from pmjoint_derive.progress import Stage, unwatched
 
 GUARDS = ("guard", "plant_guard")  # bounds, not equations
 COMPOSED = ("taylor", "guard", "plant_taylor", "plant_guard", "sample")
@@ -35,17 +36,23 @@ def build_function(kernel: Kernel, derivation: Derivation) -> ca.Function:
     )
 
 
-def build_functions(derivation: Derivation, order: int) -> dict[str, ca.Function]:
+def build_functions(derivation: Derivation, order: int, stage: Stage = unwatched) -> dict[str, ca.Function]:
     """Every kernel by name, in the order of the table, then those of `COMPOSED`, which are made from them.
 
     Args:
         derivation: named equations.
         order: highest coefficient of ``taylor``.
+        stage: told which kernels are being built.
     """
     rows = {kernel.name: kernel for kernel in kernel_table(derivation)}
-    functions = {name: build_function(kernel, derivation) for name, kernel in rows.items()}
+    functions: dict[str, ca.Function] = {}
+    for count, (name, kernel) in enumerate(rows.items()):
+        stage("building kernels", count / len(rows))
+        functions[name] = build_function(kernel, derivation)
+    stage(f"building Taylor coefficients up to order {order}", 0.0)
     functions["taylor"] = taylor_function("taylor", functions["closed_loop"], order, state="X")
     functions["guard"] = guard_function("guard", functions["closed_loop"], state="X")
+    stage("building the sampled loop's kernels", 0.0)
     return functions | sampled_functions(functions)
 
 

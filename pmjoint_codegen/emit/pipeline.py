@@ -38,6 +38,7 @@ from pmjoint_codegen.kernels.tape import write_tapes
 from pmjoint_codegen.manifest import FILE_NAME, Function, Manifest
 from pmjoint_codegen.storage import sha256
 from pmjoint_derive import Derivation, Model, OutsideClassError, derive
+from pmjoint_derive.progress import Stage, unwatched
 
 TAYLOR_ORDER = 16  # least time to 1e-9 for the paper's loop; see docs/design.md
 LOWEST_ORDER = 8
@@ -57,7 +58,9 @@ class Artifacts:
     files: Mapping[str, str]
 
 
-def generate(document: Document, model: Model, order: int | None = None) -> Artifacts:
+def generate(
+    document: Document, model: Model, order: int | None = None, stage: Stage = unwatched
+) -> Artifacts:
     """Everything that ``generated/<name>/`` holds for a model.
 
     Args:
@@ -65,23 +68,25 @@ def generate(document: Document, model: Model, order: int | None = None) -> Arti
         model: the same, as the derivation takes it.
         order: highest Taylor coefficient N of the continuous integrator; by default `affordable_functions`
             chooses.
+        stage: told what is being made.
 
     Raises:
         ModelError: when the model needs what no kernel can hold, or is outside the class.
     """
     try:
-        derivation = derive(model)
+        derivation = derive(model, stage)
     except OutsideClassError as error:
         raise ModelError(error.what, where=f"{model.name}: {error.key}", remedy=error.remedy) from error
     if order is None:
-        order, functions = affordable_functions(derivation)
+        order, functions = affordable_functions(derivation, stage)
     else:
-        functions = build_functions(derivation, order)
+        functions = build_functions(derivation, order, stage)
     records = describe_functions(derivation, functions)
-    texts = {
-        **_kernel_files(document, derivation, functions, records),
-        **_lane_files(document, derivation, functions),
-    }
+    stage("writing C", 0.0)
+    texts = _kernel_files(document, derivation, functions, records)
+    stage("writing C for sweeps", 0.0)
+    texts |= _lane_files(document, derivation, functions)
+    stage("describing the kernels", 0.0)
     hashes = {name: sha256(text.encode()) for name, text in texts.items()}
     guards = {
         "taylor": rule_of(functions["closed_loop"], order),
@@ -94,20 +99,22 @@ def generate(document: Document, model: Model, order: int | None = None) -> Arti
     return Artifacts(manifest, {**texts, FILE_NAME: manifest.to_json()})
 
 
-def affordable_functions(derivation: Derivation) -> tuple[int, dict[str, ca.Function]]:
+def affordable_functions(
+    derivation: Derivation, stage: Stage = unwatched
+) -> tuple[int, dict[str, ca.Function]]:
     """The kernels, with Taylor coefficients up to an order that C compilers can afford, and that order.
 
     Straight-line Taylor code of order N has about (N + 1)(N + 2)/2 terms for each product of the loop. Where
     order 16 takes more than `MOST_OPERATIONS`, the order is lowered to what this law allows, but not below 8;
     steps are then shorter, at the same tolerance.
     """
-    functions = build_functions(derivation, TAYLOR_ORDER)
+    functions = build_functions(derivation, TAYLOR_ORDER, stage)
     operations = functions["taylor"].n_instructions()
     if operations <= MOST_OPERATIONS:
         return TAYLOR_ORDER, functions
     allowed = (TAYLOR_ORDER + 1) * (TAYLOR_ORDER + 2) * MOST_OPERATIONS // operations
     order = next(n for n in range(TAYLOR_ORDER, 0, -1) if n == LOWEST_ORDER or (n + 1) * (n + 2) <= allowed)
-    return order, build_functions(derivation, order)
+    return order, build_functions(derivation, order, stage)
 
 
 def _kernel_files(

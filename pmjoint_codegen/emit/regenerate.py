@@ -14,6 +14,7 @@ from pmjoint_codegen.spec import model_of
 from pmjoint_codegen.spec.reader import read_document
 from pmjoint_codegen.storage import recover_folder, replace_folder
 from pmjoint_codegen.workspace import called, find_model, generated_root, model_folders
+from pmjoint_derive.progress import Stage, unwatched
 
 
 @dataclass(frozen=True)
@@ -45,13 +46,14 @@ class Report:
         return REMEDIES[self.comparison.verdict].format(name=self.called or self.name)
 
 
-def regenerate(models: Sequence[str] = (), *, check: bool = False) -> list[Report]:
+def regenerate(models: Sequence[str] = (), *, check: bool = False, stage: Stage = unwatched) -> list[Report]:
     """Write the folders of some models, or of all; with ``check`` only say what is stale.
 
     Args:
         models: names or paths; none means every model of the first ``models/`` folder in sight, and orphans
             count.
         check: write nothing.
+        stage: told what is being made, model by model.
 
     Raises:
         ModelError: for a model that cannot be read or derived, or whose name another file beside it has.
@@ -59,10 +61,16 @@ def regenerate(models: Sequence[str] = (), *, check: bool = False) -> list[Repor
     """
     files = [find_model(model) for model in models] or _all_models()
     documents = [read_document(file) for file in files]  # once: a pipe cannot be read again
-    for file, document in zip(files, documents, strict=True):
+    pairs = list(zip(files, documents, strict=True))
+    for file, document in pairs:
         _refuse_namesakes(file, document)
-    reports = [_one(file, document, check=check) for file, document in zip(files, documents, strict=True)]
+    reports = [_one(file, document, _naming(file, stage), check=check) for file, document in pairs]
     return reports if models else [*reports, *_orphans(files, documents)]
+
+
+def _naming(file: Path, stage: Stage) -> Stage:
+    """Tell of stages with the model that they are of."""
+    return lambda name, done: stage(f"{file.stem}: {name}", done)
 
 
 def _all_models() -> list[Path]:
@@ -95,9 +103,10 @@ def _name(file: Path) -> object:
         return None
 
 
-def _one(file: Path, document: Document, *, check: bool) -> Report:
+def _one(file: Path, document: Document, stage: Stage, *, check: bool) -> Report:
     try:
-        artifacts = generate(document, model_of(document, str(file)))
+        stage("reading the model", 0.0)
+        artifacts = generate(document, model_of(document, str(file)), stage=stage)
     except ArithmeticError as error:  # a derivation that contradicts itself, not a bad model
         if not check:
             raise
@@ -118,14 +127,15 @@ def _failed(file: Path, document: Document, error: ArithmeticError) -> Report:
     return Report(name, generated_root(file) / name, found, written=False, called=called(file))
 
 
-def artifacts_of(file: Path) -> Artifacts:
-    """Everything that a model file generates, as text.
+def artifacts_of(file: Path, stage: Stage = unwatched) -> Artifacts:
+    """Everything that a model file generates, as text; `stage` is told what is being made.
 
     Raises:
         ModelError: for a model that cannot be read or derived.
     """
     document = read_document(file)
-    return generate(document, model_of(document, str(file)))
+    stage("reading the model", 0.0)
+    return generate(document, model_of(document, str(file)), stage=stage)
 
 
 def _orphans(files: Sequence[Path], documents: Sequence[Document]) -> list[Report]:

@@ -162,7 +162,7 @@ def _value_changes(before: Manifest, after: Manifest) -> tuple[str, ...]:
 def _said(manifest: Manifest) -> dict[str, object]:
     """What a model file says besides its equations, by name."""
     stated = [item for item in manifest.parameters if item.kind != "own"]
-    said: dict[str, object] = {item.name: item.value for item in stated}
+    said: dict[str, object] = {**manifest.written({item.name: item.value for item in stated})}
     said |= {f"unit of {item.name}": item.unit for item in stated}
     said |= {f"meaning of {item.name}": item.about for item in stated}
     said |= {item.name: getattr(manifest.simulation, item.name) for item in fields(manifest.simulation)}

@@ -16,6 +16,7 @@ from pmjoint_codegen.report.notation import (
     scaled_sum,
 )
 from pmjoint_codegen.report.sections import by_section, own_parameters
+from pmjoint_codegen.values import from_si
 from pmjoint_derive.equation import Equation
 from pmjoint_derive.model import Model, Parameter
 from pmjoint_derive.sampling import SECTION as SAMPLED
@@ -82,7 +83,8 @@ def _parameters(parameters: tuple[Parameter, ...]) -> Iterator[str]:
     yield r"\begin{tabular}{@{}lllp{0.6\linewidth}@{}}"
     for item in parameters:
         unit = "" if item.unit in ("", "1") else latex_unit(item.unit)
-        yield rf"${latex_name(item.name)}$ & ${item.value:g}$ & {unit} & {latex_prose(item.about)} \\"
+        value = from_si(item.value, item.scale)
+        yield rf"${latex_name(item.name)}$ & ${value:g}$ & {unit} & {latex_prose(item.about)} \\"
     yield r"\end{tabular}"
 
 

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 from pmjoint_codegen.report.notation import latex_expression, latex_name, text_expression
 from pmjoint_codegen.report.sections import own_parameters
+from pmjoint_codegen.values import from_si
 from pmjoint_derive.equation import Equation
 from pmjoint_derive.model import Model
 
@@ -29,7 +30,7 @@ def derivation_record(model: Model, equations: Iterable[Equation]) -> dict[str, 
             {
                 "name": item.name,
                 "latex": latex_name(item.name),
-                "value": item.value,
+                "value": from_si(item.value, item.scale),
                 "unit": item.unit,
                 "about": item.about,
             }

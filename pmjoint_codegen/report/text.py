@@ -8,6 +8,7 @@ import sympy as sp
 
 from pmjoint_codegen.report.notation import scaled_sum, text_expression
 from pmjoint_codegen.report.sections import by_section, own_parameters
+from pmjoint_codegen.values import from_si
 from pmjoint_derive.equation import Equation
 from pmjoint_derive.model import Model
 from pmjoint_derive.sampling import SECTION as SAMPLED
@@ -59,7 +60,8 @@ def _heading(model: Model) -> Iterator[str]:
 def _parameters(model: Model) -> list[str]:
     lines = ["", "# Parameters", "# ----------", ""]
     for item in model.parameters:
-        lines.append(_commented(f"{item.name} = {item.value!r}", _remark("", item.about, item.unit)))
+        statement = f"{item.name} = {from_si(item.value, item.scale)!r}"
+        lines.append(_commented(statement, _remark("", item.about, item.unit)))
     for stem, values in (
         ("c", model.gains.c),
         ("e", model.gains.e),

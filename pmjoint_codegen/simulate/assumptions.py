@@ -54,20 +54,20 @@ def changes(run: Record) -> tuple[str, ...]:
     defaults = {item.name: item.value for item in manifest.parameters}
     stated = manifest.stated(settings.parameters)
     found = [text for text, given in _settings(run) if given and _is_silent(run)]
-    found += [
-        _said(name, value)
-        for name, value in stated.items()
-        if value != defaults[name] or name in manifest.own
-    ]
+    differing = {
+        name: value for name, value in stated.items() if value != defaults[name] or name in manifest.own
+    }
+    units = {item.name: item.unit for item in manifest.parameters if item.name in manifest.scales}
+    found += [_said(name, value, units.get(name, "")) for name, value in manifest.written(differing).items()]
     if tuple(settings.x0.tolist()) != manifest.simulation.x0:
         found.append(f"x(0) = ({', '.join(f'{value:g}' for value in settings.x0)})")
     return tuple(found)
 
 
-def _said(name: str, value: float) -> str:
+def _said(name: str, value: float, unit: str) -> str:
     if name == COMPENSATOR:
         return f"compensator {'on' if value else 'off'}"
-    return f"{name} = {value:g}"
+    return f"{name} = {value:g} {unit}".rstrip()
 
 
 def sentence(run: Record, notes: Sequence[str] = ()) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 from pmjoint_codegen.errors import UsageError
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.values import COMPENSATOR, OWN_SUFFIX, check_rules, check_values, of_plant
+from pmjoint_codegen.values import COMPENSATOR, OWN_SUFFIX, SI, check_rules, check_values, of_plant, to_si
 
 Controller = Literal["continuous", "sampled"]
 
@@ -29,7 +29,7 @@ class Settings:
 
     Attributes:
         parameters: name -> value of every parameter, gain and switch, and of the plant's own, in the kernels'
-            order.
+            order and units; `Manifest.written` has them in the model file's.
         p: the same values as a vector.
         x0: initial states as `Manifest.start` has them, physical ones of a joint, shape (nx,).
         horizon: s.
@@ -96,8 +96,8 @@ def make_settings(
 
     Args:
         manifest: the model.
-        parameters: overrides of parameters and gains, by name; ``J`` sets what the controller believes and,
-            unless ``J_plant`` is given too, what the plant has.
+        parameters: overrides of parameters and gains, by name, in the units of the model file; ``J`` sets
+            what the controller believes and, unless ``J_plant`` is given too, what the plant has.
         x0: initial states: of a joint theta, theta_dot and, where pressures lag, q1 and q2, given or left out
             together; of any other plant its own. The controller starts at 0.
         horizon: s.
@@ -160,7 +160,7 @@ def _values(manifest: Manifest, overrides: Mapping[str, float], compensator: boo
             raise UsageError(
                 f"{manifest.name} has no parameter {name!r}", remedy=f"{hint}names: {', '.join(values)}"
             )
-        values[name] = _number(name, value)
+        values[name] = _number(name, to_si(_number(name, value), manifest.scales.get(name, SI)))
     values |= {own: values[name] for own, name in manifest.own.items() if own not in overrides}
     if compensator is not None:
         values[COMPENSATOR] = float(compensator)
@@ -173,10 +173,12 @@ def _values(manifest: Manifest, overrides: Mapping[str, float], compensator: boo
         leading=leading,
         where="",
         error=UsageError,
+        scales=manifest.scales,
     )
     # The model's own values keep its rules: they were read with its file.
     changed = {*overrides, *(own for own, name in manifest.own.items() if name in overrides)}
-    check_rules(values, (rule for rule in manifest.rules if rule.names & changed), error=UsageError)
+    concerned = (rule for rule in manifest.rules if rule.names & changed)
+    check_rules(values, concerned, error=UsageError, scales=manifest.scales)
     return values
 
 

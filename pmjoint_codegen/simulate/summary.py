@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,10 +25,12 @@ def summarise(run: Record) -> dict[str, Any]:
     left its reference for good, by the rule of sweeps.
     """
     settings, manifest = run.settings, run.manifest
+    parameters = manifest.written(manifest.stated(settings.parameters))
     return {
         "model": manifest.name,
         "model_hash": manifest.model_hash,
-        "parameters": manifest.stated(settings.parameters),
+        "parameters": parameters,
+        "units": units_of(run, parameters),
         "x0": settings.x0.tolist(),
         "reference": manifest.simulation.reference,
         "disturbance": list(manifest.simulation.disturbance),
@@ -53,6 +56,14 @@ def summarise(run: Record) -> dict[str, Any]:
         **disturbance_summary(run),
         "peaks": {name: [finite(value), t] for name, (value, t) in run.peaks.items()},
     }
+
+
+def units_of(run: Record, parameters: Iterable[str]) -> dict[str, str]:
+    """Unit of every parameter and column, as the model file has it; ``1`` where there is none."""
+    manifest = run.manifest
+    stated = {item.name: item.unit for item in manifest.parameters}
+    columns = {item.name: item.unit for item in (*manifest.states, *manifest.signals)}
+    return {**{name: stated[name] or "1" for name in parameters}, "t": "s", **columns}
 
 
 def held(run: Record) -> bool:

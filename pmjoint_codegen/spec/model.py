@@ -14,9 +14,17 @@ import sympy as sp
 
 from pmjoint_codegen.errors import ModelError
 from pmjoint_codegen.spec.expressions import parse
-from pmjoint_codegen.spec.joint import to_joint
+from pmjoint_codegen.spec.joint import (
+    COLUMNS,
+    check_columns,
+    check_joint,
+    converted,
+    joint_parameters,
+    to_joint,
+)
 from pmjoint_codegen.spec.schema import DesignSpec, ModelSpec, PlantSpec
 from pmjoint_codegen.spec.soundness import check_model
+from pmjoint_codegen.spec.units import ANY, Scales, Wanted
 from pmjoint_codegen.values import COMPENSATOR, check_values, gain_names
 from pmjoint_derive import Gains, Model, OutsideClassError, Parameter, Plant, Simulation, parameter_symbol
 
@@ -34,11 +42,9 @@ def to_derive(spec: ModelSpec, where: str = "") -> Model:
         ModelError: a bad expression, a value that breaks a rule of the design, or a plant outside the class.
     """
     where = where or f"model {spec.name}"
-    parameters = tuple(
-        Parameter(name, line.value, line.unit, line.about) for name, line in spec.all_parameters.items()
-    )
+    parameters = _parameters(spec, where)
     known = {item.name: item.symbol for item in parameters}
-    _check_values(spec, where)
+    _check_values(spec, parameters, where)
     try:
         model = Model(
             name=spec.name,
@@ -58,6 +64,26 @@ def to_derive(spec: ModelSpec, where: str = "") -> Model:
         raise ModelError(error.what, where=f"{where}: {error.key}", remedy=error.remedy) from error
     check_model(model, where)
     return model
+
+
+def _parameters(spec: ModelSpec, where: str) -> tuple[Parameter, ...]:
+    """All parameters: as written beside ``[plant]``, whose author keeps units consistent; else in SI."""
+    if spec.joint is None:
+        return tuple(
+            Parameter(name, line.value, line.unit, line.about) for name, line in spec.parameters.items()
+        )
+    scales = Scales(where)
+    check_columns({"y": spec.units.y, "u": spec.units.u}, scales)
+    of_joint = joint_parameters(spec.joint, scales)
+    check_joint({item.name: item for item in of_joint}, where)
+    wanted = {spec.actuator.limit: Wanted(COLUMNS["u"], "mV")}
+    return (
+        *of_joint,
+        *(
+            converted(name, line, scales, f"parameters.{name}", wanted.get(name, ANY))
+            for name, line in spec.parameters.items()
+        ),
+    )
 
 
 def _physics(spec: ModelSpec, parameters: tuple[Parameter, ...], where: str) -> dict[str, Any]:
@@ -134,10 +160,10 @@ def _simulation(spec: ModelSpec) -> Simulation:
     )
 
 
-def _check_values(spec: ModelSpec, where: str) -> None:
+def _check_values(spec: ModelSpec, parameters: tuple[Parameter, ...], where: str) -> None:
     """Hold the file's numbers to the rules that values set for one run obey as well."""
     design = spec.design
-    values = {name: line.value for name, line in spec.all_parameters.items()}
+    values = {item.name: item.value for item in parameters}
     keys = {name: f"joint.{name}" for name in values}
     keys |= {name: f"parameters.{name}.value" for name in spec.parameters} | {
         "k": "design.k",
@@ -157,4 +183,5 @@ def _check_values(spec: ModelSpec, where: str) -> None:
         leading=leading if leading in spec.parameters else None,
         where=where,
         key=lambda name: keys[name],
+        scales={item.name: item.scale for item in parameters},
     )

@@ -12,7 +12,7 @@ from pydantic import Field, ValidationError
 
 from pmjoint_codegen.errors import ModelError, quoted
 from pmjoint_codegen.spec.complaints import first_complaint
-from pmjoint_codegen.spec.joint import JointSpec, check_joint, joint_parameters
+from pmjoint_codegen.spec.joint import JointSpec, check_kept, joint_names
 from pmjoint_codegen.spec.names import MODEL_NAME, key_path, why_not
 from pmjoint_codegen.spec.tables import (
     Expression,
@@ -112,9 +112,9 @@ class ModelSpec(Table):
     units: UnitsSpec = Field(default=UnitsSpec(), description="the table [units] with y and u")
 
     @property
-    def all_parameters(self) -> dict[str, ParameterSpec]:
-        """The joint's numbers, then ``[parameters]``."""
-        return {**(joint_parameters(self.joint) if self.joint else {}), **self.parameters}
+    def parameter_names(self) -> tuple[str, ...]:
+        """The joint's names, then those of ``[parameters]``."""
+        return (*(joint_names(self.joint) if self.joint else ()), *self.parameters)
 
     @property
     def y_range(self) -> tuple[float, float] | None:
@@ -152,7 +152,7 @@ def validate(document: Mapping[str, Any], where: str) -> ModelSpec:
         raise ModelError(found, where=f"{where}: plant", remedy="allowed: one of [plant] and [joint]")
     _check_names(spec, where)
     if spec.joint is not None:
-        check_joint(spec.joint, where)
+        check_kept(spec.joint, where)
     if spec.plant is not None:
         _check_plant(spec.plant, where)
     if spec.y_range is not None and not spec.y_range[0] < spec.y_range[1]:
@@ -173,10 +173,10 @@ def _tuples(value: Any) -> Any:
 
 
 def _check_names(spec: ModelSpec, where: str) -> None:
-    names = spec.all_parameters
+    names = spec.parameter_names
     for name in spec.parameters:
         reason = why_not(name)
-        if spec.joint is not None and name in joint_parameters(spec.joint):
+        if spec.joint is not None and name in joint_names(spec.joint):
             reason = "already stands in [joint]"
         elif spec.joint is not None and name in TAKEN:
             reason = "already names a coefficient, pressure or state of the joint"

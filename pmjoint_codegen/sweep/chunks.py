@@ -16,6 +16,7 @@ from pmjoint_codegen.simulate.status import Status
 from pmjoint_codegen.sweep.metrics import INVALID, Column
 from pmjoint_codegen.sweep.request import Request
 from pmjoint_codegen.sweep.validity import valid_rows
+from pmjoint_codegen.values import SI, all_to_si
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ def simulate_chunk(library: BatchLibrary, request: Request, columns: Mapping[str
     Args:
         library: of the model; several threads may share it.
         request: the sweep.
-        columns: values of every varied name, shape (runs,).
+        columns: values of every varied name in the model file's units, shape (runs,).
     """
     manifest = library.manifest
     x0, p = fill_in(manifest, request, columns)
@@ -68,7 +69,7 @@ def fill_in(manifest: Manifest, request: Request, columns: Mapping[str, Array]) 
         if name in states:
             given[:, states.index(name)] = values
         else:
-            p[:, manifest.parameter_names.index(name)] = values
+            p[:, manifest.parameter_names.index(name)] = all_to_si(values, manifest.scales.get(name, SI))
     for own, name in manifest.own.items():
         if own not in columns and own not in request.own:
             p[:, manifest.parameter_names.index(own)] = p[:, manifest.parameter_names.index(name)]

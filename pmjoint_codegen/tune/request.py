@@ -45,7 +45,7 @@ class Request:
         seed: of the draws and of the search.
         generations: of the search, at most.
         population: designs in a generation, for each coordinate.
-        own: the model's value of everything that can be perturbed.
+        own: the model's value of everything that can be perturbed, in the model file's units.
     """
 
     space: Space
@@ -132,6 +132,7 @@ def make_request(
             where="--generations and --population",
             remedy="allowed: whole numbers from 1",
         )
+    values = manifest.written(dict(zip(manifest.parameter_names, runs.p, strict=True)))
     request = Request(
         space=space,
         objective=read_objective(objective),
@@ -142,7 +143,7 @@ def make_request(
         seed=seed,
         generations=generations,
         population=population,
-        own=dict(zip(varied_names(manifest), (*runs.x0, *runs.p), strict=True)),
+        own={**dict(zip(manifest.start.names, runs.x0, strict=True)), **values},
     )
     if request.members * request.count > MOST_RUNS:
         raise UsageError(

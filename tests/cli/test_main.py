@@ -178,7 +178,8 @@ def test_a_reader_that_leaves_early_is_no_error(root: Path) -> None:
     assert process.stderr is not None
     process.stdout.close()
     with process.stderr as stderr:
-        assert stderr.read() == b""
+        said = stderr.read().decode().splitlines()
+    assert [line for line in said if not line.endswith(" s)")] == []  # but stages, on a loaded machine
     assert process.wait() == 0
 
 

@@ -7,6 +7,7 @@ import json
 import math
 import sys
 import threading
+import time
 from pathlib import Path
 
 import numpy as np
@@ -89,3 +90,50 @@ def test_a_bar_for_what_takes_long(monkeypatch: pytest.MonkeyPatch) -> None:
         assert shown.wait(30)
         advance(0.25)
     assert "working hard" in screen.getvalue()
+
+
+def test_a_line_for_each_stage_that_takes_long(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(terminal, "_PATIENCE_S", 0.05)
+    with terminal.activity("deriving") as shown:
+        shown.stage("quick", 0.0)
+        shown.stage("alpha_2", 0.0)
+        time.sleep(0.3)
+        shown.stage("alpha_3", 0.0)
+        shown.stage("alpha_3", 0.25)
+        time.sleep(0.3)
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.partition(" (")[0] for line in lines] == [
+        "pmjoint: deriving: alpha_2",
+        "pmjoint: deriving: alpha_3",
+    ]
+    assert lines[0].endswith("(0 s)") and lines[1].endswith("(0 s, about 0 s left)")
+    time.sleep(0.1)
+    assert capsys.readouterr().err == ""
+
+
+def test_what_is_left_follows_from_what_is_done() -> None:
+    assert terminal._spent(30.0, 0.25) == "30 s, about 90 s left"
+    assert terminal._spent(30.0, 0.0) == "30 s"
+
+
+def test_no_line_for_stages_that_are_quick(capsys: pytest.CaptureFixture[str]) -> None:
+    with terminal.activity("deriving") as shown:
+        shown.stage("alpha_1", 0.0)
+    assert capsys.readouterr().err == ""
+
+
+def test_the_bar_names_the_stage(monkeypatch: pytest.MonkeyPatch) -> None:
+    screen = Screen()
+    monkeypatch.setattr(sys, "stderr", screen)
+    monkeypatch.setattr(terminal, "_PATIENCE_S", 0.0)
+    monkeypatch.setenv("TERM", "xterm")
+    bar = terminal._Bar("deriving")
+    bar.show()
+    bar.stage("alpha_3", 0.5)
+    assert bar._described() == "deriving: alpha_3" and bar._progress.tasks[0].completed == 0.5
+    bar.stage("alpha_4", 0.0)
+    assert bar._progress.tasks[0].total is None
+    bar.close()
+    assert "deriving: alpha_4" in screen.getvalue()

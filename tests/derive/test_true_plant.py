@@ -12,7 +12,7 @@ import sympy as sp
 
 from pmjoint_codegen.spec import model_of
 from pmjoint_codegen.values import OWN_SUFFIX
-from pmjoint_derive import Derivation, Model, derive
+from pmjoint_derive import Derivation, Model, Parameter, derive
 from pmjoint_derive.closed_loop import disturbance_symbols
 from pmjoint_derive.filters import estimate, filter_matrix, filter_rates
 from pmjoint_derive.model import Channel, parameter_symbol
@@ -58,6 +58,27 @@ def test_the_controller_clips_v_by_its_own_numbers_alone(builder: Callable[..., 
     found = derive(replace(builder(2, 2), channels=(u,)))
     assert sorted(map(str, found.own_parameters)) == ["b0", "d1"]
     assert "x2_dot_plant" in found.equations and "u_plant" not in found.equations
+
+
+@pytest.mark.parametrize("joint", [False, True])
+def test_a_parameter_of_the_reference_alone_has_no_twin(
+    builder: Callable[..., Model], root: Path, joint: bool
+) -> None:
+    """The plant takes u as it comes: no value of its own could change what y_r is made of."""
+    path = root / "models" / "joint-lag.toml"
+    plain = model_of(tomllib.loads(path.read_text()), str(path)) if joint else builder(2, 2)
+    amplitude = Parameter("amplitude", 0.3, "rad", "")
+    changed = replace(
+        plain,
+        parameters=(*plain.parameters, amplitude),
+        reference=amplitude.symbol * sp.sin(parameter_symbol("t")),
+    )
+    found = derive(changed)
+    assert found.own_parameters == derive(plain).own_parameters != {}
+    torque = amplitude.symbol * sp.cos(parameter_symbol("t"))
+    disturbed = replace(changed.plant, disturbance=(*changed.plant.disturbance[:-1], torque))
+    both = derive(replace(changed, plant=disturbed))  # where the plant uses it as well, the two may differ
+    assert amplitude.symbol in both.own_parameters
 
 
 def test_the_suffix_is_the_one_that_users_write() -> None:

@@ -1,0 +1,127 @@
+"""What a unit of ``[joint]`` amounts to in SI units, or one line that says why it is none.
+
+The labels of the shipped models and all products of coherent SI units are known here; pint is asked for any
+other, and loaded only then: it takes longer than the rest of reading a model.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from decimal import Decimal
+from functools import cached_property
+from typing import Any, Final
+
+from pmjoint_codegen.errors import MissingToolError, ModelError, installing, quoted
+from pmjoint_codegen.values import SI
+from pmjoint_derive.units import Unit, parse_unit
+
+_ANGLE: Final = "rad"  # pint, too, takes angles for plain numbers
+_COHERENT: Final = frozenset(
+    ("kg", "m", "s", "A", "K", "mol", "cd", "N", "Pa", "J", "W", "C", "V", "Hz", _ANGLE)
+)
+# Numbers beyond two digits and powers of powers are no units, and would cost time and memory.
+_HOSTILE: Final = re.compile(r"[\d.]{3}|(\^|\*\*)[\s()+\-\d]*(\^|\*\*)")
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What a number of a joint must be.
+
+    Attributes:
+        unit: in SI units, such as ``kg m^2``; empty where any unit will do.
+        example: another unit of the same dimension.
+    """
+
+    unit: str
+    example: str
+
+    @property
+    def rule(self) -> str:
+        """What a message says is allowed."""
+        kind = f"a unit of the dimension of {self.unit}" if self.unit not in ("", "1") else "a unit"
+        if self.unit == "1":
+            kind = "a dimensionless unit"
+        return f'allowed: {kind}, such as "{self.unit or "N m"}" or "{self.example}"'
+
+
+ANY: Final = Wanted("", "deg/s")
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Conversion into SI units; one record serves one model file.
+
+    Attributes:
+        where: file that a message begins with.
+    """
+
+    where: str
+
+    def of(self, text: str, key: str, wanted: Wanted) -> str:
+        """How many SI units a unit is, as a decimal; ``1`` for those of the SI itself.
+
+        Args:
+            text: the unit.
+            key: where it stands in the file.
+            wanted: its dimension.
+
+        Raises:
+            ModelError: no unit, a unit of another dimension, or one with an offset such as ``degC``.
+            MissingToolError: pint is needed and not installed.
+        """
+        unit = parse_unit(text)
+        if unit.powers.keys() <= _COHERENT and (not wanted.unit or _is_same(unit, parse_unit(wanted.unit))):
+            return SI
+        place = f"{self.where}: {key}"
+        found = self._read(text, place, wanted)
+        if wanted.unit and found.dimensionality != self._read(wanted.unit, place, wanted).dimensionality:
+            raise ModelError(
+                f"{quoted(text)} does not convert to {wanted.unit}", where=place, remedy=wanted.rule
+            )
+        return _decimal(found.magnitude)
+
+    def _read(self, text: str, place: str, wanted: Wanted) -> Any:
+        """One of a unit in SI base units, as pint has it."""
+        refusal = ModelError(f"{quoted(text)} is not a known unit", where=place, remedy=wanted.rule)
+        if _HOSTILE.search(text):
+            raise refusal
+        registry = self._registry(place)
+        try:
+            unit = registry.parse_units(text)
+            nothing, one = (registry.Quantity(Decimal(n), unit).to_base_units() for n in (0, 1))
+        except Exception as error:  # pint raises what its parser, tokenizer and arithmetic happen to raise
+            raise refusal from error
+        if nothing.magnitude != 0 or not one.magnitude > 0:
+            raise ModelError(
+                f"{quoted(text)} has an offset, so that 0 of it is not 0", where=place, remedy=wanted.rule
+            )
+        return one
+
+    def _registry(self, place: str) -> Any:
+        try:
+            return self._loaded
+        except ModuleNotFoundError as error:
+            raise MissingToolError(
+                f"{error.name} is needed to convert a unit other than those of the SI",
+                where=place,
+                remedy=f"install it: {installing('pmjoint-codegen[derive]')}",
+            ) from None
+
+    @cached_property
+    def _loaded(self) -> Any:
+        import pint  # a quarter of a second, most of it for the table of units
+
+        return pint.UnitRegistry(non_int_type=Decimal)
+
+
+def _is_same(unit: Unit, wanted: Unit) -> bool:
+    """Whether two labels name one unit, whatever they say of angles."""
+    plain = ({base: n for base, n in one.powers.items() if base != _ANGLE} for one in (unit, wanted))
+    return next(plain) == next(plain)
+
+
+def _decimal(magnitude: Any) -> str:
+    """A decimal without an exponent's plus sign and without zeros that say nothing."""
+    number = Decimal(magnitude).normalize()
+    return SI if number == 1 else str(number)
