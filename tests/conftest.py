@@ -44,7 +44,7 @@ def cache(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Iterator[
 def patience() -> Iterator[None]:
     """Let no line of progress come between what tests read, however loaded the machine is."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("pmjoint_codegen.cli.terminal._PATIENCE_S", 60.0)
+        patch.setenv("PMJOINT_PROGRESS", "0")
         yield
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import sys
 import threading
 import time
@@ -110,6 +111,8 @@ def table(rows: Sequence[Sequence[str]], *, indent: int = 2, gap: int = 2) -> st
 def activity(label: str, *, total: int = 0, unit: str = "") -> Iterator[Shown]:
     """Show what takes longer than a second: on a terminal a progress bar, elsewhere a line for each stage.
 
+    ``PMJOINT_PROGRESS=0`` shows neither.
+
     Args:
         label: what is being done.
         total: number of things done at the end, to show how many a second; 0 shows none.
@@ -119,6 +122,9 @@ def activity(label: str, *, total: int = 0, unit: str = "") -> Iterator[Shown]:
         what to call with the fraction done, 0 to 1, and to tell of stages; until then, the bar says only that
         time passes.
     """
+    if os.environ.get("PMJOINT_PROGRESS") == "0":
+        yield _Silent()
+        return
     if sys.stderr is None or not sys.stderr.isatty():
         lines = _Lines(label)
         try:
@@ -145,6 +151,16 @@ class Shown(Protocol):
 
     def stage(self, name: str, done: float) -> None:
         """Take note of the stage at work and of the part of it that is done; 0 where that is not known."""
+
+
+class _Silent:
+    """For a script that reads every line of standard error."""
+
+    def __call__(self, fraction: float) -> None:
+        """Say nothing."""
+
+    def stage(self, name: str, done: float) -> None:
+        """Say nothing."""
 
 
 class _Lines:

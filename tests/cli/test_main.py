@@ -178,8 +178,7 @@ def test_a_reader_that_leaves_early_is_no_error(root: Path) -> None:
     assert process.stderr is not None
     process.stdout.close()
     with process.stderr as stderr:
-        said = stderr.read().decode().splitlines()
-    assert [line for line in said if not line.endswith(" s)")] == []  # but stages, on a loaded machine
+        assert stderr.read() == b""
     assert process.wait() == 0
 
 
