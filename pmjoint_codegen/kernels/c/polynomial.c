@@ -292,12 +292,10 @@ void pmj_note_rate(const double *c, long long width, long long order, double t, 
                    double *peak_time)
 {
     double rate[PMJ_MAX_ORDER];
-    for (long long k = 1; k <= order; ++k) {
+    double end = 0.0;
+    for (long long k = order; k > 0; --k) {
         rate[k - 1] = (double)k * c[k * width];
-    }
-    double end = rate[order - 1];
-    for (long long k = order - 2; k >= 0; --k) {
-        end = end * tau + rate[k];
+        end = end * tau + rate[k - 1];
     }
     pmj_note_peaks(rate, 1, order - 1, 1, t, tau, &end, peak, peak_time);
 }
