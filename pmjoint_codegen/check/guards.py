@@ -46,7 +46,8 @@ def check(subject: Subject) -> GateResult:
                 finite = np.isfinite(bound)
                 values += int(finite.sum())
                 # Not `swings > 0`: a swing that is nan bounds nothing, and must not count as none.
-                ratios = np.where(finite & ~(swings <= 0.0), swings / np.maximum(bound, 1e-300), 0.0)
+                judged, ratios = finite & ~(swings <= 0.0), np.zeros(len(bound))
+                np.divide(swings, np.maximum(bound, 1e-300), out=ratios, where=judged)
                 entry = int(np.argmax(ratios))
                 worst = float(np.maximum(worst, ratios[entry]))
                 if not ratios[entry] <= LIMIT and first is None:
