@@ -194,7 +194,9 @@ class _Loop:
                 index = progress.mode + (-1 if side < 0 else 0)
                 if 0 <= index < problem.n_thresholds:
                     level = float(problem.thresholds[index])
-                    when = self.stepper.passes(self.c, self.v, level, progress.touching == index, side, tau)
+                    when = self.stepper.passes(
+                        self.c, self.v, level, int(progress.touching == index), side, tau
+                    )
                     found, tau = (found, tau) if when is None else (index, when)
         touching = progress.touching - problem.n_thresholds
         kink, tau = self.stepper.first_kink(self.c, self.reach, touching, h, tau)

@@ -22,6 +22,8 @@ MAX_DEPTH: Final = 48
 MAX_REFINEMENTS: Final = 100
 CLOSE: Final = 1e-9
 EPSILON: Final = sys.float_info.epsilon
+ON_KINK: Final = 2  # what `touching` is on a kink
+JUMPED: Final = 1e-6  # part of what an argument moves in a step: one on its zero is within rounding of it
 
 
 def evaluate(c: Array, tau: float | Array) -> Array:
@@ -107,6 +109,24 @@ def crossings(q: Sequence[float], h: float) -> Iterator[float]:
         return
     for root in _isolate(a, size):
         yield root * h
+
+
+def on_level(q: list[float], h: float, touching: int) -> float:
+    """The value of q at the start of a step of size h: 0 where the run stands on q's zero.
+
+    With a kink's side the argument of another may jump: it has then passed its zero without standing on it.
+
+    Args:
+        q: coefficients, the level taken off.
+        h: size of the step, s.
+        touching: 0; 1 on a threshold of v; `ON_KINK` on a kink.
+    """
+    rest, power = 0.0, 1.0
+    for coefficient in q[1:]:
+        power *= h
+        rest += abs(coefficient) * power
+    jumped = touching == ON_KINK and abs(q[0]) > JUMPED * rest
+    return q[0] if touching == 0 or jumped else 0.0
 
 
 def note_peaks(c: Array, t: float, tau: float, end: Array, peaks: Array, peak_times: Array) -> None:

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from pmjoint_codegen.kernels.evaluator import Array, Kernel
-from pmjoint_codegen.simulate.polynomial import first_crossing, last_outside, leading_zeros
+from pmjoint_codegen.simulate.polynomial import ON_KINK, first_crossing, last_outside, leading_zeros, on_level
 from pmjoint_codegen.simulate.problem import Memory, Problem, Progress
 from pmjoint_codegen.simulate.steps import arrive, bounds, shrink
 
@@ -96,8 +96,9 @@ class Stepper:
         first, found = self.problem.n_channels - self.problem.n_kinks, -1
         for j, side in enumerate(self.memory.sides.tolist()):
             low, high = (0.0, math.inf) if side > 0.0 else (-math.inf, 0.0)
+            on = ON_KINK if touching == j else 0
             if touching == j or not self.stays(c, reach, first + j, low, high, h):
-                when = self.passes(c, first + j, 0.0, touching == j, -1 if side > 0.0 else 1, tau)
+                when = self.passes(c, first + j, 0.0, on, -1 if side > 0.0 else 1, tau)
                 found, tau = (found, tau) if when is None else (j, when)
         return found, tau
 
@@ -130,7 +131,7 @@ class Stepper:
         return least > low and most < high
 
     def passes(
-        self, c: Array, channel: int, level: float, touching: bool, outward: int, h: float
+        self, c: Array, channel: int, level: float, touching: int, outward: int, h: float
     ) -> float | None:
         """When a channel passes a level, upwards (+1) or downwards (-1), from 0 to before h, or None.
 
@@ -138,7 +139,8 @@ class Stepper:
         start is divided out before the search.
         """
         q = c[:, channel].tolist()
-        q[0] = 0.0 if touching else q[0] - level
+        q[0] -= level
+        q[0] = on_level(q, h, touching)
         zeros = leading_zeros(q, h)
         if q[zeros] * outward > 0.0:
             return 0.0

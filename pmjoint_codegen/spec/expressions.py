@@ -44,9 +44,9 @@ _KINKED: Mapping[str, tuple[Callable[..., Any], Callable[..., Any]]] = MappingPr
     {
         "abs": (math.fabs, sp.Abs),
         "sign": (lambda value: float(value > 0) - float(value < 0), sp.sign),
-        # by way of abs, so that the loops know one kind of kink
-        "min": (min, lambda a, b: (a + b - sp.Abs(a - b)) / 2),
-        "max": (max, lambda a, b: (a + b + sp.Abs(a - b)) / 2),
+        # By way of sign, so that the loops know one kind of kink; what is not chosen counts 0 times, exactly.
+        "min": (min, lambda a, b: a * (1 - sp.sign(a - b)) / 2 + b * (1 + sp.sign(a - b)) / 2),
+        "max": (max, lambda a, b: a * (1 + sp.sign(a - b)) / 2 + b * (1 - sp.sign(a - b)) / 2),
     }
 )
 _OF_TWO = ("min", "max")

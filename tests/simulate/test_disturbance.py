@@ -81,9 +81,11 @@ def test_norm_is_over_components() -> None:
 
 def test_mismatch_and_neglected_physics_have_their_own_words() -> None:
     loop = ClosedLoop.load("joint-damped")
-    assert "rad/s^2: neglected physics\n" in account(loop.simulate(horizon=1.0), (), ())
+    assert "rad/s^2 at the output instants: neglected physics\n" in account(
+        loop.simulate(horizon=1.0), (), ()
+    )
     wrong = account(loop.simulate(horizon=1.0, parameters={"J_plant": 0.06}), (), ())
-    assert "rad/s: neglected physics, and model mismatch (J_plant)\n" in wrong
+    assert "rad/s at the output instants: neglected physics, and model mismatch (J_plant)\n" in wrong
 
 
 def test_declared_bound_stands_beside_what_was_found() -> None:
@@ -99,7 +101,9 @@ def test_declared_bound_stands_beside_what_was_found() -> None:
 def test_an_exceeded_bound_is_said() -> None:
     loop = ClosedLoop.load("paper", disturbance=["0", "0.3*cos(t)"])
     run = loop.simulate(horizon=1.0)
-    assert "0.3: unknown to the controller; D_max = 0.1 is exceeded" in account(run, (), ())
+    assert "0.3 at the output instants: unknown to the controller; D_max = 0.1 is exceeded" in account(
+        run, (), ()
+    )
 
 
 def test_clipped_pressures_are_said_plainly(clipped: Run) -> None:
@@ -109,7 +113,7 @@ def test_clipped_pressures_are_said_plainly(clipped: Run) -> None:
     assert first.clipped and second.clipped
     table = account(clipped, (), ())
     assert "P1 is clipped: -1.5 to" in table
-    assert "rad/s^2: neglected physics" in table
+    assert "rad/s^2 at the output instants: neglected physics" in table
     assert json.loads(json.dumps(clipped.summary, allow_nan=False))["pressures"]["P1"]["clipped"] is True
 
 

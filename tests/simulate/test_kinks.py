@@ -158,3 +158,48 @@ def test_beyond_a_kink_a_hold_is_looked_at_anew(evaluator: str) -> None:
     met = abs(everywhere.ise - nowhere.ise)
     assert met > 1e-5 * nowhere.ise
     assert abs(behind.ise - everywhere.ise) < 1e-3 * met
+
+
+@pytest.mark.parametrize("evaluator", ["compiled", "interpreted"])
+@pytest.mark.parametrize("inner", ["-", "+"])
+@pytest.mark.parametrize("settings", [{}, {"controller": "sampled", "sample_time": 0.05}])
+def test_an_argument_that_jumps_with_another_s_side_is_passed_once(
+    evaluator: str, inner: str, settings: dict[str, Any]
+) -> None:
+    """At 0.13 s the inner sign makes the outer argument jump over 0; the same in smooth pieces."""
+    kinked = load(("0", f"-2*sign(x1 + 0.4 {inner} 0.9*sign(t-0.13))"), evaluator)
+    found = kinked.simulate(x0=[0, 0], horizon=2.0, **settings)
+    fine = kinked.simulate(x0=[0, 0], horizon=2.0, max_step=1e-3, **settings)
+    assert found.status is Status.DONE
+    expected = -2 * np.sign(found["x1"] + 0.4 + (0.9 if inner == "+" else -0.9) * np.sign(found.t - 0.13))
+    inside = np.abs(found.t - 0.13) > 1e-9
+    if not settings:
+        np.testing.assert_allclose(found["D2"][inside], expected[inside], atol=1e-12)
+    np.testing.assert_allclose(found["x1"], fine["x1"], rtol=0, atol=2e-8)
+    # With the sides that D shows, x2' is what the states say: no side is held wrongly.
+    x2 = found["x2"]
+    assert abs(found.ise - fine.ise) <= 2e-8 and np.all(np.isfinite(x2))
+
+
+ISE = {"-": 0.0282870825, "+": 0.0486987879}  # of steps of 0.1 ms; the first also of another integrator
+
+
+@pytest.mark.parametrize("inner", ["-", "+"])
+def test_such_a_jump_has_the_ise_of_small_steps(inner: str) -> None:
+    kinked = load(("0", f"-2*sign(x1 + 0.4 {inner} 0.9*sign(t-0.13))"))
+    assert kinked.simulate(x0=[0, 0], horizon=2.0).ise == pytest.approx(ISE[inner], abs=2e-9)
+
+
+def test_what_min_does_not_choose_does_not_count() -> None:
+    """min(exp(20 t), 1) is 1 for t > 0, however large the exponential is."""
+    chosen = load(("0", "min(exp(20*t), 1)"), reference="0").simulate(x0=[0, 0], horizon=2.0)
+    plain = load(("0", "1"), reference="0").simulate(x0=[0, 0], horizon=2.0)
+    assert chosen.status is Status.DONE
+    np.testing.assert_allclose(chosen["x1"], plain["x1"], rtol=0, atol=2e-8)
+
+
+@pytest.mark.parametrize("text", ["sign(max(t-1,0))", "sign(abs(x1) - x1)", "sign(min(x2, 0) + abs(0))"])
+def test_a_sign_that_is_0_over_an_interval_is_refused(text: str) -> None:
+    with pytest.raises(ModelError, match="is 0 over an interval"):
+        load(("0", text))
+    load(("0", "sign(abs(x1) - 0.5)"))

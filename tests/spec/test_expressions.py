@@ -358,7 +358,7 @@ def test_abs_in_other_words_is_met_as_abs_itself(text: str) -> None:
     symbols = {name: sp.Symbol(name, real=True) for name in ("t", "y", "x1")}
     with pytest.raises(ModelError, match=r"abs has a kink; allowed in a disturbance only"):
         parse(text, symbols, "here")
-    assert parse(text, symbols, "here", kinks=True).has(sp.Abs)
+    assert parse(text, symbols, "here", kinks=True).has(sp.Abs, sp.sign)
 
 
 def test_the_size_of_a_parameter_has_no_kink_in_time() -> None:

@@ -125,7 +125,8 @@ int pmj_passes(const pmj_problem *problem, const double *c, long long channel, d
     for (long long k = 0; k <= problem->order; ++k) {
         q[k] = c[k * problem->n_channels + channel];
     }
-    q[0] = touching ? 0.0 : q[0] - level;
+    q[0] -= level;
+    q[0] = pmj_on_level(q, problem->order, h, touching);
     const long long zeros = pmj_leading_zeros(q, problem->order, h);
     if (q[zeros] * outward > 0.0) {
         *tau = 0.0;
@@ -147,7 +148,7 @@ long long pmj_first_kink(const pmj_problem *problem, const pmj_memory *memory, c
         const double low = above ? 0.0 : -HUGE_VAL;
         const double high = above ? HUGE_VAL : 0.0;
         if ((touching == j || !pmj_stays(problem, memory, c, first + j, low, high, h))
-            && pmj_passes(problem, c, first + j, 0.0, touching == j, above ? -1 : 1, *tau, &when)) {
+            && pmj_passes(problem, c, first + j, 0.0, touching == j ? PMJ_ON_KINK : 0, above ? -1 : 1, *tau, &when)) {
             found = j;
             *tau = when;
         }

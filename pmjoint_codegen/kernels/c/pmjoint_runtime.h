@@ -23,6 +23,8 @@
 #define PMJ_GROWTH 2.5
 /* Rounding of a sum of terms, generously, relative to their magnitudes. */
 #define PMJ_ROUNDED_UP (1.0 + 1e-12)
+#define PMJ_ON_KINK 2   /* what `touching` is on a kink; on a threshold of v it is 1 */
+#define PMJ_JUMPED 1e-6 /* part of what an argument moves in a step: one that stands on its zero is within rounding */
 
 /* Values of `pmj_progress.status`; simulate/status.py puts them into words. */
 #define PMJ_RUNNING 0
@@ -143,6 +145,7 @@ double pmj_step_size(const double *c, long long width, long long order, double t
 long long pmj_leading_zeros(const double *q, long long degree, double h);
 long long pmj_crossings(const double *q, long long degree, double h, double *roots, long long most);
 int pmj_first_crossing(const double *q, long long degree, double h, double *root);
+double pmj_on_level(const double *q, long long degree, double h, int touching);
 void pmj_note_value(double value, double t, double *peak, double *peak_time);
 void pmj_note_extremum(const double *c, long long width, long long order, double t, double tau, double *peak,
                        double *peak_time);

@@ -243,6 +243,19 @@ int pmj_first_crossing(const double *q, long long degree, double h, double *root
     return pmj_crossings(q, degree, h, root, 1) > 0;
 }
 
+/* The value of q at the start of a step of size h: 0 where the run stands on q's zero. With a kink's side the argument of
+ * another may jump: it has then passed its zero without standing on it. */
+double pmj_on_level(const double *q, long long degree, double h, int touching)
+{
+    double rest = 0.0;
+    double power = 1.0;
+    for (long long k = 1; k <= degree; ++k) {
+        power *= h;
+        rest += fabs(q[k]) * power;
+    }
+    return touching == 0 || (touching == PMJ_ON_KINK && fabs(q[0]) > PMJ_JUMPED * rest) ? q[0] : 0.0;
+}
+
 /* Keep the largest magnitude and its time; NaN counts as larger than anything. */
 void pmj_note_value(double value, double t, double *peak, double *peak_time)
 {

@@ -34,7 +34,8 @@ static int search(pmj_group *all, const pmj_flow *flow, const pmj_lanes *c, int 
     }
     for (int j = 0; j < PMJ_NK; ++j) {
         const int outward = all->g[2 * PMJ_NW + j][w] > 0.0 ? -1 : 1;
-        if (pmj_passes_lane(flow, c, w, E + 1 + j, 0.0, one->touching == thresholds + j, outward, h, &when)) {
+        const int touching = one->touching == thresholds + j ? PMJ_ON_KINK : 0;
+        if (pmj_passes_lane(flow, c, w, E + 1 + j, 0.0, touching, outward, h, &when)) {
             one->crossing = thresholds + j;
             one->next_mode = one->mode;
             h = when;

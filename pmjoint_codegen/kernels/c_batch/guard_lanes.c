@@ -83,7 +83,8 @@ int pmj_passes_lane(const pmj_flow *flow, const pmj_lanes *c, int w, int channel
     for (int k = 0; k <= flow->order; ++k) {
         q[k] = c[k * flow->channels + channel][w];
     }
-    q[0] = touching ? 0.0 : q[0] - level;
+    q[0] -= level;
+    q[0] = pmj_on_level(q, flow->order, h, touching);
     const long long zeros = pmj_leading_zeros(q, flow->order, h);
     if (q[zeros] * outward > 0.0) {
         *tau = 0.0;

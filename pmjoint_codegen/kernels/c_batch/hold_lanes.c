@@ -156,7 +156,8 @@ static pmj_lanes long_steps(const pmj_sweep *sweep, const pmj_flow *flow, pmj_sa
             for (int j = 0; on[w] && j < PMJ_NK; ++j) {
                 double when = 0.0;
                 const int outward = all->w[PMJ_NW + j][w] > 0.0 ? -1 : 1;
-                if (pmj_passes_lane(flow, all->c, w, E + 1 + j, 0.0, one->touching == j, outward, h[w], &when)) {
+                const int touching = one->touching == j ? PMJ_ON_KINK : 0;
+                if (pmj_passes_lane(flow, all->c, w, E + 1 + j, 0.0, touching, outward, h[w], &when)) {
                     kink[w] = j;
                     h[w] = when;
                 }
