@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from pmjoint_codegen.storage import sha256_file
 
@@ -17,7 +17,7 @@ def as_text(sums: Mapping[str, str]) -> str:
 
 
 def recorded(path: Path) -> dict[str, str] | None:
-    """Read a file of sums: hash by name; None where there is no such file, or it is something else."""
+    """Read a file of sums: hash by name; None where there is no such file, or it names files elsewhere."""
     if not path.is_file():  # nor a FIFO, which would block
         return None
     try:
@@ -26,10 +26,17 @@ def recorded(path: Path) -> dict[str, str] | None:
         return None
     pairs = [line.partition("  ") for line in lines]
     if not pairs or not all(
-        len(digest) == _LENGTH and _HEXADECIMAL.issuperset(digest) and n for digest, _, n in pairs
+        len(digest) == _LENGTH and _HEXADECIMAL.issuperset(digest) and _lies_below(name)
+        for digest, _, name in pairs
     ):
         return None
     return {name: digest for digest, _, name in pairs}
+
+
+def _lies_below(name: str) -> bool:
+    """Whether a name is that of something below the folder: what is elsewhere is never looked at."""
+    path = PurePosixPath(name)
+    return bool(name) and not path.is_absolute() and ".." not in path.parts
 
 
 def is_sound(path: Path, digest: str | None) -> bool:
