@@ -85,9 +85,8 @@ class Loop:
         arguments = compile_program(tuple(kernel.sides), symbols, equations, kernel.given, kernel.sides)
         self.names: Final = tuple(item.name for item in subject.manifest.states)
         self._heyoka: Final = heyoka
-        self._width: Final = len(
-            blocks["g"]
-        )  # offset and slope of every channel, sides; then comes the limit
+        # Offset and slope of every channel, then the sides; the limit comes next.
+        self._width: Final = len(blocks["g"])
         self._rounding: Final = UNIT * operation_count(program)
         variables = [heyoka.expression(name) for name in self.names]
         known = dict(zip(self.names, variables, strict=True))

@@ -17,10 +17,11 @@ import numpy as np
 
 from pmjoint_codegen.build.compiler import Compiler
 from pmjoint_codegen.build.library import LIBRARY, build
-from pmjoint_codegen.check.interpreter import POINTS, SEED, describe_difference, different_bits
+from pmjoint_codegen.check.bits import Answers, judge
+from pmjoint_codegen.check.interpreter import POINTS, SEED
 from pmjoint_codegen.check.lane_tape import Operation, walk
 from pmjoint_codegen.check.points import Batch, batches
-from pmjoint_codegen.check.result import Difference, GateResult, failed, not_run, passed
+from pmjoint_codegen.check.result import GateResult, not_run
 from pmjoint_codegen.check.subject import Subject
 from pmjoint_codegen.emit.functions import build_functions
 from pmjoint_codegen.emit.lanes import lane_functions
@@ -157,19 +158,15 @@ def compare(
     """
     arities = {tape.name: len(tape.inputs) + len(tape.outputs) for tape in tapes}
     library = LaneLibrary.open(target.folder / LIBRARY, target.level.width, arities)
-    count = values = differing = 0
-    first: Difference | None = None
-    for tape in tapes:
-        function = Function(tape.name, tape.inputs, tape.outputs, "", "", 0)
-        for batch in points(function):
-            expected = walk(tape, batch.arguments, elementary)
-            found = library.call(tape.name, batch.arguments, [size for _, size in tape.outputs])
-            count += len(batch.arguments[0])
-            values += sum(array.size for array in expected)
-            unequal = [different_bits(a, b) for a, b in zip(expected, found, strict=True)]
-            differing += sum(int(mask.sum()) for mask in unequal)
-            first = first or describe_difference(function, batch, expected, found, unequal)
-    if differing:
-        return failed(NAME, f"{differing} of {values} values differ in their bits", differing, 0, first)
-    words = f"values with other bits, of {values} at {count} points in {len(tapes)} functions over lanes"
-    return passed(NAME, words, 0, 0)
+    functions = {tape.name: Function(tape.name, tape.inputs, tape.outputs, "", "", 0) for tape in tapes}
+    answers = (
+        Answers(
+            functions[tape.name],
+            batch,
+            walk(tape, batch.arguments, elementary),
+            library.call(tape.name, batch.arguments, [size for _, size in tape.outputs]),
+        )
+        for tape in tapes
+        for batch in points(functions[tape.name])
+    )
+    return judge(NAME, answers, f"{len(tapes)} functions over lanes")

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from pmjoint_codegen.emit.pipeline import Artifacts, generate
+from pmjoint_codegen.emit.pipeline import generate
 from pmjoint_codegen.emit.staleness import REMEDIES, Comparison, Verdict, compare, read_folder
 from pmjoint_codegen.errors import ModelError, quoted
 from pmjoint_codegen.identity import Document
@@ -125,17 +125,6 @@ def _failed(file: Path, document: Document, error: ArithmeticError) -> Report:
     name = str(document["name"])
     found = Comparison(Verdict.GENERATOR_CHANGED, (f"the derivation fails: {error}",))
     return Report(name, generated_root(file) / name, found, written=False, called=called(file))
-
-
-def artifacts_of(file: Path, stage: Stage = unwatched) -> Artifacts:
-    """Everything that a model file generates, as text; `stage` is told what is being made.
-
-    Raises:
-        ModelError: for a model that cannot be read or derived.
-    """
-    document = read_document(file)
-    stage("reading the model", 0.0)
-    return generate(document, model_of(document, str(file)), stage=stage)
 
 
 def _orphans(files: Sequence[Path], documents: Sequence[Document]) -> list[Report]:

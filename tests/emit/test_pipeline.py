@@ -26,9 +26,12 @@ from pmjoint_derive import Derivation
 
 HASH_OF_ALL = """
 from pathlib import Path
-from pmjoint_codegen.emit.regenerate import artifacts_of
+from pmjoint_codegen.emit.pipeline import generate
+from pmjoint_codegen.spec import model_of
+from pmjoint_codegen.spec.reader import read_document
 from pmjoint_codegen.storage import sha256
-files = artifacts_of(Path("models/paper.toml")).files
+document = read_document(Path("models/paper.toml"))
+files = generate(document, model_of(document, "paper")).files
 print({name: sha256(text.encode()) for name, text in sorted(files.items())})
 """
 
