@@ -248,7 +248,10 @@ def in_every_loop(model: Model, example: Drawn, controller: str) -> dict[str, Ar
 
 def critical(model: Model, example: Drawn, controller: str, right: Array) -> bool:
     """Whether a start next to it ends elsewhere: then no integrator can be held to the bound."""
-    nudged = expected(model, example, controller, np.array(example.x0) + NUDGE)
+    try:
+        nudged = expected(model, example, controller, np.array(example.x0) + NUDGE)
+    except SlidingError:  # that one is stuck
+        return True
     moved = np.max(np.abs(nudged - right)[:, :-1] / (1.0 + np.max(np.abs(right[:, :-1]), axis=0)))
     return not moved <= CRITICAL * NUDGE
 

@@ -27,7 +27,7 @@ Rates = Callable[[float, Any, Sequence[float]], tuple[list[float], list[float]]]
 
 LONGEST = 2e-3  # s
 REACH = 8.0  # widths from its place within which a feature counts: exp(-64), 1 - tanh(8)
-FLIPS = 8  # at one instant, or twice for each kink; more is sliding along a discontinuity
+FLIPS = 8  # at one instant; more is sliding along a discontinuity
 INSIDE = (0.25, 0.5, 0.75, 1.0)  # of a step, where the sides are looked at
 
 
@@ -208,7 +208,7 @@ class Path:
         while len(rows) < len(t):
             end, X, crossed = self._smooth(now, X, float(t[-1]), sides, t[len(rows) :], rows)
             flips = flips + 1 if end == now else 0
-            if flips > max(FLIPS, 2 * self.count):
+            if flips > FLIPS:
                 raise SlidingError(f"t = {now}")
             now = end
             if crossed >= 0:

@@ -35,6 +35,7 @@ from .drawn_features import (
     Model,
     allowed,
     compare,
+    critical,
     drawn,
     expected,
     in_every_loop,
@@ -194,3 +195,12 @@ def test_holds_without_a_guard_are_caught(
         monkeypatch.setattr(module, "HOLD_RATIOS", (0.0,) * len(HOLD_RATIOS))
     found = {way: run() for way, run in off.items() if way != "lanes" or what in BLIND_LANES}
     assert min(found.values()) > 1.0 and max(found.values()) < math.inf
+
+
+def test_a_start_beside_one_that_is_stuck_is_critical(models: Callable[[str], Model]) -> None:
+    """A kink stands one billionth from the start, as far as the start that it is compared with."""
+    name = "kinks over the angle"
+    given = {"fh": -4.4, "fx": 1e-9, "gh": 5.0, "gx": 0.85, "kh": -2.5, "kx": 0.0, "kw": 1.0}
+    example = drawn_by_hand(name, 0.0, (0.0, 0.0), 0.005, **given)
+    model = models(name)
+    assert critical(model, example, "sampled", expected(model, example, "sampled", np.zeros(2)))
