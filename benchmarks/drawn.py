@@ -11,8 +11,8 @@ import numpy as np
 
 from benchmarks.paper import HORIZON, X0, Array
 from benchmarks.reference import ROOT
-from pmjoint_codegen.kernels.batch import BatchLibrary, Runs
-from pmjoint_codegen.sweep.kit import library_of, make_kit
+from pmjoint_codegen.loops.batch import BatchLibrary, Runs
+from pmjoint_codegen.sweep.build_inputs import library_of, make_inputs
 from pmjoint_codegen.sweep.store import CHUNK_RUNS, PARTS, TAIL
 
 Request = Callable[[float, slice, float], Runs]  # tolerance, which, horizon
@@ -38,7 +38,7 @@ def draw(runs: int) -> Draw:
 
 def library() -> BatchLibrary:
     """Return our batch loops for this machine."""
-    return library_of(make_kit(ROOT / "generated" / "paper"), os.environ)
+    return library_of(make_inputs(ROOT / "generated" / "paper"), os.environ)
 
 
 def requests(batch: BatchLibrary, drawn: Draw) -> Request:

@@ -17,11 +17,11 @@ from pathlib import Path
 from typing import Any
 
 from pmjoint_codegen import ClosedLoop
-from pmjoint_codegen.build.compiler import find_compiler
+from pmjoint_codegen.compile.compiler import find_compiler
 from pmjoint_codegen.emit.pipeline import generate
 from pmjoint_codegen.kernels import compiled
 from pmjoint_codegen.kernels.processor import usable_levels
-from pmjoint_codegen.spec import model_of
+from pmjoint_codegen.modelfile import model_of
 from pmjoint_derive import derive
 
 HEAD = (

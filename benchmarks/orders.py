@@ -16,12 +16,12 @@ from pathlib import Path
 
 from benchmarks.clock import interleaved
 from pmjoint_codegen import ClosedLoop
-from pmjoint_codegen.build.compiler import find_compiler
+from pmjoint_codegen.compile.compiler import find_compiler
 from pmjoint_codegen.emit.pipeline import generate
 from pmjoint_codegen.kernels import compiled
 from pmjoint_codegen.kernels.processor import usable_levels
-from pmjoint_codegen.spec import model_of
-from pmjoint_codegen.spec.reader import read_document
+from pmjoint_codegen.modelfile import model_of
+from pmjoint_codegen.modelfile.reader import read_document
 from pmjoint_codegen.workspace import find_model
 
 ORDERS = (10, 12, 14, 16, 18, 20, 24)

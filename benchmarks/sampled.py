@@ -16,13 +16,13 @@ from benchmarks.peers.ours import ALL_STEPS, constants
 from benchmarks.reference import ROOT
 from benchmarks.report import Row, Section
 from pmjoint_codegen import ClosedLoop
-from pmjoint_codegen.kernels.batch import BatchLibrary, Runs
-from pmjoint_codegen.simulate.hold import hold_matrices
-from pmjoint_codegen.simulate.loops import make_loop
-from pmjoint_codegen.simulate.problem import Progress, make_memory
+from pmjoint_codegen.loops.batch import BatchLibrary, Runs
+from pmjoint_codegen.loops.hold import hold_matrices
+from pmjoint_codegen.loops.problem import Progress, make_memory
+from pmjoint_codegen.loops.select import make_loop
 from pmjoint_codegen.simulate.run import initial_state
 from pmjoint_codegen.simulate.settings import make_settings
-from pmjoint_codegen.sweep.kit import library_of, make_kit
+from pmjoint_codegen.sweep.build_inputs import library_of, make_inputs
 
 SAMPLE_TIME: Final = 1e-3  # s
 SAMPLES: Final = round(HORIZON / SAMPLE_TIME)
@@ -58,7 +58,7 @@ def run(quick: bool, folder: Path) -> Section:
 
 def _contestants(section: Section, folder: Path) -> Contest:
     loop = ClosedLoop.load("paper", evaluator="compiled")
-    library = library_of(make_kit(ROOT / "generated" / "paper"), os.environ)
+    library = library_of(make_inputs(ROOT / "generated" / "paper"), os.environ)
     p = make_settings(loop.manifest).p
     hold = hold_matrices(loop.evaluator, p, SAMPLE_TIME)
     found: Contest = {"ours": (one_run(loop), 1), "ours, batch": (_batch(library, p, hold), RUNS)}

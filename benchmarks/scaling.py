@@ -12,7 +12,7 @@ from benchmarks.halves import apart
 from benchmarks.paper import HORIZON
 from benchmarks.report import Row, Section
 from benchmarks.sweeps import RUNS
-from pmjoint_codegen.kernels.batch import BatchLibrary
+from pmjoint_codegen.loops.batch import BatchLibrary
 
 
 def run(quick: bool) -> Section:

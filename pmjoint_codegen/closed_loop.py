@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from pmjoint_codegen.build.compiler import INSTALL, find_compiler
+from pmjoint_codegen.compile.compiler import INSTALL, find_compiler
 from pmjoint_codegen.errors import MissingToolError, SimulationError, UsageError
 from pmjoint_codegen.kernels.evaluator import Array, PreparingEvaluator
 from pmjoint_codegen.kernels.law import Law
+from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.run import Run, run
 from pmjoint_codegen.simulate.settings import DEFAULT_TOLERANCE, make_settings
-from pmjoint_codegen.simulate.status import Status
 
 if TYPE_CHECKING:
     from pmjoint_codegen.provision import Provided
@@ -102,7 +102,7 @@ class ClosedLoop:
         """
         if evaluator not in (None, "compiled", "interpreted"):
             raise UsageError(f"is {evaluator!r}", where="evaluator", remedy="allowed: compiled, interpreted")
-        from pmjoint_codegen.spec.reader import read_document
+        from pmjoint_codegen.modelfile.reader import read_document
         from pmjoint_codegen.workspace import find_model
 
         path = find_model(model)

@@ -24,7 +24,7 @@ from pmjoint_codegen.errors import (
 )
 from pmjoint_codegen.identity import canonical_hash, model_hash
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.spec.reader import read_document
+from pmjoint_codegen.modelfile.reader import read_document
 from pmjoint_codegen.storage import drop_link, replace_folder, sha256_file
 from pmjoint_codegen.workspace import cache_dir, called, find_model, generated_root
 
@@ -204,7 +204,7 @@ def _derived(
     stage("loading what derives", 0.0)
     try:
         from pmjoint_codegen.emit.pipeline import generate
-        from pmjoint_codegen.spec import model_of
+        from pmjoint_codegen.modelfile import model_of
     except ModuleNotFoundError as error:
         raise MissingToolError(
             f"{error.name} is needed to derive a changed model",
@@ -222,7 +222,7 @@ def _toolchain_key() -> str:
     from importlib import metadata  # slow to import, and of no use to a model that needs no derivation
 
     package = Path(__file__).resolve().parent
-    folders = (package.parent / "pmjoint_derive", package / "spec", package / "emit", package / "report")
+    folders = (package.parent / "pmjoint_derive", package / "modelfile", package / "emit", package / "report")
     sources = [path for folder in folders for path in sorted(folder.glob("*.py"))]
     versions = [__version__, metadata.version("sympy"), metadata.version("casadi")]
     return canonical_hash([versions, [sha256_file(path) for path in sources]])

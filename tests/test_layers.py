@@ -16,10 +16,10 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = "pmjoint_codegen"
 
 GROUND_FLOOR = ("errors", "storage", "workspace", "identity", "manifest", "values", "scratch")
-RUNTIME = ("build", "kernels", "simulate", "sweep", "tune")
+RUNTIME = ("compile", "kernels", "loops", "simulate", "sweep", "tune")
 FACADE = ("closed_loop",)
 SYMBOLIC = {"pmjoint_derive", "sympy", "casadi", "pint", "pydantic"}
-TOOLCHAIN = {f"{PACKAGE}.{name}" for name in ("spec", "emit", "report", "audit", "check", "provision")}
+TOOLCHAIN = {f"{PACKAGE}.{name}" for name in ("modelfile", "emit", "report", "audit", "check", "provision")}
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from pmjoint_codegen.build.compiler import find_compiler
+from pmjoint_codegen.compile.compiler import find_compiler
 
 PROGRAM = """
 import json, sys

@@ -8,12 +8,12 @@ from dataclasses import replace
 from benchmarks.paper import Array
 from benchmarks.peers.solver import Solver
 from pmjoint_codegen import ClosedLoop
-from pmjoint_codegen.simulate.loops import CompiledLoop, make_loop
-from pmjoint_codegen.simulate.modes import make_actuator
-from pmjoint_codegen.simulate.problem import Problem, Progress, make_memory
+from pmjoint_codegen.loops.modes import make_actuator
+from pmjoint_codegen.loops.problem import Problem, Progress, make_memory
+from pmjoint_codegen.loops.select import CompiledLoop, make_loop
+from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.simulate.run import initial_state, make_problem
 from pmjoint_codegen.simulate.settings import Settings, make_settings
-from pmjoint_codegen.simulate.status import Status
 
 SETTINGS = (1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12, 1e-13)
 ALL_STEPS = 10_000_000

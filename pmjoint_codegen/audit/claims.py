@@ -8,7 +8,7 @@ from typing import Any
 import sympy as sp
 
 from pmjoint_codegen.audit.findings import Evidence, Finding, derived_text, yes
-from pmjoint_codegen.audit.ground import Ground
+from pmjoint_codegen.audit.ground import Context
 from pmjoint_codegen.audit.joint import MEASURED, equation_of_motion, measured_joint
 from pmjoint_codegen.audit.judgement import Verdict, difference, vanishes
 from pmjoint_codegen.audit.notation import Scope, chain, names, value
@@ -19,7 +19,7 @@ from pmjoint_codegen.audit.stability import certificate
 _LUMPED = "vartheta/J - b_v/J*dot(theta)"  # what is left of (1)-(4) at theta = 0 and u = 0
 
 
-def bounded_disturbance(ground: Ground, made: Experiments) -> Finding:
+def bounded_disturbance(ground: Context, made: Experiments) -> Finding:
     """The sentence above (6): d is bounded because the joint's speed is."""
     scope = ground.scope(JOINT)
     lumped = value(chain(ground.paper["d(t)"].lines[0])[0][1], scope)
@@ -52,7 +52,7 @@ def bounded_disturbance(ground: Ground, made: Experiments) -> Finding:
     )
 
 
-def error_boundedness(ground: Ground, made: Experiments) -> Finding:
+def error_boundedness(ground: Context, made: Experiments) -> Finding:
     """The half of Theorem 1 that is true: z and epsilon."""
     s, numbers = ground.signals, certificate(ground)
     rates = {z: ground.rate(ground.derivation.equations[z.name].expression) for z in s.z}
@@ -83,7 +83,7 @@ def error_boundedness(ground: Ground, made: Experiments) -> Finding:
     )
 
 
-def all_signals_bounded(ground: Ground, made: Experiments) -> Finding:
+def all_signals_bounded(ground: Context, made: Experiments) -> Finding:
     """The other half: x_1 and r_1 run away together while z goes to zero."""
     s = ground.signals
     run, clipped = made.undisturbed.beyond, made.clipped
@@ -126,7 +126,7 @@ def all_signals_bounded(ground: Ground, made: Experiments) -> Finding:
     )
 
 
-def compensation(ground: Ground, made: Experiments) -> Finding:
+def compensation(ground: Context, made: Experiments) -> Finding:
     """Section VI: what compensation is, and what it costs in the example."""
     with_, without = made.with_compensator.summary, made.without.summary
     identity = vanishes(ground.value("y - y_r - (z_1 + r_1)"))
@@ -153,7 +153,7 @@ def compensation(ground: Ground, made: Experiments) -> Finding:
     )
 
 
-def unknown_saturation(ground: Ground, made: Experiments) -> Finding:
+def unknown_saturation(ground: Context, made: Experiments) -> Finding:
     """(10) calls u_M unknown; the controller needs the applied u."""
     s, equations = ground.signals, ground.derivation.equations
     reading = [
@@ -183,7 +183,7 @@ def unknown_saturation(ground: Ground, made: Experiments) -> Finding:
     )
 
 
-def adaptive_title(ground: Ground, made: Experiments) -> Finding:
+def adaptive_title(ground: Context, made: Experiments) -> Finding:
     """The title of Section III: an update law is a controller state that a tracking error drives."""
     s, equations = ground.signals, ground.derivation.equations
     driven = [
@@ -207,7 +207,7 @@ def adaptive_title(ground: Ground, made: Experiments) -> Finding:
     )
 
 
-def smooth_reference(ground: Ground, made: Experiments) -> Finding:
+def smooth_reference(ground: Context, made: Experiments) -> Finding:
     """Assumption 1: the law's need of the reference's derivatives."""
     law = ground.expand(ground.signals.v, law=True)
     orders = [order for order, symbol in enumerate(ground.signals.y_r) if symbol in law.free_symbols]
@@ -220,7 +220,7 @@ def smooth_reference(ground: Ground, made: Experiments) -> Finding:
     )
 
 
-def example_numbers(ground: Ground, made: Experiments) -> Finding:
+def example_numbers(ground: Context, made: Experiments) -> Finding:
     """Section V's numbers against the model file and the run, and what it does not say."""
     display = ground.paper["Section V"]
     known = _example_scope(ground, made)
@@ -250,7 +250,7 @@ def example_numbers(ground: Ground, made: Experiments) -> Finding:
     )
 
 
-def one_name_two_meanings(ground: Ground, made: Experiments) -> Finding:
+def one_name_two_meanings(ground: Context, made: Experiments) -> Finding:
     """Clashes in the symbol table of the printed equations."""
     meanings, spellings = _symbol_table(ground)
     clashes = {name: found for name, found in meanings.items() if len(found) > 1}
@@ -274,7 +274,7 @@ def one_name_two_meanings(ground: Ground, made: Experiments) -> Finding:
     )
 
 
-def _damping(ground: Ground, scope: Scope) -> tuple[Evidence, ...]:
+def _damping(ground: Context, scope: Scope) -> tuple[Evidence, ...]:
     """``b_v/J`` of the measured joint beside the rates that it would have to be small against."""
     numbers = measured_joint(scope)
     rate = (scope["b_v"] / scope["J"]).xreplace(dict(numbers))
@@ -310,14 +310,14 @@ def _assumed(made: Experiments) -> str:
     return f"y_r = {run.manifest.simulation.reference} and {run.settings.horizon:g} s"
 
 
-def _seen(ground: Ground) -> float:
+def _seen(ground: Context) -> float:
     """Rank of (z, epsilon) as a function of the closed loop's state: how many directions V_2 sees."""
     s = ground.signals
     seen = sp.Matrix([ground.expand(symbol) for symbol in (*s.z, *s.epsilon)])
     return float(seen.jacobian(sp.Matrix([*s.x, *s.controller_state])).rank())
 
 
-def _escape(ground: Ground) -> str:
+def _escape(ground: Context) -> str:
     """``w' - sqrt(d_1) w`` for ``w = x_1 + x_2/sqrt(d_1)``, d_1 > 0."""
     positive = sp.Symbol("d_1", positive=True)
     x_1, x_2 = ground.signals.x
@@ -332,7 +332,7 @@ def _escape(ground: Ground) -> str:
 
 
 def _shift(
-    ground: Ground, estimate: str, right: Mapping[sp.Symbol, sp.Expr], wrong: Mapping[sp.Symbol, sp.Expr]
+    ground: Context, estimate: str, right: Mapping[sp.Symbol, sp.Expr], wrong: Mapping[sp.Symbol, sp.Expr]
 ) -> sp.Expr:
     """How a wrong u in the filters enters the rate of one estimation error."""
     expression = ground.expand(sp.Symbol(estimate, real=True))
@@ -341,7 +341,7 @@ def _shift(
     )
 
 
-def _example_scope(ground: Ground, made: Experiments) -> dict[str, Any]:
+def _example_scope(ground: Context, made: Experiments) -> dict[str, Any]:
     """Printed names of Section V -> the numbers of the model file and of the run's first instant."""
     scope, numbers = ground.scope(DESIGN), dict(ground.numbers())
     known: dict[str, Any] = {}
@@ -361,7 +361,7 @@ def _agrees(line: str, known: Mapping[str, Any]) -> bool:
     return all(vanishes(difference(number, item)) for item in said)
 
 
-def _symbol_table(ground: Ground) -> tuple[dict[str, dict[str, list[str]]], dict[str, list[str]]]:
+def _symbol_table(ground: Context) -> tuple[dict[str, dict[str, list[str]]], dict[str, list[str]]]:
     """Printed name -> meaning -> displays, and meaning -> printed names, for names of one symbol."""
     meanings: dict[str, dict[str, list[str]]] = {}
     spellings: dict[str, list[str]] = {}

@@ -15,14 +15,14 @@ from pmjoint_codegen.audit.findings import (
     undefined,
     units_of,
 )
-from pmjoint_codegen.audit.ground import Ground
+from pmjoint_codegen.audit.ground import Context
 from pmjoint_codegen.audit.judgement import Verdict
 from pmjoint_codegen.report.notation import text_expression
 
 _UNDEFINED = "v_0_3"
 
 
-def auxiliary_system(ground: Ground) -> Finding:
+def auxiliary_system(ground: Context) -> Finding:
     """(23)."""
     return Case(
         ground,
@@ -33,7 +33,7 @@ def auxiliary_system(ground: Ground) -> Finding:
     ).judged()
 
 
-def lost_input(ground: Ground) -> Finding:
+def lost_input(ground: Context) -> Finding:
     """The input of (23)."""
     return Case(
         ground,
@@ -43,7 +43,7 @@ def lost_input(ground: Ground) -> Finding:
     ).judged()
 
 
-def errors(ground: Ground) -> Finding:
+def errors(ground: Context) -> Finding:
     """(24)."""
     return Case(
         ground,
@@ -54,14 +54,14 @@ def errors(ground: Ground) -> Finding:
     ).judged()
 
 
-def first_rate(ground: Ground) -> Finding:
+def first_rate(ground: Context) -> Finding:
     """Step 1."""
     return Case(
         ground, "step 1", calm="follows from (21), (23) and (24); neither u nor Delta u is in it"
     ).judged()
 
 
-def virtual_control(ground: Ground) -> Finding:
+def virtual_control(ground: Context) -> Finding:
     """(25)."""
     return Case(
         ground,
@@ -71,7 +71,7 @@ def virtual_control(ground: Ground) -> Finding:
     ).judged()
 
 
-def first_function(ground: Ground) -> Finding:
+def first_function(ground: Context) -> Finding:
     """(26)."""
     terms = "z_1**2", "epsilon_1**2/e_1", "epsilon_2**2/e_1"
     mixed = "" if one_unit(ground, *terms) else "; it adds different units, joined by weights of size one"
@@ -80,7 +80,7 @@ def first_function(ground: Ground) -> Finding:
     ).judged(units_of(ground, *terms))
 
 
-def first_function_rate(ground: Ground) -> Finding:
+def first_function_rate(ground: Context) -> Finding:
     """(27)."""
     slack = "1/(2*e_1)*norm(epsilon - P*D)**2"
     young = "e_1*(z_1 - epsilon_2/(2*e_1))**2 + 1/(4*e_1)*epsilon_1**2"
@@ -96,7 +96,7 @@ def first_function_rate(ground: Ground) -> Finding:
     )
 
 
-def second_rate(ground: Ground) -> Finding:
+def second_rate(ground: Context) -> Finding:
     """(28): the print uses v_{0,3}, which it nowhere defines; for two states it is zero."""
     return Case(
         ground,
@@ -107,7 +107,7 @@ def second_rate(ground: Ground) -> Finding:
     ).judged(*undefined(ground, _UNDEFINED, "v_0,3"))
 
 
-def control_law(ground: Ground) -> Finding:
+def control_law(ground: Context) -> Finding:
     """(29)."""
     mixed = (
         ""
@@ -133,7 +133,7 @@ def control_law(ground: Ground) -> Finding:
     )
 
 
-def _change_of_units(ground: Ground) -> str:
+def _change_of_units(ground: Context) -> str:
     """What becomes of the derived law, gains carried over, when the input's unit is a q-th of what it was."""
     units, input_unit = ground.derivation.units, ground.derivation.model.u_unit
     q = sp.Symbol("q", positive=True)

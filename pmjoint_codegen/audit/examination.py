@@ -11,11 +11,11 @@ from collections.abc import Callable, Mapping
 
 from pmjoint_codegen.audit import claims, designing, filtering, modelling, stability
 from pmjoint_codegen.audit.findings import Finding
-from pmjoint_codegen.audit.ground import Ground
+from pmjoint_codegen.audit.ground import Context
 from pmjoint_codegen.audit.paper import Printed, printed_equations
-from pmjoint_codegen.audit.runs import Laboratory, Notify, experiments
-from pmjoint_codegen.spec import model_of
-from pmjoint_codegen.spec.reader import read_document
+from pmjoint_codegen.audit.runs import ExperimentRunner, Notify, experiments
+from pmjoint_codegen.modelfile import model_of
+from pmjoint_codegen.modelfile.reader import read_document
 from pmjoint_codegen.workspace import find_model
 from pmjoint_derive import derive
 
@@ -82,7 +82,7 @@ TRIALS = (
 )
 
 
-def paper_ground(paper: Mapping[str, Printed] | None = None) -> Ground:
+def paper_ground(paper: Mapping[str, Printed] | None = None) -> Context:
     """The printed equations beside the derivation of the model ``paper``.
 
     Args:
@@ -93,7 +93,7 @@ def paper_ground(paper: Mapping[str, Printed] | None = None) -> Ground:
     """
     path = find_model("paper")
     model = model_of(read_document(path), str(path))
-    return Ground(printed_equations() if paper is None else paper, derive(model))
+    return Context(printed_equations() if paper is None else paper, derive(model))
 
 
 def audit(progress: Progress, notify: Notify) -> tuple[Finding, ...]:
@@ -107,7 +107,7 @@ def audit(progress: Progress, notify: Notify) -> tuple[Finding, ...]:
         PmjointError: the model cannot be read, or its kernels cannot be built.
     """
     ground = paper_ground()
-    made = experiments(Laboratory(_once(notify)), ground.derivation.model.disturbance_bound or 0.0)
+    made = experiments(ExperimentRunner(_once(notify)), ground.derivation.model.disturbance_bound or 0.0)
     found: list[Finding] = []
     total = len(COMPARISONS) + len(TRIALS)
     for compare in COMPARISONS:

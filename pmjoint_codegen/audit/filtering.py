@@ -5,25 +5,25 @@ from __future__ import annotations
 import sympy as sp
 
 from pmjoint_codegen.audit.findings import Case, Evidence, Finding, Remedy, derived_text, undefined, yes
-from pmjoint_codegen.audit.ground import Ground
+from pmjoint_codegen.audit.ground import Context
 from pmjoint_codegen.audit.judgement import Verdict
 from pmjoint_codegen.audit.notation import value
 from pmjoint_codegen.audit.paper import DESIGN
 
 
-def system_in_matrices(ground: Ground) -> Finding:
+def system_in_matrices(ground: Context) -> Finding:
     """(12)."""
     return Case(ground, "(12)", calm="(11) in matrices").judged()
 
 
-def matrices(ground: Ground) -> Finding:
+def matrices(ground: Context) -> Finding:
     """(13)."""
     return Case(
         ground, "(13)", calm="the matrices that make (12) equal to (11)", otherwise=Verdict.DEFINITION
     ).judged()
 
 
-def filters(ground: Ground) -> Finding:
+def filters(ground: Context) -> Finding:
     """(14)."""
     names = [f"{state}_dot" for state in ground.signals.controller_state[:6]]
     standing = undefined(ground, "E_2", "E_2")
@@ -41,7 +41,7 @@ def filters(ground: Ground) -> Finding:
     )
 
 
-def lyapunov_equation(ground: Ground) -> Finding:
+def lyapunov_equation(ground: Context) -> Finding:
     """A_0 and P, with the example's numbers."""
     scope, numbers = ground.scope(DESIGN), dict(ground.numbers())
     poles = [float(sp.re(pole)) for pole in scope["A_0"].xreplace(numbers).eigenvals()]
@@ -59,12 +59,12 @@ def lyapunov_equation(ground: Ground) -> Finding:
     )
 
 
-def _column_gap(ground: Ground) -> str:
+def _column_gap(ground: Context) -> str:
     """What (18) needs to be zero: the difference of the two ways in which u enters."""
     return str(list(value("b_0*E_2 - [[0], [b_0]]", ground.scope(DESIGN))))
 
 
-def state_estimate(ground: Ground) -> Finding:
+def state_estimate(ground: Context) -> Finding:
     """(15)."""
     return Case(
         ground,
@@ -75,17 +75,17 @@ def state_estimate(ground: Ground) -> Finding:
     ).judged()
 
 
-def estimate_rate(ground: Ground) -> Finding:
+def estimate_rate(ground: Context) -> Finding:
     """(16)."""
     return Case(ground, "(16)", calm="follows from (14) and (15), step by step").judged()
 
 
-def estimation_error(ground: Ground) -> Finding:
+def estimation_error(ground: Context) -> Finding:
     """(17)."""
     return Case(ground, "(17)", calm="names the error", otherwise=Verdict.DEFINITION).judged()
 
 
-def error_dynamics(ground: Ground) -> Finding:
+def error_dynamics(ground: Context) -> Finding:
     """(18)."""
     return Case(
         ground,
@@ -97,14 +97,14 @@ def error_dynamics(ground: Ground) -> Finding:
     ).judged()
 
 
-def error_function(ground: Ground) -> Finding:
+def error_function(ground: Context) -> Finding:
     """(19)."""
     return Case(
         ground, "(19)", calm="names a positive function of the error", otherwise=Verdict.DEFINITION
     ).judged()
 
 
-def error_function_rate(ground: Ground) -> Finding:
+def error_function_rate(ground: Context) -> Finding:
     """(20), by completing a square, and Remark 3's bound."""
     numbers = dict(ground.numbers())
     largest = sp.N(max(ground.P.xreplace(numbers).eigenvals(), key=sp.N))
@@ -121,7 +121,7 @@ def error_function_rate(ground: Ground) -> Finding:
     )
 
 
-def output_rate(ground: Ground) -> Finding:
+def output_rate(ground: Context) -> Finding:
     """(21)."""
     return Case(
         ground,
@@ -134,7 +134,7 @@ def output_rate(ground: Ground) -> Finding:
     ).judged()
 
 
-def regressors(ground: Ground) -> Finding:
+def regressors(ground: Context) -> Finding:
     """(22), and that both regressors say the same of the output's rate."""
     scope = ground.scope(DESIGN)
     same = value("T(omega)*Theta - b_0*v_0_2 - T(bar(omega))*Theta", scope)
@@ -143,7 +143,7 @@ def regressors(ground: Ground) -> Finding:
     )
 
 
-def input_filter_entries(ground: Ground) -> Finding:
+def input_filter_entries(ground: Context) -> Finding:
     """The sentence below (22), from which v_{0,3} can be read."""
     entry = value("T(E_2)*A*v_0", ground.scope(DESIGN))
     return Case(

@@ -8,7 +8,7 @@ from typing import Any
 
 import sympy as sp
 
-from pmjoint_codegen.audit.ground import Ground
+from pmjoint_codegen.audit.ground import Context
 from pmjoint_codegen.audit.judgement import Evaluate, Link, Proofs, Verdict, judge_lines, no_proofs, verdict
 from pmjoint_codegen.audit.notation import Scope, chain, names, value
 from pmjoint_codegen.audit.paper import DESIGN, JOINT
@@ -96,7 +96,7 @@ class Case:
         reading: a doubt about the print, shown when the remedy was needed.
     """
 
-    ground: Ground
+    ground: Context
     number: str
     calm: str
     corrected: str = ""
@@ -153,7 +153,7 @@ def _relations(line: str) -> list[str]:
     return [f"{left} {sign} {right}" for left, sign, right in zip(sides, signs, sides[1:], strict=False)]
 
 
-def design(ground: Ground, law: bool = False) -> Setting:
+def design(ground: Context, law: bool = False) -> Setting:
     """Evaluate in the design part: in primitive symbols, with the derived law for v if wanted."""
 
     def given(definitions: Sequence[str]) -> Evaluate:
@@ -163,7 +163,7 @@ def design(ground: Ground, law: bool = False) -> Setting:
     return given
 
 
-def joint(ground: Ground, meaning: Mapping[sp.Symbol, sp.Expr]) -> Setting:
+def joint(ground: Context, meaning: Mapping[sp.Symbol, sp.Expr]) -> Setting:
     """Evaluate in the physical part, some symbols put in terms of others."""
     scope = ground.scope(JOINT)
 
@@ -182,13 +182,13 @@ def _replaced(item: Any, known: Mapping[sp.Symbol, sp.Expr]) -> Any:
     return item.xreplace(dict(known))
 
 
-def derived_text(ground: Ground, *names: str) -> tuple[str, ...]:
+def derived_text(ground: Context, *names: str) -> tuple[str, ...]:
     """Equations of the derivation as text."""
     equations = ground.derivation.equations
     return tuple(f"{name} = {text_expression(equations[name].expression)}" for name in names)
 
 
-def undefined(ground: Ground, name: str, shown: str) -> tuple[Evidence, ...]:
+def undefined(ground: Context, name: str, shown: str) -> tuple[Evidence, ...]:
     """Where a symbol is used, and which displays have it on their left."""
     used, defined = [], []
     for number, display in ground.paper.items():
@@ -202,13 +202,13 @@ def undefined(ground: Ground, name: str, shown: str) -> tuple[Evidence, ...]:
     )
 
 
-def units_of(ground: Ground, *terms: str) -> Evidence:
+def units_of(ground: Context, *terms: str) -> Evidence:
     """Units of terms that a display adds."""
     listed = ", ".join(term.replace("**", "^") for term in terms)
     return Evidence(f"units of {listed}", ", ".join(str(ground.unit(term)) for term in terms))
 
 
-def one_unit(ground: Ground, *terms: str) -> bool:
+def one_unit(ground: Context, *terms: str) -> bool:
     """Whether terms have one unit, so that their sum is independent of the units chosen."""
     return len({frozenset(ground.unit(term).powers.items()) for term in terms}) == 1
 

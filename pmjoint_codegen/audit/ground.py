@@ -28,7 +28,7 @@ from pmjoint_derive.units import Unit
 
 
 @dataclass(frozen=True)
-class Ground:
+class Context:
     """The derivation that an audit compares with, and the printed paper.
 
     Attributes:
@@ -140,7 +140,7 @@ def lyapunov_solution(A0: sp.MatrixBase) -> sp.ImmutableMatrix:
 class DesignScope(Mapping[str, Any]):
     """Symbols from (9) on; derivatives are computed when they are asked for."""
 
-    def __init__(self, ground: Ground) -> None:
+    def __init__(self, ground: Context) -> None:
         """Take the derivation."""
         self._ground = ground
         self._known = _design_table(ground)
@@ -182,7 +182,7 @@ class DesignScope(Mapping[str, Any]):
         return sp.diff(function, argument)
 
 
-def _design_table(ground: Ground) -> Mapping[str, Any]:
+def _design_table(ground: Context) -> Mapping[str, Any]:
     s, P = ground.signals, ground.P
     d = disturbance_symbol()
     n = len(s.x)
@@ -244,13 +244,13 @@ def spectral_norm() -> sp.Symbol:
     return sp.Symbol("lambda_P", positive=True)
 
 
-def error_function(ground: Ground) -> sp.Expr:
+def error_function(ground: Context) -> sp.Expr:
     """``epsilon' P epsilon``."""
     epsilon = sp.Matrix(ground.signals.epsilon)
     return sp.expand((epsilon.T * ground.P * epsilon)[0, 0])
 
 
-def lyapunov_function(ground: Ground, steps: int) -> sp.Expr:
+def lyapunov_function(ground: Context, steps: int) -> sp.Expr:
     """``sum of z_i^2 / 2 + sum of V_epsilon / (2 e_i)`` over the first steps."""
     s = ground.signals
     pairs = list(zip(s.z, s.e, strict=True))[:steps]

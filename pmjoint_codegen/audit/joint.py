@@ -13,7 +13,7 @@ import sympy as sp
 
 from pmjoint_codegen.audit.notation import Scope, chain, value
 from pmjoint_codegen.audit.paper import Printed
-from pmjoint_codegen.spec.reader import read_document
+from pmjoint_codegen.modelfile.reader import read_document
 from pmjoint_codegen.workspace import find_model
 from pmjoint_derive import parameter_symbol
 from pmjoint_derive.joint import acceleration, base_pressure

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import sympy as sp
 
 from pmjoint_codegen.audit.findings import Case, Evidence, Finding, Remedy, derived_text, joint, yes
-from pmjoint_codegen.audit.ground import Ground, disturbance_symbol
+from pmjoint_codegen.audit.ground import Context, disturbance_symbol
 from pmjoint_codegen.audit.joint import MEASURED, equation_of_motion, measured_joint, modelled_acceleration
 from pmjoint_codegen.audit.judgement import Verdict, vanishes
 from pmjoint_codegen.audit.notation import chain, value
@@ -19,7 +19,7 @@ _QUADRATIC_GAIN = ("+ C_3)", "+ C_3 + C_1*(r*l_0**-1*theta)**2)")
 _PER_INERTIA = ("+ vartheta", "+ 1/J*vartheta")
 
 
-def torque_balance(ground: Ground) -> Finding:
+def torque_balance(ground: Context) -> Finding:
     """(1)."""
     scope = ground.scope(JOINT)
     _, inertial, applied = (value(text, scope) for text in chain(ground.paper["(1)"].lines[0])[0])
@@ -37,7 +37,7 @@ def torque_balance(ground: Ground) -> Finding:
     )
 
 
-def muscle_forces(ground: Ground) -> Finding:
+def muscle_forces(ground: Context) -> Finding:
     """(2)."""
     forces = _forces(ground)
     pressures = [ground.scope(JOINT)[name] for name in ("P_1", "P_2")]
@@ -52,7 +52,7 @@ def muscle_forces(ground: Ground) -> Finding:
     )
 
 
-def contraction_rates(ground: Ground) -> Finding:
+def contraction_rates(ground: Context) -> Finding:
     """(3)."""
     scope = ground.scope(JOINT)
     one, two = (value(chain(line)[0][1], scope) for line in ground.paper["(3)"].lines)
@@ -64,7 +64,7 @@ def contraction_rates(ground: Ground) -> Finding:
     )
 
 
-def pressures(ground: Ground) -> Finding:
+def pressures(ground: Context) -> Finding:
     """(4): both printed forms agree, and pressures that stay positive bound the input."""
     scope = ground.scope(JOINT)
     forms = [[value(text, scope) for text in chain(line)[0][1:]] for line in ground.paper["(4)"].lines]
@@ -81,7 +81,7 @@ def pressures(ground: Ground) -> Finding:
     )
 
 
-def equation_of_motion_printed(ground: Ground) -> Finding:
+def equation_of_motion_printed(ground: Context) -> Finding:
     """(5) against (1)-(4)."""
     scope = ground.scope(JOINT)
     derived = equation_of_motion(ground.paper, scope)
@@ -103,7 +103,7 @@ def equation_of_motion_printed(ground: Ground) -> Finding:
     )
 
 
-def damping_moved(ground: Ground) -> Finding:
+def damping_moved(ground: Context) -> Finding:
     """The display below (5): (5) with the damping hidden in d."""
     scope = ground.scope(JOINT)
     meaning = {scope["ddot(theta)"]: _right_side(ground, "(5)"), scope["d"]: _right_side(ground, "d(t)")}
@@ -115,7 +115,7 @@ def damping_moved(ground: Ground) -> Finding:
     ).judged()
 
 
-def states(ground: Ground) -> Finding:
+def states(ground: Context) -> Finding:
     """(6)."""
     scope = ground.scope(JOINT)
     meaning = {scope["x_1"]: scope["theta"], scope["x_2"]: scope["dot(theta)"]}
@@ -124,7 +124,7 @@ def states(ground: Ground) -> Finding:
     ).judged()
 
 
-def system_model(ground: Ground) -> Finding:
+def system_model(ground: Context) -> Finding:
     """(7) from the display below (5), with (6) and (8)."""
     scope = ground.scope(JOINT)
     angle, speed = scope["theta"], scope["dot(theta)"]
@@ -139,7 +139,7 @@ def system_model(ground: Ground) -> Finding:
     ).judged()
 
 
-def constants(ground: Ground) -> Finding:
+def constants(ground: Context) -> Finding:
     """(8) against the coefficients that (1)-(4) give."""
     scope = ground.scope(JOINT)
     derived = equation_of_motion(ground.paper, scope)
@@ -170,7 +170,7 @@ def constants(ground: Ground) -> Finding:
     )
 
 
-def disturbance_bound(ground: Ground) -> Finding:
+def disturbance_bound(ground: Context) -> Finding:
     """(9), tried on the example's disturbance (37)."""
     model = ground.derivation.model
     return _assumed(
@@ -182,7 +182,7 @@ def disturbance_bound(ground: Ground) -> Finding:
     )
 
 
-def saturation(ground: Ground) -> Finding:
+def saturation(ground: Context) -> Finding:
     """(10): two points on each of the three straight pieces decide."""
     display, s = ground.paper["(10)"], ground.signals
     limit = ground.derivation.model.limit
@@ -202,7 +202,7 @@ def saturation(ground: Ground) -> Finding:
     )
 
 
-def saturated_system(ground: Ground) -> Finding:
+def saturated_system(ground: Context) -> Finding:
     """(11)."""
     return Case(
         ground,
@@ -212,7 +212,7 @@ def saturated_system(ground: Ground) -> Finding:
     ).judged()
 
 
-def simulated_system(ground: Ground) -> Finding:
+def simulated_system(ground: Context) -> Finding:
     """(36): (11) again; its numbers make an unstable plant."""
     stiffness = value("d_1", ground.scope("design")).xreplace(dict(ground.numbers()))
     pole = sp.sqrt(stiffness)
@@ -221,7 +221,7 @@ def simulated_system(ground: Ground) -> Finding:
     return Case(ground, "(36)", calm).judged(Evidence("right-most open-loop pole", float(sp.re(pole)), "1/s"))
 
 
-def simulated_disturbance(ground: Ground) -> Finding:
+def simulated_disturbance(ground: Context) -> Finding:
     """(37) against the disturbance that is simulated here."""
     s = ground.signals
     simulated = ground.derivation.model.plant.disturbance[1]
@@ -238,23 +238,23 @@ def simulated_disturbance(ground: Ground) -> Finding:
     )
 
 
-def _assumed(ground: Ground, number: str, summary: str, *evidence: Evidence) -> Finding:
+def _assumed(ground: Context, number: str, summary: str, *evidence: Evidence) -> Finding:
     display = ground.paper[number]
     return Finding(number, display.title, Verdict.ASSUMPTION, summary, display.lines, evidence=evidence)
 
 
-def _right_side(ground: Ground, number: str, line: int = 0) -> sp.Expr:
+def _right_side(ground: Context, number: str, line: int = 0) -> sp.Expr:
     """Last expression of a printed line of the physical part."""
     return value(chain(ground.paper[number].lines[line])[0][-1], ground.scope(JOINT))
 
 
-def _forces(ground: Ground) -> Mapping[sp.Symbol, sp.Expr]:
+def _forces(ground: Context) -> Mapping[sp.Symbol, sp.Expr]:
     scope = ground.scope(JOINT)
     sides = (chain(line)[0] for line in ground.paper["(2)"].lines)
     return {value(left, scope): value(right, scope) for left, right in sides}
 
 
-def _radii(ground: Ground) -> dict[sp.Symbol, sp.Expr]:
+def _radii(ground: Context) -> dict[sp.Symbol, sp.Expr]:
     scope = ground.scope(JOINT)
     return {scope[name]: scope["r"] for name in ("b_1", "b_2")}
 
@@ -266,7 +266,7 @@ def _collected(motion: sp.Expr, scope: Mapping[str, sp.Expr]) -> sp.Expr:
     return driven + sp.factor(motion.xreplace(dict.fromkeys(parts, sp.Integer(0))))
 
 
-def _terms(ground: Ground, derived: sp.Expr) -> tuple[Evidence, ...]:
+def _terms(ground: Context, derived: sp.Expr) -> tuple[Evidence, ...]:
     """Printed over derived, term by term of the equation of motion."""
     scope = ground.scope(JOINT)
     printed = sp.expand(_right_side(ground, "(5)"))
@@ -286,7 +286,7 @@ def _terms(ground: Ground, derived: sp.Expr) -> tuple[Evidence, ...]:
     return (*ratios, Evidence("coefficient of theta^2 u that the print lacks", str(missing)))
 
 
-def _measured(ground: Ground, gain: sp.Expr, stiffness: sp.Expr) -> tuple[Evidence, ...]:
+def _measured(ground: Context, gain: sp.Expr, stiffness: sp.Expr) -> tuple[Evidence, ...]:
     """Numbers of a measured joint: both constants, the printed gain, and what the missing term is worth."""
     scope = ground.scope(JOINT)
     numbers, angle = measured_joint(scope), scope["theta"]
@@ -311,7 +311,7 @@ def _ideal_muscle(stiffness: sp.Expr, scope: Mapping[str, sp.Expr]) -> bool:
     return bool(sp.factor(stiffness.subs(constants)).is_negative)
 
 
-def _amplitude(ground: Ground) -> sp.Expr:
+def _amplitude(ground: Context) -> sp.Expr:
     """Largest value of the simulated disturbance: sines and cosines at one."""
     expression = ground.derivation.equations[disturbance_symbol().name].expression
     return sp.Abs(expression.replace(lambda node: node.func in (sp.sin, sp.cos), lambda node: sp.Integer(1)))

@@ -30,7 +30,7 @@ CLIPPED_ANGLES = (
 
 
 @dataclass(frozen=True)
-class Laboratory:
+class ExperimentRunner:
     """Runs of the paper's model.
 
     Attributes:
@@ -139,7 +139,7 @@ class Experiments:
     sure_strip: float
 
 
-def experiments(laboratory: Laboratory, disturbance_bound: float, steps: int = 10) -> Experiments:
+def experiments(laboratory: ExperimentRunner, disturbance_bound: float, steps: int = 10) -> Experiments:
     """Make all runs.
 
     Args:

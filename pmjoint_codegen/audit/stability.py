@@ -20,7 +20,7 @@ from pmjoint_codegen.audit.findings import (
     units_of,
     yes,
 )
-from pmjoint_codegen.audit.ground import Ground, disturbance_symbol, spectral_norm
+from pmjoint_codegen.audit.ground import Context, disturbance_symbol, spectral_norm
 from pmjoint_codegen.audit.judgement import Evaluate, Verdict, vanishes
 from pmjoint_codegen.audit.notation import chain, value
 from pmjoint_codegen.audit.paper import DESIGN, YOUNG
@@ -55,7 +55,7 @@ class Constants:
         return float(sp.sqrt(2 * self.Y / self.f))
 
 
-def certificate(ground: Ground) -> Constants:
+def certificate(ground: Context) -> Constants:
     """The numbers of (33)-(35) from the printed formulas, (34) corrected."""
     numbers = dict(ground.numbers())
     largest = max(sp.re(sp.N(value_, 30)) for value_ in ground.P.xreplace(numbers).eigenvals())
@@ -70,16 +70,16 @@ def certificate(ground: Ground) -> Constants:
     return Constants(float(largest), float(f_minus), float(f_plus), float(f_minus / f_plus), float(Y))
 
 
-def _corrected(ground: Ground) -> str:
+def _corrected(ground: Context) -> str:
     """``f_-`` of (34) with the remedy."""
     return _OTHER_GAIN.mend(ground.paper["(34)"].lines)[1]
 
 
-def _constant(ground: Ground, line: str) -> sp.Expr:
+def _constant(ground: Context, line: str) -> sp.Expr:
     return value(chain(line)[0][1], ground.scope(DESIGN))
 
 
-def lyapunov_function(ground: Ground) -> Finding:
+def lyapunov_function(ground: Context) -> Finding:
     """(30)."""
     terms = "z_1**2", "z_2**2"
     mixed = "" if one_unit(ground, *terms) else "; it adds different units, joined by weights of size one"
@@ -91,7 +91,7 @@ def lyapunov_function(ground: Ground) -> Finding:
     ).judged(units_of(ground, *terms))
 
 
-def _printed_law(ground: Ground) -> Setting:
+def _printed_law(ground: Context) -> Setting:
     """Evaluate with (29) as it is printed in place of v, its undefined v_0,3 included: (31) takes it so."""
 
     def setting(definitions: Sequence[str]) -> Evaluate:
@@ -102,7 +102,7 @@ def _printed_law(ground: Ground) -> Setting:
     return setting
 
 
-def function_rate(ground: Ground) -> Finding:
+def function_rate(ground: Context) -> Finding:
     """(31)."""
     slack = " + ".join((*_SLACKS, _YOUNG[0]))
     return Case(
@@ -116,7 +116,7 @@ def function_rate(ground: Ground) -> Finding:
     ).judged(Evidence("what the first relation gives away", slack))
 
 
-def youngs_inequality(ground: Ground) -> Finding:
+def youngs_inequality(ground: Context) -> Finding:
     """The display between (31) and (32)."""
     scope = ground.scope(YOUNG)
 
@@ -133,7 +133,7 @@ def youngs_inequality(ground: Ground) -> Finding:
     ).judged(Evidence("what it gives away", square))
 
 
-def function_bound(ground: Ground) -> Finding:
+def function_bound(ground: Context) -> Finding:
     """(32): squares for the first inequality, the norm of P for the second."""
     squares = " + ".join((*_SLACKS, *_YOUNG))
     numbers = dict(ground.numbers())
@@ -151,7 +151,7 @@ def function_bound(ground: Ground) -> Finding:
     )
 
 
-def _norm_bound(ground: Ground, gap: sp.Expr) -> bool:
+def _norm_bound(ground: Context, gap: sp.Expr) -> bool:
     """Whether a gap is ``sum 1/(2 e_i) (|P|^2 D_max^2 - |P D|^2)``, not negative by (9)."""
     weights = sum((1 / (2 * e) for e in ground.signals.e), sp.Integer(0))
     bound = spectral_norm() * value("D_max", ground.scope(DESIGN))
@@ -159,7 +159,7 @@ def _norm_bound(ground: Ground, gap: sp.Expr) -> bool:
     return vanishes(gap - weights * (bound**2 - actual))
 
 
-def residual(ground: Ground) -> Finding:
+def residual(ground: Context) -> Finding:
     """(33): the constant part of (32)."""
     last = chain(ground.paper["(32)"].lines[0])[0][-1]
     signals = (*ground.signals.z, *ground.signals.epsilon)
@@ -169,7 +169,7 @@ def residual(ground: Ground) -> Finding:
     )
 
 
-def comparison(ground: Ground) -> Finding:
+def comparison(ground: Context) -> Finding:
     """The two inequalities above (34), with the corrected constants, for gains of all sizes."""
     numbers, display = certificate(ground), ground.paper["above (34)"]
     low, high = (list(_violations(ground, line, _corrected(ground))) for line in display.lines)
@@ -191,7 +191,7 @@ def comparison(ground: Ground) -> Finding:
     )
 
 
-def decay_constants(ground: Ground) -> Finding:
+def decay_constants(ground: Context) -> Finding:
     """(34): 1/(4 e_1) stands twice, so the first inequality above fails when e_2 > e_1."""
     display = ground.paper["(34)"]
     above = ground.paper["above (34)"].lines
@@ -214,14 +214,14 @@ def decay_constants(ground: Ground) -> Finding:
     )
 
 
-def _effect(ground: Ground) -> str:
+def _effect(ground: Context) -> str:
     """What the correction of f_- changes in the example."""
     lines = ground.paper["(34)"].lines[1], _corrected(ground)
     before, after = (_constant(ground, line).xreplace(dict(ground.numbers())) for line in lines)
     return "nothing changes" if before == after else f"f_- becomes {float(after):.4g}"
 
 
-def _gain_choices(ground: Ground) -> Iterator[Mapping[sp.Symbol, sp.Expr]]:
+def _gain_choices(ground: Context) -> Iterator[Mapping[sp.Symbol, sp.Expr]]:
     """Gains of very different sizes, in all combinations; P from the example's k."""
     s = ground.signals
     sizes = (sp.Rational(1, 10), sp.Integer(1), sp.Integer(10))
@@ -229,7 +229,7 @@ def _gain_choices(ground: Ground) -> Iterator[Mapping[sp.Symbol, sp.Expr]]:
         yield {**ground.numbers(), **dict(zip((*s.c, *s.e), choice, strict=True))}
 
 
-def _violations(ground: Ground, line: str, minus: str) -> Iterator[str]:
+def _violations(ground: Context, line: str, minus: str) -> Iterator[str]:
     """Gains and a direction for which an inequality above (34) fails."""
     scope = ground.scope(DESIGN)
     P = ground.P.xreplace(dict(ground.numbers()))
@@ -264,7 +264,7 @@ def _between() -> bool:
     return all(sp.expand(side - sp.Abs(a - b)) == 0 for side in (below, above))
 
 
-def decay(ground: Ground) -> Finding:
+def decay(ground: Context) -> Finding:
     """(35): what is left over is f times ``f_+ bar(V_2) - V_2``, not negative by the line above (34)."""
     minus, plus, form, Y, V = sp.symbols("f_minus f_plus V_bar Y V_2", positive=True)
     rate = value(chain(ground.paper["below (35)"].lines[0])[0][1], {"f_minus": minus, "f_plus": plus})
@@ -287,7 +287,7 @@ def decay(ground: Ground) -> Finding:
     )
 
 
-def value_bound(ground: Ground) -> Finding:
+def value_bound(ground: Context) -> Finding:
     """The bound on V below (35), by solving the comparison equation."""
     t = sp.Symbol("t", nonnegative=True)
     f, Y, initial = sp.symbols("f Y V_0", positive=True)
@@ -308,7 +308,7 @@ def value_bound(ground: Ground) -> Finding:
     )
 
 
-def _named(ground: Ground, number: str, known: Mapping[str, sp.Expr], calm: str) -> Case:
+def _named(ground: Context, number: str, known: Mapping[str, sp.Expr], calm: str) -> Case:
     """A display that names something, with that thing put in the name's place."""
     scope = {**ground.scope(DESIGN), **known}
 

@@ -16,8 +16,8 @@ import numpy.typing as npt
 
 from pmjoint_codegen.check.features import Features
 from pmjoint_codegen.kernels.evaluator import Evaluator
+from pmjoint_codegen.loops.modes import Actuator, make_actuator
 from pmjoint_codegen.manifest import Function, Manifest
-from pmjoint_codegen.simulate.modes import Actuator, make_actuator
 
 Array = npt.NDArray[np.float64]
 Draw = Callable[[int], Array]

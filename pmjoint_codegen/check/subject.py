@@ -8,8 +8,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from pmjoint_codegen.build.compiler import Compiler, find_compiler
 from pmjoint_codegen.check.features import Features
+from pmjoint_codegen.compile.compiler import Compiler, find_compiler
 from pmjoint_codegen.emit.table import Kernel, kernel_table, vocabulary
 from pmjoint_codegen.identity import Document
 from pmjoint_codegen.kernels import compiled, interpreted
@@ -100,8 +100,8 @@ def load_subject(
     Raises:
         ModelError: for a model that cannot be read or is outside the class.
     """
-    from pmjoint_codegen.spec import model_of
-    from pmjoint_codegen.spec.reader import read_document
+    from pmjoint_codegen.modelfile import model_of
+    from pmjoint_codegen.modelfile.reader import read_document
 
     document: dict[str, Any] = read_document(file)
     model = model_of(document, str(file))

@@ -14,9 +14,9 @@ from pmjoint_codegen.cli.terminal import activity, document, message, result
 from pmjoint_codegen.errors import PmjointError
 
 if TYPE_CHECKING:
-    from pmjoint_codegen.check.gates import Gate
     from pmjoint_codegen.check.result import GateResult
     from pmjoint_codegen.check.subject import Subject
+    from pmjoint_codegen.check.table import Gate
     from pmjoint_codegen.cli.terminal import Shown
 
 
@@ -58,7 +58,7 @@ def command(
     """Run ``pmjoint check``: click hands over what it has read."""
     with activity("checking") as shown:
         shown.stage("loading the gates", 0.0)
-        from pmjoint_codegen.check.gates import select
+        from pmjoint_codegen.check.table import select
         from pmjoint_codegen.storage import ensure_file
 
         gates = select(names)
@@ -117,14 +117,14 @@ def _subjects(models: Sequence[str], relay: _Relay) -> list[Subject]:
 
 
 def _update(subject: Subject) -> None:
-    from pmjoint_codegen.check import golden
+    from pmjoint_codegen.check.gates import golden
 
     for path in golden.write(subject):
         message(f"written: {path}")
 
 
 def _checked(subject: Subject, gates: Sequence[Gate], relay: _Relay, *, quiet: bool) -> Iterator[GateResult]:
-    from pmjoint_codegen.check.gates import run_gates
+    from pmjoint_codegen.check.table import run_gates
 
     if not quiet:
         result(f"{subject.model.name}: {subject.model.title}")

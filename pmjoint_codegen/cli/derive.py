@@ -39,11 +39,11 @@ def command(model: str, form: str) -> None:
     """Run ``pmjoint derive``: click hands over what it has read."""
     with activity(f"deriving {model}") as shown:
         shown.stage("loading what derives", 0.0)
+        from pmjoint_codegen.modelfile import model_of
+        from pmjoint_codegen.modelfile.reader import read_document
         from pmjoint_codegen.report.latex import latex_report
         from pmjoint_codegen.report.record import derivation_record
         from pmjoint_codegen.report.text import text_report
-        from pmjoint_codegen.spec import model_of
-        from pmjoint_codegen.spec.reader import read_document
         from pmjoint_codegen.workspace import find_model
         from pmjoint_derive import derive
         from pmjoint_derive.certificate import certificate_equations

@@ -21,7 +21,7 @@ from pmjoint_codegen.cli.terminal import document, message, result, table
 from pmjoint_codegen.errors import installing
 
 if TYPE_CHECKING:
-    from pmjoint_codegen.build.compiler import Compiler
+    from pmjoint_codegen.compile.compiler import Compiler
 
 _PROGRAM_PATIENCE_S = 10.0
 
@@ -127,7 +127,7 @@ def _python() -> Finding:
 
 
 def _compiler(environment: Mapping[str, str]) -> Finding:
-    from pmjoint_codegen.build.compiler import INSTALL, find_compiler
+    from pmjoint_codegen.compile.compiler import INSTALL, find_compiler
 
     compiler = find_compiler(environment, message)
     if compiler is None:
@@ -147,7 +147,7 @@ def _compiler(environment: Mapping[str, str]) -> Finding:
 
 def _compiler_fault(compiler: Compiler) -> str:
     """What keeps a compiler from making a library, in one line: wrong flags, no headers; or nothing."""
-    from pmjoint_codegen.build.library import build
+    from pmjoint_codegen.compile.library import build
     from pmjoint_codegen.errors import BuildError
     from pmjoint_codegen.scratch import scratch
 

@@ -57,7 +57,7 @@ def create(name: str, kind: str, folder: Path) -> Path:
         UsageError: a name that is none, a file that exists, a folder that cannot be written.
     """
     from pmjoint_codegen.errors import UsageError, quoted
-    from pmjoint_codegen.spec.names import MODEL_NAME
+    from pmjoint_codegen.modelfile.names import MODEL_NAME
     from pmjoint_codegen.storage import ensure_folder, write_text
 
     if not re.fullmatch(MODEL_NAME, name):

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, cast
 
 import click
 
-from pmjoint_codegen.cli.account import account
 from pmjoint_codegen.cli.drawing import ready_matplotlib
 from pmjoint_codegen.cli.options import (
     Assignment,
@@ -19,6 +18,7 @@ from pmjoint_codegen.cli.options import (
     step_options,
     tell_idle_sample_time,
 )
+from pmjoint_codegen.cli.summary_table import summary_table
 from pmjoint_codegen.cli.terminal import activity, as_json, document, message, result
 from pmjoint_codegen.errors import SimulationError
 
@@ -118,7 +118,7 @@ def command(
         if wants_json:
             document({**run.summary, "files": files})
         else:
-            result(account(run, notes, files))
+            result(summary_table(run, notes, files))
     if failure is not None:
         message(f"pmjoint: {failure}")
     return failure.exit_code if failure else 0

@@ -214,18 +214,18 @@ def _simulate(
     store: Store, provided: Provided, starts: Sequence[int], *, threads: int | None, scheduler: str | None
 ) -> None:
     """Make these chunks, with a bar; say how to go on where that is interrupted."""
+    from pmjoint_codegen.sweep.build_inputs import make_inputs
     from pmjoint_codegen.sweep.dataset import import_ahead
-    from pmjoint_codegen.sweep.drive import drive
-    from pmjoint_codegen.sweep.kit import make_kit
+    from pmjoint_codegen.sweep.executor import execute
 
     total = store.request.plan.runs
-    kit = make_kit(provided.folder)
+    inputs = make_inputs(provided.folder)
     import_ahead()
     try:
         with activity(f"simulating {total} runs", total=total, unit="runs") as progress:
-            drive(
+            execute(
                 store,
-                kit,
+                inputs,
                 threads=threads or processors(),
                 scheduler=scheduler,
                 tell=lambda done: progress(done / total),

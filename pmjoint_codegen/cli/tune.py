@@ -17,7 +17,7 @@ from pmjoint_codegen.cli.terminal import activity, document, message, result, ta
 if TYPE_CHECKING:
     from pmjoint_codegen.provision import Provided
     from pmjoint_codegen.tune.comparison import Comparison
-    from pmjoint_codegen.tune.cost import Costing
+    from pmjoint_codegen.tune.cost import CostFunction
     from pmjoint_codegen.tune.request import Request
     from pmjoint_codegen.tune.search import Found
 
@@ -174,15 +174,15 @@ def _is_tuned(file: Path) -> bool:
         return f" {_TUNED} ".encode() in stream.readline()
 
 
-def _costing(provided: Provided, request: Request, threads: int) -> Costing:
-    from pmjoint_codegen.sweep.kit import library_of, make_kit
-    from pmjoint_codegen.tune.cost import Costing
+def _costing(provided: Provided, request: Request, threads: int) -> CostFunction:
+    from pmjoint_codegen.sweep.build_inputs import library_of, make_inputs
+    from pmjoint_codegen.tune.cost import CostFunction
 
     with activity("preparing the simulation"):
-        return Costing(library_of(make_kit(provided.folder), os.environ), request, threads)
+        return CostFunction(library_of(make_inputs(provided.folder), os.environ), request, threads)
 
 
-def _search(costing: Costing) -> Found:
+def _search(costing: CostFunction) -> Found:
     from pmjoint_codegen.tune.search import search
 
     total = costing.request.most_designs
@@ -201,14 +201,14 @@ def _text_of(source: Path, file: Path, request: Request) -> str:
 
 def _write_model(text: str, file: Path, comparison: Comparison, where: str) -> None:
     """Write the model with the gains found, proved to be one; whole or not at all."""
-    from pmjoint_codegen.spec.reader import parse_document
+    from pmjoint_codegen.modelfile.reader import parse_document
     from pmjoint_codegen.storage import write_bytes
     from pmjoint_codegen.tune.rewrite import rewrite
 
     edited = rewrite(text, file.stem, comparison.found.gains, _note(comparison), where)
     found = parse_document(edited, str(file))
     try:
-        from pmjoint_codegen.spec import model_of
+        from pmjoint_codegen.modelfile import model_of
 
         model_of(found, str(file))
     except ModuleNotFoundError:  # without the toolchain: the gains alone have changed, and were simulated
@@ -230,7 +230,7 @@ def _note(comparison: Comparison) -> str:
     return f"{'; '.join(parts)}; seed {request.seed}"
 
 
-def _draw(costing: Costing, comparison: Comparison, file: Path) -> Path:
+def _draw(costing: CostFunction, comparison: Comparison, file: Path) -> Path:
     from pmjoint_codegen.tune.figure import write_figure
 
     ready_matplotlib()
@@ -241,9 +241,9 @@ def _draw(costing: Costing, comparison: Comparison, file: Path) -> Path:
 
 
 def _report(comparison: Comparison, files: list[Path], *, wants_json: bool) -> None:
-    from pmjoint_codegen.tune.comparison import account
+    from pmjoint_codegen.tune.comparison import summary_table
 
-    told = {**account(comparison), "files": files}
+    told = {**summary_table(comparison), "files": files}
     if wants_json:
         document(told)
     else:

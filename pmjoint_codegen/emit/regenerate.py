@@ -10,8 +10,8 @@ from pmjoint_codegen.emit.pipeline import generate
 from pmjoint_codegen.emit.staleness import REMEDIES, Comparison, Verdict, compare, read_folder
 from pmjoint_codegen.errors import ModelError, quoted
 from pmjoint_codegen.identity import Document
-from pmjoint_codegen.spec import model_of
-from pmjoint_codegen.spec.reader import read_document
+from pmjoint_codegen.modelfile import model_of
+from pmjoint_codegen.modelfile.reader import read_document
 from pmjoint_codegen.storage import recover_folder, replace_folder
 from pmjoint_codegen.workspace import called, find_model, generated_root, model_folders
 from pmjoint_derive.progress import Stage, unwatched

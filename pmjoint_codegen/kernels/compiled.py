@@ -11,8 +11,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from pmjoint_codegen.build.compiler import Compiler
-from pmjoint_codegen.build.library import FLAGS, build
+from pmjoint_codegen.compile.compiler import Compiler
+from pmjoint_codegen.compile.library import FLAGS, build
 from pmjoint_codegen.errors import BuildError, SimulationError, StaleError
 from pmjoint_codegen.kernels.declarations import MODULE, declarations, load_library, to_module
 from pmjoint_codegen.kernels.evaluator import (
@@ -200,7 +200,7 @@ def build_for(levels: Sequence[Level], build_with: Callable[[Sequence[str]], Pat
 
 def _sources(folder: Path) -> dict[str, bytes]:
     """The generated files and the package's own loops."""
-    own = sorted((Path(__file__).parent / "c").glob("*.[ch]"))
+    own = sorted((Path(__file__).parents[1] / "loops" / "c").glob("*.[ch]"))
     try:
         return {path.name: path.read_bytes() for path in (*(folder / name for name in GENERATED), *own)}
     except OSError as error:

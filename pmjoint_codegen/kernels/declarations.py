@@ -15,7 +15,7 @@ from io import StringIO
 from pathlib import Path
 from typing import Any
 
-from pmjoint_codegen.build.library import LIBRARY
+from pmjoint_codegen.compile.library import LIBRARY
 from pmjoint_codegen.errors import BuildError
 from pmjoint_codegen.scratch import scratch
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pmjoint_codegen.build.compiler import INSTALL
+from pmjoint_codegen.compile.compiler import INSTALL
 from pmjoint_codegen.errors import MissingToolError, StaleError, installing
 from pmjoint_codegen.kernels.evaluator import (
     Array,

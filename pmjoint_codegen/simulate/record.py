@@ -8,9 +8,9 @@ from functools import cached_property
 from typing import Final
 
 from pmjoint_codegen.kernels.evaluator import Array
+from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.settings import Settings
-from pmjoint_codegen.simulate.status import Status
 
 RATE: Final = "theta_dot"  # of a joint: the rate of y, whose x2 is a coordinate of the design
 

@@ -17,16 +17,16 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator
-from pmjoint_codegen.kernels.guard import HOLD_RATIOS, discs, hold_factors
+from pmjoint_codegen.loops import quadrature
+from pmjoint_codegen.loops.guard import HOLD_RATIOS, discs, hold_factors
+from pmjoint_codegen.loops.hold import hold_matrices
+from pmjoint_codegen.loops.modes import Actuator, make_actuator
+from pmjoint_codegen.loops.problem import Memory, Problem, Progress, make_memory
+from pmjoint_codegen.loops.select import Advance, make_loop
+from pmjoint_codegen.loops.status import Status, sentence
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.simulate import quadrature
-from pmjoint_codegen.simulate.hold import hold_matrices
-from pmjoint_codegen.simulate.loops import Advance, make_loop
-from pmjoint_codegen.simulate.modes import Actuator, make_actuator
-from pmjoint_codegen.simulate.problem import Memory, Problem, Progress, make_memory
 from pmjoint_codegen.simulate.record import RATE, Record, reports_rate
 from pmjoint_codegen.simulate.settings import Settings
-from pmjoint_codegen.simulate.status import Status, sentence
 from pmjoint_codegen.simulate.summary import summarise
 from pmjoint_codegen.values import SETTLED
 

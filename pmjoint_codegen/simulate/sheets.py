@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from pmjoint_codegen.kernels.evaluator import Array
+from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.assumptions import sentence
 from pmjoint_codegen.simulate.disturbance import disturbance_names, pressures
 from pmjoint_codegen.simulate.record import RATE
-from pmjoint_codegen.simulate.status import Status
 
 if TYPE_CHECKING:
     from pmjoint_codegen.simulate.record import Record

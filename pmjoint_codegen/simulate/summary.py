@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pmjoint_codegen.loops.status import holds
 from pmjoint_codegen.simulate.disturbance import disturbance_summary
-from pmjoint_codegen.simulate.status import holds
 
 if TYPE_CHECKING:
     from pmjoint_codegen.simulate.record import Record

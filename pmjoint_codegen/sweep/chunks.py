@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pmjoint_codegen.kernels.batch import METRICS, BatchLibrary, Runs
 from pmjoint_codegen.kernels.evaluator import Array
+from pmjoint_codegen.loops.batch import METRICS, BatchLibrary, Runs
+from pmjoint_codegen.loops.hold import exponentials
+from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.simulate.hold import exponentials
-from pmjoint_codegen.simulate.status import Status
 from pmjoint_codegen.sweep.metrics import INVALID, Column
 from pmjoint_codegen.sweep.request import Request
 from pmjoint_codegen.sweep.validity import valid_rows

@@ -21,8 +21,8 @@ from pmjoint_codegen.errors import UsageError
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.storage import explained, settle, write_text
+from pmjoint_codegen.sweep.blocks import Block, block_shape, blocks
 from pmjoint_codegen.sweep.metrics import Column, quantities, status_meanings
-from pmjoint_codegen.sweep.parts import Part, part_shape, parts
 from pmjoint_codegen.sweep.plan import DRAW
 from pmjoint_codegen.sweep.request import Request
 from pmjoint_codegen.sweep.store import Store
@@ -127,18 +127,18 @@ def runs_in(store: Store, manifest: Manifest, files: Collection[str]) -> Iterato
     request = store.request
     each = request.instants
     for name, variable in _metrics(request, manifest):
-        for part in parts(variable.shape):
+        for part in blocks(variable.shape):
             if part_file(name, variable.shape, part) in files:
                 yield part.start, part.stop
     for name, variable in _trajectories(request, manifest) if each else ():
-        for part in parts(variable.shape):
+        for part in blocks(variable.shape):
             if part_file(name, variable.shape, part) in files:
                 yield part.start // each, -(-part.stop // each)
 
 
-def part_file(name: str, shape: tuple[int, ...], part: Part) -> str:
+def part_file(name: str, shape: tuple[int, ...], part: Block) -> str:
     """Name of the file in a dataset that holds a part of a variable."""
-    sizes = part_shape(shape)
+    sizes = block_shape(shape)
     place = (str(piece.start // size) for piece, size in zip(part.selection, sizes, strict=True))
     return "/".join((name, "c", *place))
 
@@ -148,7 +148,7 @@ def _create(group: zarr.Group, name: str, variable: _Variable) -> zarr.Array[Any
         name,
         shape=variable.shape,
         dtype=variable.dtype,
-        chunks=part_shape(variable.shape),
+        chunks=block_shape(variable.shape),
         dimension_names=variable.dimensions,
         fill_value=np.nan if variable.dtype == np.float64 else 0,
         attributes=variable.attributes,
@@ -159,7 +159,7 @@ def _pour(
     arrays: Sequence[zarr.Array[Any]], rows: Callable[[int, int], Array], wanted: Collection[str] | None
 ) -> None:
     """Fill arrays of one shape, part by part, with the columns of what `rows` gives of a range."""
-    for part in parts(arrays[0].shape):
+    for part in blocks(arrays[0].shape):
         if wanted is not None and not any(
             part_file(array.basename, array.shape, part) in wanted for array in arrays
         ):

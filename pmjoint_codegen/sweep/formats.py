@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 from pmjoint_codegen.errors import MissingToolError, installing
 from pmjoint_codegen.storage import explained
+from pmjoint_codegen.sweep.blocks import blocks
 from pmjoint_codegen.sweep.dataset import read
-from pmjoint_codegen.sweep.drive import NEEDED
-from pmjoint_codegen.sweep.parts import parts
+from pmjoint_codegen.sweep.executor import NEEDED
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -83,7 +83,7 @@ def _parquet(dataset: Path, path: Path) -> None:
     schema = arrow.Table.from_pandas(head).schema  # where Arrow looks for attributes; pandas looks elsewhere
     schema = schema.with_metadata({**schema.metadata, b"PANDAS_ATTRS": json.dumps(head.attrs).encode()})
     with parquet.ParquetWriter(path, schema) as writer:
-        for part in parts(tuple(lengths.values())):
+        for part in blocks(tuple(lengths.values())):
             writer.write_table(arrow.Table.from_pandas(_rows(runs, part.selection), schema=schema))
 
 

@@ -18,9 +18,9 @@ import numpy.typing as npt
 
 from pmjoint_codegen import storage
 from pmjoint_codegen.kernels.evaluator import Array
+from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.figures import wrapped
-from pmjoint_codegen.simulate.status import Status
 from pmjoint_codegen.simulate.style import png, styled
 from pmjoint_codegen.sweep.metrics import INVALID
 from pmjoint_codegen.sweep.plan import DRAW

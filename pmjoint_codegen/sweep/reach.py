@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
+from pmjoint_codegen.loops.status import holds
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.simulate.status import holds
-from pmjoint_codegen.sweep.parts import parts
+from pmjoint_codegen.sweep.blocks import blocks
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -60,6 +60,6 @@ def held_share(dataset: xr.Dataset) -> float:
     lengths = dataset["status"].sizes
     held_runs = sum(
         int(held(dataset.isel(dict(zip(lengths, part.selection, strict=True)))).sum())
-        for part in parts(tuple(lengths.values()))
+        for part in blocks(tuple(lengths.values()))
     )
     return held_runs / dataset["status"].size

@@ -13,8 +13,8 @@ import numpy as np
 
 from pmjoint_codegen.errors import StaleError, UsageError
 from pmjoint_codegen.identity import canonical_hash
-from pmjoint_codegen.kernels.batch import loops_hash
 from pmjoint_codegen.kernels.evaluator import Array
+from pmjoint_codegen.loops.batch import loops_hash
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.settings import Settings, count_instants, instants, make_settings
 from pmjoint_codegen.sweep.metrics import quantities

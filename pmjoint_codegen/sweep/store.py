@@ -26,8 +26,8 @@ from typing import Any, Final
 import numpy as np
 
 from pmjoint_codegen.errors import UsageError
-from pmjoint_codegen.kernels.batch import METRICS
 from pmjoint_codegen.kernels.evaluator import Array
+from pmjoint_codegen.loops.batch import METRICS
 from pmjoint_codegen.storage import ensure_folder, sha256_view, writing
 from pmjoint_codegen.sweep.chunks import Result
 from pmjoint_codegen.sweep.request import Request
@@ -37,7 +37,7 @@ REQUEST: Final = "request.json"
 DATASET: Final = "sweep.zarr"
 SUMS: Final = "sweep.sha256"
 CHUNKS: Final = "chunks"
-MADE_OF_IT: Final = (  # figures and exports beside the dataset, which nothing would tell from a new sweep's
+DERIVED_FILES: Final = (  # figures and exports beside the dataset, which would pass for a new sweep's
     *("region.png", "map_ise.png", "map_max_abs_v.png", "map_settling_s.png", "map_saturated_s.png"),
     *("curves.png", "histograms.png", "sweep.nc", "sweep.parquet"),
 )
@@ -150,7 +150,7 @@ class Store:
         self.clear_chunks()
         shutil.rmtree(self.dataset, ignore_errors=True)
         self.sums.unlink(missing_ok=True)
-        for name in MADE_OF_IT:
+        for name in DERIVED_FILES:
             (self.folder / name).unlink(missing_ok=True)
 
     def missing(self) -> list[int]:

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from pmjoint_codegen.simulate.status import holds
+from pmjoint_codegen.loops.status import holds
+from pmjoint_codegen.sweep.blocks import blocks
 from pmjoint_codegen.sweep.metrics import status_meanings
-from pmjoint_codegen.sweep.parts import parts
 from pmjoint_codegen.sweep.reach import ENDS
 from pmjoint_codegen.sweep.validity import Mask
 
@@ -50,7 +50,7 @@ def totals(dataset: Path) -> Totals:
     shape = arrays["status"].shape
     held = np.zeros(arrays["status"].size, dtype=np.bool_)
     counts: Counter[int] = Counter()
-    for part in parts(shape):
+    for part in blocks(shape):
         status, *ends = (np.asarray(arrays[name][part.selection]).reshape(-1) for name in ENDS)
         held[part.start : part.stop] = holds(status, *ends)
         values, numbers = np.unique(status, return_counts=True)
@@ -66,7 +66,7 @@ def _quantiles(array: zarr.Array[Any], held: Mask) -> Mapping[str, float] | None
     """Of what is finite among the runs that hold."""
     values = np.empty(int(held.sum()))
     count = 0
-    for part in parts(array.shape):
+    for part in blocks(array.shape):
         piece = np.asarray(array[part.selection]).reshape(-1)[held[part.start : part.stop]]
         piece = piece[np.isfinite(piece)]
         values[count : count + len(piece)] = piece

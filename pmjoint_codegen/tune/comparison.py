@@ -9,11 +9,11 @@ from typing import Any, Final
 import numpy as np
 
 from pmjoint_codegen.kernels.evaluator import Array
+from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.simulate.status import Status
 from pmjoint_codegen.sweep.chunks import simulate_chunk
 from pmjoint_codegen.sweep.metrics import Column, quantities
-from pmjoint_codegen.tune.cost import Costing, cross
+from pmjoint_codegen.tune.cost import CostFunction, cross
 from pmjoint_codegen.tune.objective import METRICS
 from pmjoint_codegen.tune.request import Request
 from pmjoint_codegen.tune.search import Found, own_gains
@@ -57,7 +57,7 @@ class Traces:
     e: Array
 
 
-def compare(costing: Costing, found: Found) -> Comparison:
+def compare(costing: CostFunction, found: Found) -> Comparison:
     """Simulate both designs on every plant."""
     before = own_gains(costing)
     metrics = costing.metrics(_both(before, found.gains))
@@ -68,7 +68,7 @@ def _both(before: Mapping[str, float], after: Mapping[str, float]) -> dict[str, 
     return {name: np.array([value, after[name]]) for name, value in before.items()}
 
 
-def traces(costing: Costing, comparison: Comparison, until: float) -> Traces:
+def traces(costing: CostFunction, comparison: Comparison, until: float) -> Traces:
     """Trajectories from 0 to `until`, s."""
     request = costing.request
     runs = replace(request.runs, horizon=until, output_step=until / ROWS)
@@ -88,7 +88,7 @@ def transient(comparison: Comparison) -> float:
     return float(min(max(3 * float(np.max(saturated)), low * horizon), high * horizon))
 
 
-def account(comparison: Comparison) -> dict[str, Any]:
+def summary_table(comparison: Comparison) -> dict[str, Any]:
     """The tuning in plain data."""
     request, found = comparison.request, comparison.found
     return {

@@ -15,9 +15,9 @@ from typing import Final
 import numpy as np
 
 from pmjoint_codegen.errors import UsageError
-from pmjoint_codegen.kernels.batch import BatchLibrary
 from pmjoint_codegen.kernels.evaluator import Array
-from pmjoint_codegen.simulate.status import Status
+from pmjoint_codegen.loops.batch import BatchLibrary
+from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.sweep.chunks import simulate_chunk
 from pmjoint_codegen.sweep.metrics import INVALID, Column
 from pmjoint_codegen.tune.request import Request
@@ -28,7 +28,7 @@ BROKEN: Final = 1e16  # ... the design breaks a rule, such as a Hurwitz A0
 
 
 @dataclass(frozen=True)
-class Costing:
+class CostFunction:
     """Evaluates designs.
 
     Attributes:

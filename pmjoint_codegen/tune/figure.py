@@ -13,7 +13,7 @@ from pmjoint_codegen.simulate.figures import wrapped
 from pmjoint_codegen.simulate.style import png, styled
 from pmjoint_codegen.sweep.metrics import Column
 from pmjoint_codegen.tune.comparison import Comparison, Traces, traces, transient
-from pmjoint_codegen.tune.cost import Costing
+from pmjoint_codegen.tune.cost import CostFunction
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,7 +25,7 @@ SIZE: Final = (6.6, 4.3)  # inches
 _STYLE: Final = {"axes.xmargin": 0.0}
 
 
-def write_figure(costing: Costing, comparison: Comparison, path: Path) -> None:
+def write_figure(costing: CostFunction, comparison: Comparison, path: Path) -> None:
     """Draw both designs on every plant as a PNG file.
 
     Raises:
@@ -34,7 +34,7 @@ def write_figure(costing: Costing, comparison: Comparison, path: Path) -> None:
     storage.write_bytes(path, png(draw(costing, comparison), _STYLE))
 
 
-def draw(costing: Costing, comparison: Comparison) -> Figure:
+def draw(costing: CostFunction, comparison: Comparison) -> Figure:
     """Draw both designs on every plant."""
     from matplotlib.figure import Figure
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from pmjoint_codegen.errors import UsageError
 from pmjoint_codegen.kernels.evaluator import Array
-from pmjoint_codegen.tune.cost import BEYOND, BROKEN, LOST, Costing
+from pmjoint_codegen.tune.cost import BEYOND, BROKEN, LOST, CostFunction
 from pmjoint_codegen.tune.gains import Space
 
 SPREAD: Final = 1e-4  # of the costs in a generation, relative, at which the search ends
@@ -42,7 +42,7 @@ class Found:
     edges: tuple[str, ...]
 
 
-def search(costing: Costing, tell: Tell = lambda designs: None) -> Found:
+def search(costing: CostFunction, tell: Tell = lambda designs: None) -> Found:
     """Look for the gains of least cost; the same seed finds the same.
 
     Args:
@@ -81,13 +81,13 @@ def _edges(space: Space, point: Array) -> tuple[str, ...]:
     return tuple(bound.name for bound, at in zip(space.bounds, near, strict=True) if at)
 
 
-def own_gains(costing: Costing) -> dict[str, float]:
+def own_gains(costing: CostFunction) -> dict[str, float]:
     """The model's values of the gains that are searched."""
     values = {item.name: float(item.value) for item in costing.library.manifest.parameters}
     return {name: values[name] for name in costing.request.space.gains}
 
 
-def _evolve(costs: Callable[[Array], Array], costing: Costing) -> Any:
+def _evolve(costs: Callable[[Array], Array], costing: CostFunction) -> Any:
     from scipy.optimize import differential_evolution
 
     request, limits = costing.request, costing.request.space.limits
@@ -118,7 +118,7 @@ def _first(limits: Array, start: Array, members: int, generator: np.random.Gener
     return points
 
 
-def _check(best: float, before: float, tried: int, costing: Costing) -> None:
+def _check(best: float, before: float, tried: int, costing: CostFunction) -> None:
     if best >= BEYOND:
         lacking, remedy = _shortfall(best, costing)
         raise UsageError(f"none of {tried} designs {lacking}", where="tune", remedy=remedy)
@@ -130,7 +130,7 @@ def _check(best: float, before: float, tried: int, costing: Costing) -> None:
         )
 
 
-def _shortfall(best: float, costing: Costing) -> tuple[str, str]:
+def _shortfall(best: float, costing: CostFunction) -> tuple[str, str]:
     """What even the best design lacks, by the tier of its cost, and what may help."""
     remedy = "wider bounds (--gain NAME=LOW:HIGH), more --generations, or less to ask for"
     if best >= BROKEN:

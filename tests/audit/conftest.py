@@ -8,11 +8,11 @@ import pytest
 
 from pmjoint_codegen.audit.examination import COMPARISONS, audit, paper_ground
 from pmjoint_codegen.audit.findings import Finding
-from pmjoint_codegen.audit.ground import Ground
+from pmjoint_codegen.audit.ground import Context
 
 
 @pytest.fixture(scope="session")
-def ground() -> Ground:
+def ground() -> Context:
     """Return the printed equations beside the derivation."""
     return paper_ground()
 

@@ -9,11 +9,11 @@ import pytest
 
 from pmjoint_codegen.audit import designing, filtering, modelling, stability
 from pmjoint_codegen.audit.findings import Finding
-from pmjoint_codegen.audit.ground import Ground
+from pmjoint_codegen.audit.ground import Context
 from pmjoint_codegen.audit.judgement import Verdict
 from pmjoint_codegen.audit.paper import by_number, printed_equations
 
-Examination = Callable[[Ground], Finding]
+Examination = Callable[[Context], Finding]
 
 MISTAKES: tuple[tuple[str, Examination, str, str], ...] = (
     ("(5)", modelling.equation_of_motion_printed, "+ vartheta", "- vartheta"),
@@ -80,7 +80,7 @@ MENDED: tuple[tuple[str, Examination, str, str], ...] = (
 )
 
 
-def altered(ground: Ground, number: str, old: str, new: str) -> Ground:
+def altered(ground: Context, number: str, old: str, new: str) -> Context:
     """Return the paper with one display changed, beside the same derivation."""
     displays = dict(printed_equations())
     lines = tuple(line.replace(old, new) for line in displays[number].lines)
@@ -91,14 +91,14 @@ def altered(ground: Ground, number: str, old: str, new: str) -> Ground:
 
 @pytest.mark.parametrize(("number", "examine", "old", "new"), MISTAKES, ids=[row[0] for row in MISTAKES])
 def test_a_further_mistake_does_not_follow(
-    ground: Ground, number: str, examine: Examination, old: str, new: str
+    ground: Context, number: str, examine: Examination, old: str, new: str
 ) -> None:
     assert examine(altered(ground, number, old, new)).verdict is Verdict.FAILS
 
 
 @pytest.mark.parametrize(("number", "examine", "old", "new"), INHERITED, ids=[row[0] for row in INHERITED])
 def test_another_premise_has_other_consequences(
-    ground: Ground, number: str, examine: Examination, old: str, new: str
+    ground: Context, number: str, examine: Examination, old: str, new: str
 ) -> None:
     assert examine(ground).verdict is not Verdict.FAILS
     assert examine(altered(ground, number, old, new)).verdict is Verdict.FAILS
@@ -106,7 +106,7 @@ def test_another_premise_has_other_consequences(
 
 @pytest.mark.parametrize(("number", "examine", "old", "new"), MENDED, ids=[row[0] for row in MENDED])
 def test_a_mended_print_needs_no_correction(
-    ground: Ground, number: str, examine: Examination, old: str, new: str
+    ground: Context, number: str, examine: Examination, old: str, new: str
 ) -> None:
     before, after = examine(ground), examine(altered(ground, number, old, new))
     assert before.verdict is Verdict.CORRECTED
@@ -120,6 +120,6 @@ def test_no_display_escapes() -> None:
     assert set(printed_equations()) - tried == {"(9)", "Section V"}  # an assumption; tried with the runs
 
 
-def test_the_factor_in_the_gain_comes_from_the_pressures(ground: Ground) -> None:
+def test_the_factor_in_the_gain_comes_from_the_pressures(ground: Context) -> None:
     scaled = altered(ground, "(4)", "k_u*u", "k_0*k_u*u")
     assert modelling.constants(scaled).verdict is Verdict.FOLLOWS

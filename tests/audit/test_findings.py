@@ -11,7 +11,7 @@ import sympy as sp
 from pmjoint_codegen.audit import claims, designing, filtering, stability
 from pmjoint_codegen.audit.examination import COMPARISONS
 from pmjoint_codegen.audit.findings import Finding
-from pmjoint_codegen.audit.ground import Ground
+from pmjoint_codegen.audit.ground import Context
 from pmjoint_codegen.audit.judgement import Verdict
 from pmjoint_codegen.audit.paper import printed_equations
 from pmjoint_codegen.audit.stability import certificate
@@ -63,7 +63,7 @@ def test_the_physics_differs_in_three_places(findings: Findings) -> None:
     assert figure(findings, "(8)", "(model joint): d_1") < 0
 
 
-def test_the_certificates_numbers(ground: Ground, findings: Findings) -> None:
+def test_the_certificates_numbers(ground: Context, findings: Findings) -> None:
     numbers = certificate(ground)
     assert round(numbers.largest, 4) == 2.2575
     assert (numbers.f_minus, round(numbers.f_plus, 3), round(numbers.f, 4)) == (2.5, 11.288, 0.2215)
@@ -83,7 +83,7 @@ def test_undefined_filter_entry_is_zero(findings: Findings) -> None:
     assert broken == ["relation 1 of 3 does not hold", "relation 2 of 3 does not hold"]
 
 
-def test_unit_vectors_are_used_before_anything_defines_them(ground: Ground, findings: Findings) -> None:
+def test_unit_vectors_are_used_before_anything_defines_them(ground: Context, findings: Findings) -> None:
     assert str(fact(findings, "(14)", "E_2 is used in")).startswith("(14), (16)")
     assert fact(findings, "A_0, P", "E_1 is used in") == "A_0, P, (18)"
     assert fact(findings, "(14)", "defined in") == fact(findings, "A_0, P", "defined in") == "no display"
@@ -95,7 +95,7 @@ def test_unit_vectors_are_used_before_anything_defines_them(ground: Ground, find
     assert "nothing defines" not in told.summary
 
 
-def test_the_certificate_adds_different_units(ground: Ground, findings: Findings) -> None:
+def test_the_certificate_adds_different_units(ground: Context, findings: Findings) -> None:
     assert fact(findings, "(26)", "units of") == "rad^2, s rad^2, rad^2/s"
     assert fact(findings, "(30)", "units of") == "rad^2, V^2 s^2"
     assert fact(findings, "(29)", "units of") == "V, rad^2/(s^2 V)"
@@ -106,7 +106,7 @@ def test_the_certificate_adds_different_units(ground: Ground, findings: Findings
     assert "different units" not in same.summary
 
 
-def test_in_other_units_the_law_gains_a_multiple_of_z1(ground: Ground, findings: Findings) -> None:
+def test_in_other_units_the_law_gains_a_multiple_of_z1(ground: Context, findings: Findings) -> None:
     said = str(fact(findings, "(29)", "q-ths"))
     q, b0, z_1 = (sp.Symbol(name) for name in ("q", "b0", "z_1"))
     assert sp.expand(sp.sympify(said) - b0 * z_1 * (1 - 1 / q**2)) == 0  # b_0 z_1 counts as u^-1, v as u
@@ -127,7 +127,7 @@ def test_damping_is_not_small_on_the_measured_joint(findings: Findings) -> None:
     assert "all the damping" in findings["d(t)"].summary
 
 
-def test_nothing_adapts(ground: Ground, findings: Findings) -> None:
+def test_nothing_adapts(ground: Context, findings: Findings) -> None:
     assert fact(findings, "Section III", "law needs") == "d1, b0"
     assert fact(findings, "Section III", "tracking error drives") == "none"
     law = ground.derivation.equations["Xi21_dot"]
@@ -199,7 +199,7 @@ def test_every_doubt_says_so(findings: Findings) -> None:
     assert doubtful == {"(18)", "(21)", "below (22)", "Section V"}
 
 
-def test_two_names_for_one_letter_would_be_silent(ground: Ground) -> None:
+def test_two_names_for_one_letter_would_be_silent(ground: Context) -> None:
     """Without the gains' second spelling and the clashing displays, the notation is clean."""
     kept = {"(9)", "(11)", "(12)", "(13)", "(14)", "(15)"}
     paper = {number: display for number, display in ground.paper.items() if number in kept}

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from pmjoint_codegen.audit.runs import Laboratory, bracket, go, limit, lost
+from pmjoint_codegen.audit.runs import ExperimentRunner, bracket, go, limit, lost
 from pmjoint_codegen.closed_loop import ClosedLoop
 
 
 @pytest.fixture(scope="module")
 def loop(cache: object) -> ClosedLoop:
     """Return the paper's loop with y_r = 0 and no disturbance."""
-    return Laboratory().at_rest(disturbed=False)
+    return ExperimentRunner().at_rest(disturbed=False)
 
 
 def test_a_lost_run_never_returns(loop: ClosedLoop) -> None:

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pmjoint_codegen.check.error_bound import ROUNDOFF, walk
+from pmjoint_codegen.check.oracles.error_bound import ROUNDOFF, walk
 from pmjoint_codegen.kernels.tape import ARITIES, Instruction, Tape
 
 EXACT: Mapping[str, Callable[..., Any]] = {

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from pmjoint_codegen.check import derivatives, guards, interpreter, symbolic
 from pmjoint_codegen.check.features import Features
+from pmjoint_codegen.check.gates import derivatives, guards, interpreter, symbolic
 from pmjoint_codegen.check.points import batches
 from pmjoint_codegen.check.result import Verdict
 from pmjoint_codegen.check.subject import Subject, load_subject

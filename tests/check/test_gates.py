@@ -12,19 +12,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pmjoint_codegen.check import (
-    certificate,
-    compilers,
-    derivatives,
-    golden,
-    harness,
-    invariants,
-    proof,
-    symbolic,
-)
-from pmjoint_codegen.check.gates import GATES, Gate, run_gate, run_gates, select
+from pmjoint_codegen.check import harness
+from pmjoint_codegen.check.gates import compilers, derivatives, golden, invariants, proof, symbolic
+from pmjoint_codegen.check.oracles import certificate
 from pmjoint_codegen.check.result import GateResult, Verdict, passed
 from pmjoint_codegen.check.subject import Subject, load_subject
+from pmjoint_codegen.check.table import GATES, Gate, run_gate, run_gates, select
 from pmjoint_codegen.emit.regenerate import regenerate
 from pmjoint_codegen.errors import UsageError
 

@@ -14,21 +14,22 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from pmjoint_codegen.check import golden, heyoka_loop, independent
 from pmjoint_codegen.check.drawn import draws
-from pmjoint_codegen.check.heyoka_kinks import SlidingError, UntrustedError
-from pmjoint_codegen.check.heyoka_loop import Loop, told_apart
-from pmjoint_codegen.check.program import compile_program
+from pmjoint_codegen.check.gates import golden, independent
+from pmjoint_codegen.check.oracles import heyoka_loop
+from pmjoint_codegen.check.oracles.heyoka_kinks import SlidingError, UntrustedError
+from pmjoint_codegen.check.oracles.heyoka_loop import Loop, told_apart
+from pmjoint_codegen.check.oracles.program import compile_program
 from pmjoint_codegen.check.result import Verdict
 from pmjoint_codegen.check.subject import Subject, load_subject
-from pmjoint_codegen.kernels.guard import Discs
+from pmjoint_codegen.loops import continuous, stepper
+from pmjoint_codegen.loops.guard import Discs
+from pmjoint_codegen.loops.modes import Actuator, make_actuator
+from pmjoint_codegen.modelfile import model_of
 from pmjoint_codegen.provision import provide
-from pmjoint_codegen.simulate import continuous, stepper
 from pmjoint_codegen.simulate import run as simulate_run
-from pmjoint_codegen.simulate.modes import Actuator, make_actuator
 from pmjoint_codegen.simulate.run import initial_state, run
 from pmjoint_codegen.simulate.settings import make_settings
-from pmjoint_codegen.spec import model_of
 
 MODELS = ("paper", "joint", "joint-damped", "joint-exact", "joint-lag", "third-order")
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from pmjoint_codegen.check import lanes
+from pmjoint_codegen.check.gates import lanes
 from pmjoint_codegen.check.result import Verdict
 from pmjoint_codegen.check.subject import Subject, load_subject
 from pmjoint_codegen.kernels.processor import VARIABLE, usable_levels

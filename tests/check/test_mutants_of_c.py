@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from pmjoint_codegen.check import derivatives, interpreter, symbolic
+from pmjoint_codegen.check.gates import derivatives, interpreter, symbolic
 from pmjoint_codegen.check.points import batches
 from pmjoint_codegen.check.result import GateResult
 from pmjoint_codegen.check.subject import Subject

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 import pytest
 import sympy as sp
 
-from pmjoint_codegen.check import proof
+from pmjoint_codegen.check.gates import proof
 from pmjoint_codegen.check.result import GateResult
 from pmjoint_codegen.check.subject import Subject
 from pmjoint_derive import Derivation, Equations, parameter_symbol

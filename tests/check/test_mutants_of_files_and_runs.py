@@ -9,19 +9,11 @@ from collections.abc import Callable, Mapping
 import numpy as np
 import pytest
 
-from pmjoint_codegen.check import (
-    certificate,
-    compilers,
-    current,
-    golden,
-    heyoka_loop,
-    independent,
-    invariants,
-    proof,
-)
-from pmjoint_codegen.check.gates import GATES, run_gate
+from pmjoint_codegen.check.gates import compilers, current, golden, independent, invariants, proof
+from pmjoint_codegen.check.oracles import certificate, heyoka_loop
 from pmjoint_codegen.check.result import GateResult
 from pmjoint_codegen.check.subject import Subject
+from pmjoint_codegen.check.table import GATES, run_gate
 from pmjoint_codegen.emit.pipeline import generate
 from pmjoint_codegen.emit.staleness import read_folder
 from pmjoint_codegen.simulate.run import Run
@@ -68,7 +60,7 @@ def test_changed_models_make_the_folder_stale(paper: Subject, tally: Tally) -> N
         "gain c2 = 16": {"design": design},
         "twice the disturbance": {"plant": plant},
     }.items():
-        from pmjoint_codegen.spec import model_of
+        from pmjoint_codegen.modelfile import model_of
 
         document = {**paper.document, **change}
         fresh = generate(document, model_of(document, "changed"))

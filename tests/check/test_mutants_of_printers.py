@@ -21,21 +21,21 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from pmjoint_codegen.build.compiler import Compiler
-from pmjoint_codegen.build.library import FLAGS, build
-from pmjoint_codegen.check import interpreter, lanes
+from pmjoint_codegen.check.gates import interpreter, lanes
 from pmjoint_codegen.check.points import Batch, batches
 from pmjoint_codegen.check.result import GateResult, Verdict
 from pmjoint_codegen.check.subject import Subject
+from pmjoint_codegen.compile.compiler import Compiler
+from pmjoint_codegen.compile.library import FLAGS, build
 from pmjoint_codegen.emit import lane_text, scalar_text
 from pmjoint_codegen.emit.functions import build_functions
 from pmjoint_codegen.emit.lanes import lane_functions
 from pmjoint_codegen.emit.straight_text import instructions
 from pmjoint_codegen.emit.tape import tapes_of
-from pmjoint_codegen.kernels import batch
 from pmjoint_codegen.kernels.evaluator import Kernel, Kind
 from pmjoint_codegen.kernels.interpreted import InterpretedEvaluator
 from pmjoint_codegen.kernels.processor import usable_levels
+from pmjoint_codegen.loops import batch
 from pmjoint_codegen.manifest import Function, Manifest
 
 Array = npt.NDArray[np.float64]

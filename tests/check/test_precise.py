@@ -6,8 +6,8 @@ import mpmath
 import pytest
 import sympy as sp
 
-from pmjoint_codegen.check.precise import DIGITS, Numbers, PowerSeries
-from pmjoint_codegen.check.program import compile_program
+from pmjoint_codegen.check.oracles.precise import DIGITS, Numbers, PowerSeries
+from pmjoint_codegen.check.oracles.program import compile_program
 from pmjoint_derive import Equation, Equations, parameter_symbol
 
 x, a = parameter_symbol("x"), parameter_symbol("a")

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from pmjoint_codegen.check import guards, proof
+from pmjoint_codegen.check.gates import guards, proof
 from pmjoint_codegen.check.result import GateResult, Verdict, passed
 from pmjoint_codegen.check.subject import Subject
 

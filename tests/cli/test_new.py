@@ -12,9 +12,9 @@ import pytest
 
 from pmjoint_codegen.cli.main import run
 from pmjoint_codegen.cli.new import TEMPLATES
-from pmjoint_codegen.spec.joint import JointSpec
-from pmjoint_codegen.spec.reader import read_document
-from pmjoint_codegen.spec.schema import DesignSpec, ModelSpec, PlantSpec, SimulationSpec
+from pmjoint_codegen.modelfile.joint import JointSpec
+from pmjoint_codegen.modelfile.reader import read_document
+from pmjoint_codegen.modelfile.schema import DesignSpec, ModelSpec, PlantSpec, SimulationSpec
 
 
 @pytest.fixture(autouse=True)

@@ -12,9 +12,9 @@ from typing import Any
 
 import pytest
 
-from pmjoint_codegen.build.compiler import find_compiler
 from pmjoint_codegen.cli import terminal
 from pmjoint_codegen.cli.main import run
+from pmjoint_codegen.compile.compiler import find_compiler
 
 # Without a compiler, what is used anyway is asked for, so that no line has to say so.
 KERNELS = () if find_compiler(os.environ) else ("--evaluator", "interpreted")

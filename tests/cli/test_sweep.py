@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from pmjoint_codegen.build.compiler import find_compiler
 from pmjoint_codegen.cli.main import run
+from pmjoint_codegen.compile.compiler import find_compiler
 from pmjoint_codegen.errors import StaleError
 from pmjoint_codegen.manifest import FILE_NAME, Manifest
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from pmjoint_codegen.build.compiler import find_compiler
 from pmjoint_codegen.cli.main import run
+from pmjoint_codegen.compile.compiler import find_compiler
 
 pytestmark = pytest.mark.skipif(find_compiler(os.environ) is None, reason="tuning needs a compiler")
 

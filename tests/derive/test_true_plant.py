@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import sympy as sp
 
-from pmjoint_codegen.spec import model_of
+from pmjoint_codegen.modelfile import model_of
 from pmjoint_codegen.values import OWN_SUFFIX
 from pmjoint_derive import Derivation, Model, Parameter, derive
 from pmjoint_derive.closed_loop import disturbance_symbols

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from pmjoint_codegen.emit.pipeline import Artifacts, generate
-from pmjoint_codegen.spec import model_of
-from pmjoint_codegen.spec.reader import read_document
+from pmjoint_codegen.modelfile import model_of
+from pmjoint_codegen.modelfile.reader import read_document
 from pmjoint_derive import Derivation, derive
 
 

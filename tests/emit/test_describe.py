@@ -12,8 +12,8 @@ import pytest
 
 from pmjoint_codegen.emit.describe import rules_of
 from pmjoint_codegen.errors import ModelError
-from pmjoint_codegen.spec import model_of
-from pmjoint_codegen.spec.reader import read_document
+from pmjoint_codegen.modelfile import model_of
+from pmjoint_codegen.modelfile.reader import read_document
 from pmjoint_codegen.values import Rule, check_rules, obeys
 from pmjoint_derive import derive
 

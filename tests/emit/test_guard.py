@@ -10,7 +10,7 @@ import pytest
 
 from pmjoint_codegen.emit.guard import guard_function, rule, rule_of
 from pmjoint_codegen.errors import ModelError
-from pmjoint_codegen.kernels.guard import discs, factor
+from pmjoint_codegen.loops.guard import discs, factor
 from pmjoint_codegen.manifest import GuardRule
 
 ORDERS = (5, 8, 10, 12, 16)

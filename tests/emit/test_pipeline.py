@@ -27,8 +27,8 @@ from pmjoint_derive import Derivation
 HASH_OF_ALL = """
 from pathlib import Path
 from pmjoint_codegen.emit.pipeline import generate
-from pmjoint_codegen.spec import model_of
-from pmjoint_codegen.spec.reader import read_document
+from pmjoint_codegen.modelfile import model_of
+from pmjoint_codegen.modelfile.reader import read_document
 from pmjoint_codegen.storage import sha256
 document = read_document(Path("models/paper.toml"))
 files = generate(document, model_of(document, "paper")).files

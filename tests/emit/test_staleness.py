@@ -22,7 +22,7 @@ from pmjoint_codegen.emit.pipeline import Artifacts
 from pmjoint_codegen.emit.regenerate import regenerate
 from pmjoint_codegen.emit.staleness import REMEDIES, Verdict, compare
 from pmjoint_codegen.identity import model_hash
-from pmjoint_codegen.spec.reader import read_document
+from pmjoint_codegen.modelfile.reader import read_document
 from pmjoint_codegen.storage import replace_folder, sha256
 from pmjoint_derive import Plant, Signals, backstepping
 from pmjoint_derive.compensator import compensator_rates

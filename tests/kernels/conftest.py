@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from pmjoint_codegen import ClosedLoop
-from pmjoint_codegen.build.compiler import find_compiler
-from pmjoint_codegen.kernels import batch
-from pmjoint_codegen.kernels.batch import BatchLibrary, Runs
+from pmjoint_codegen.compile.compiler import find_compiler
 from pmjoint_codegen.kernels.processor import usable_levels
+from pmjoint_codegen.loops import batch
+from pmjoint_codegen.loops.batch import BatchLibrary, Runs
+from pmjoint_codegen.loops.hold import hold_matrices
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.simulate.hold import hold_matrices
 from pmjoint_codegen.simulate.run import initial_state
 from pmjoint_codegen.simulate.settings import make_settings
 

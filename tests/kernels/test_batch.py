@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from pmjoint_codegen import ClosedLoop
-from pmjoint_codegen.build.compiler import find_compiler
-from pmjoint_codegen.build.library import build
-from pmjoint_codegen.kernels import batch
-from pmjoint_codegen.kernels.batch import BatchLibrary, Runs
+from pmjoint_codegen.compile.compiler import find_compiler
+from pmjoint_codegen.compile.library import build
 from pmjoint_codegen.kernels.declarations import load_module, to_module
 from pmjoint_codegen.kernels.processor import known_levels, usable_levels
+from pmjoint_codegen.loops import batch
+from pmjoint_codegen.loops.batch import BatchLibrary, Runs
+from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.provision import provide
-from pmjoint_codegen.simulate.status import Status
 from pmjoint_codegen.sweep.metrics import Column
 
 from .conftest import designed, library, make_runs, sampled
@@ -260,7 +260,7 @@ def test_elementary_functions_are_right_to_units_in_the_last_place(root: Path, c
         f"    for (long long i = 0; i < n; ++i) {{ y[i] = pmj_{name}(pmj_all(x[i]))[0]; }}\n}}\n"
         for name in FUNCTIONS
     ]
-    header = root / "pmjoint_codegen" / "kernels" / "c_batch" / "pmjoint_lanes.h"
+    header = root / "pmjoint_codegen" / "loops" / "c_batch" / "pmjoint_lanes.h"
     source = '#include "pmjoint_lanes.h"\n' + "\n".join(lines)
     declared = "\n".join(f"void each_{name}(const double *x, double *y, long long n);" for name in FUNCTIONS)
     folder = build({"each.c": source.encode(), header.name: header.read_bytes()}, COMPILER, cache)

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pmjoint_codegen.build.library import FLAGS
-from pmjoint_codegen.kernels import batch
-from pmjoint_codegen.kernels.batch import BatchLibrary, Runs, step_rules
+from pmjoint_codegen.compile.library import FLAGS
 from pmjoint_codegen.kernels.processor import Level, known_levels, usable_levels
+from pmjoint_codegen.loops import batch
+from pmjoint_codegen.loops.batch import BatchLibrary, Runs, step_rules
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.values import SETTLED
 

@@ -11,15 +11,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pmjoint_codegen.build.compiler import find_compiler
+from pmjoint_codegen.compile.compiler import find_compiler
 from pmjoint_codegen.errors import BuildError, SimulationError, StaleError, UsageError
-from pmjoint_codegen.kernels import batch, compiled, interpreted
+from pmjoint_codegen.kernels import compiled, interpreted
 from pmjoint_codegen.kernels.declarations import declarations, load_module, to_module
 from pmjoint_codegen.kernels.evaluator import Evaluator, PreparingEvaluator
 from pmjoint_codegen.kernels.processor import known_levels
+from pmjoint_codegen.loops import batch
 from pmjoint_codegen.manifest import Manifest
 
-C_SOURCES = Path(compiled.__file__).parent / "c"
+C_SOURCES = Path(compiled.__file__).parents[1] / "loops" / "c"
 
 
 @pytest.fixture(scope="session")

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from numpy.polynomial import Chebyshev, Polynomial
 
-from pmjoint_codegen.build.compiler import find_compiler
-from pmjoint_codegen.build.library import LIBRARY, build
-from pmjoint_codegen.kernels import batch
+from pmjoint_codegen.compile.compiler import find_compiler
+from pmjoint_codegen.compile.library import LIBRARY, build
 from pmjoint_codegen.kernels.declarations import load_module, to_module
 from pmjoint_codegen.kernels.evaluator import Array
+from pmjoint_codegen.loops import batch
 
 COMPILER = find_compiler(os.environ)
 pytestmark = pytest.mark.skipif(COMPILER is None, reason="the batch loops are compiled")

@@ -18,9 +18,9 @@ from typing import Any
 import pytest
 
 from pmjoint_codegen.errors import ModelError
-from pmjoint_codegen.spec.expressions import parse
-from pmjoint_codegen.spec.reader import parse_document
-from pmjoint_codegen.spec.schema import validate
+from pmjoint_codegen.modelfile.expressions import parse
+from pmjoint_codegen.modelfile.reader import parse_document
+from pmjoint_codegen.modelfile.schema import validate
 
 COUNT = 100_000
 PARTS = 10  # so that workers share them

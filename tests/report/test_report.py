@@ -12,12 +12,12 @@ from typing import Any
 import pytest
 import sympy as sp
 
+from pmjoint_codegen.modelfile import model_of
+from pmjoint_codegen.modelfile.reader import read_document
 from pmjoint_codegen.report.latex import latex_report
 from pmjoint_codegen.report.notation import escape, latex_expression, latex_name, latex_prose, text_expression
 from pmjoint_codegen.report.record import derivation_record
 from pmjoint_codegen.report.text import text_report
-from pmjoint_codegen.spec import model_of
-from pmjoint_codegen.spec.reader import read_document
 from pmjoint_derive import Derivation, Gains, Model, Parameter, Plant, Simulation, derive, parameter_symbol
 from pmjoint_derive.certificate import certificate_equations
 from pmjoint_derive.equation import Equations

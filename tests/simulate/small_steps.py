@@ -19,7 +19,7 @@ import sympy as sp
 from scipy.integrate import DOP853
 from scipy.optimize import brentq
 
-from pmjoint_codegen.check.program import compile_program
+from pmjoint_codegen.check.oracles.program import compile_program
 from pmjoint_codegen.check.subject import Subject
 
 Array = npt.NDArray[np.float64]

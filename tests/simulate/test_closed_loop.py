@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from pmjoint_codegen import ClosedLoop
-from pmjoint_codegen.build.compiler import find_compiler
+from pmjoint_codegen.compile.compiler import find_compiler
 from pmjoint_codegen.errors import BuildError, MissingToolError, SimulationError, UsageError
 from pmjoint_codegen.kernels.evaluator import Array
 

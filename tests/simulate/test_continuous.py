@@ -12,13 +12,13 @@ import pytest
 from numpy.polynomial import Polynomial
 
 from pmjoint_codegen import ClosedLoop
-from pmjoint_codegen.build.compiler import find_compiler
+from pmjoint_codegen.compile.compiler import find_compiler
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator, Kernel
+from pmjoint_codegen.loops.modes import make_actuator
+from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.simulate import run as run_module
-from pmjoint_codegen.simulate.modes import make_actuator
 from pmjoint_codegen.simulate.run import Run, run
 from pmjoint_codegen.simulate.settings import Settings
-from pmjoint_codegen.simulate.status import Status
 
 from .conftest import PolynomialEvaluator, polynomial_manifest
 

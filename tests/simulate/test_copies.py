@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from pmjoint_codegen import ClosedLoop, SimulationError
-from pmjoint_codegen.build.compiler import find_compiler
+from pmjoint_codegen.compile.compiler import find_compiler
 from pmjoint_codegen.kernels.law import Law
 
 

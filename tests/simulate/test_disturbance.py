@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pmjoint_codegen import ClosedLoop
-from pmjoint_codegen.cli.account import account
+from pmjoint_codegen.cli.summary_table import summary_table
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.simulate.disturbance import Pressure, disturbance_norm, pressures
 from pmjoint_codegen.simulate.figures import draw
@@ -75,16 +75,16 @@ def test_norm_is_over_components() -> None:
     assert run.summary["disturbance_max"] is None  # rad/s^2 and rad/s^3 do not add up
     ends = run.summary["disturbance_range"]
     assert ends["D3"] == [run["D3"].min(), run["D3"].max()]
-    assert f"D3 = {ends['D3'][0]:.6g} to {ends['D3'][1]:.6g} rad/s^3" in account(run, (), ())
-    assert "max |D|" not in account(run, (), ())
+    assert f"D3 = {ends['D3'][0]:.6g} to {ends['D3'][1]:.6g} rad/s^3" in summary_table(run, (), ())
+    assert "max |D|" not in summary_table(run, (), ())
 
 
 def test_mismatch_and_neglected_physics_have_their_own_words() -> None:
     loop = ClosedLoop.load("joint-damped")
-    assert "rad/s^2 at the output instants: neglected physics\n" in account(
+    assert "rad/s^2 at the output instants: neglected physics\n" in summary_table(
         loop.simulate(horizon=1.0), (), ()
     )
-    wrong = account(loop.simulate(horizon=1.0, parameters={"J_plant": 0.06}), (), ())
+    wrong = summary_table(loop.simulate(horizon=1.0, parameters={"J_plant": 0.06}), (), ())
     assert "rad/s at the output instants: neglected physics, and model mismatch (J_plant)\n" in wrong
 
 
@@ -93,7 +93,7 @@ def test_declared_bound_stands_beside_what_was_found() -> None:
     assert run.summary["disturbance_bound"] == 0.1
     assert run.summary["disturbance_max"] == np.max(np.abs(run["D2"])) <= 0.1
     assert run.summary["pressures"] is None
-    table = account(run, (), ())
+    table = summary_table(run, (), ())
     assert "unknown to the controller; D_max = 0.1" in table
     assert "exceeded" not in table
 
@@ -101,7 +101,7 @@ def test_declared_bound_stands_beside_what_was_found() -> None:
 def test_an_exceeded_bound_is_said() -> None:
     loop = ClosedLoop.load("paper", disturbance=["0", "0.3*cos(t)"])
     run = loop.simulate(horizon=1.0)
-    assert "0.3 at the output instants: unknown to the controller; D_max = 0.1 is exceeded" in account(
+    assert "0.3 at the output instants: unknown to the controller; D_max = 0.1 is exceeded" in summary_table(
         run, (), ()
     )
 
@@ -111,7 +111,7 @@ def test_clipped_pressures_are_said_plainly(clipped: Run) -> None:
     assert (first.least, second.greatest) == (0.0, 5e5)
     assert first.wanted_least == pytest.approx(2.5e5 - 8 * 5e4)
     assert first.clipped and second.clipped
-    table = account(clipped, (), ())
+    table = summary_table(clipped, (), ())
     assert "P1 is clipped: -1.5 to" in table
     assert "rad/s^2 at the output instants: neglected physics" in table
     assert json.loads(json.dumps(clipped.summary, allow_nan=False))["pressures"]["P1"]["clipped"] is True
@@ -123,7 +123,7 @@ def test_touching_a_limit_is_not_clipping(joint: ClosedLoop) -> None:
     assert run.summary["saturated_s"] > 0
     assert run.summary["pressures"]["P1"]["min"] == 0.0
     assert not pressures(run)["P1"].clipped
-    assert "clipped" not in account(run, (), ())
+    assert "clipped" not in summary_table(run, (), ())
 
 
 def test_rounding_beside_a_limit_is_not_clipping() -> None:

@@ -19,11 +19,11 @@ import pytest
 from hypothesis import given, settings
 
 from pmjoint_codegen import ClosedLoop
-from pmjoint_codegen.build.compiler import find_compiler
 from pmjoint_codegen.check.subject import load_subject
-from pmjoint_codegen.kernels import batch
-from pmjoint_codegen.kernels.guard import HOLD_RATIOS, Discs
+from pmjoint_codegen.compile.compiler import find_compiler
 from pmjoint_codegen.kernels.processor import usable_levels
+from pmjoint_codegen.loops import batch
+from pmjoint_codegen.loops.guard import HOLD_RATIOS, Discs
 from pmjoint_codegen.provision import provide
 from pmjoint_codegen.simulate import run as simulate_run
 

@@ -10,8 +10,8 @@ import sympy as sp
 
 from pmjoint_codegen import ClosedLoop, Run
 from pmjoint_codegen.kernels.evaluator import Array
-from pmjoint_codegen.spec import model_of
-from pmjoint_codegen.spec.reader import read_document
+from pmjoint_codegen.modelfile import model_of
+from pmjoint_codegen.modelfile.reader import read_document
 from pmjoint_codegen.workspace import find_model
 from pmjoint_derive import derive, parameter_symbol
 

@@ -19,11 +19,11 @@ import numpy.typing as npt
 import pytest
 
 from pmjoint_codegen import ClosedLoop
-from pmjoint_codegen.build.compiler import find_compiler
+from pmjoint_codegen.compile.compiler import find_compiler
 from pmjoint_codegen.provision import provide
 from pmjoint_codegen.simulate.settings import DEFAULT_TOLERANCE
+from pmjoint_codegen.sweep.build_inputs import library_of, make_inputs
 from pmjoint_codegen.sweep.chunks import simulate_chunk
-from pmjoint_codegen.sweep.kit import library_of, make_kit
 from pmjoint_codegen.sweep.plan import make_plan
 from pmjoint_codegen.sweep.request import make_request
 
@@ -124,7 +124,7 @@ def test_a_sweep_of_one_sees_what_is_narrow(feature: Feature) -> None:
     x0 = asked.get("x0", manifest.simulation.x0)
     plan = make_plan((f"x1={x0[0]!r}",), (), None, 0, "latin-hypercube")
     request = make_request(manifest, plan, tolerance=DEFAULT_TOLERANCE, **asked)
-    library = library_of(make_kit(provided.folder), os.environ)
+    library = library_of(make_inputs(provided.folder), os.environ)
     (rows,) = simulate_chunk(library, request, plan.columns(0, 1)).trajectories
     names = [*(state.name for state in manifest.states), "v"]
     values = {"t": feature.rows[:, 0]} | dict(zip(names, rows.T, strict=False))

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from pmjoint_codegen import ClosedLoop
+from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.manifest import Manifest, Variable
 from pmjoint_codegen.simulate.assumptions import changes, sentence
 from pmjoint_codegen.simulate.figures import draw, overview, png, wrapped, write_figures
@@ -25,7 +26,6 @@ from pmjoint_codegen.simulate.sheets import (
     transient_window,
     unit_text,
 )
-from pmjoint_codegen.simulate.status import Status
 
 LIMIT = 10.0
 

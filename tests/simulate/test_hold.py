@@ -8,7 +8,7 @@ import pytest
 from scipy.linalg import expm
 
 from pmjoint_codegen.kernels.evaluator import Array
-from pmjoint_codegen.simulate.hold import DEGREE, exponentials
+from pmjoint_codegen.loops.hold import DEGREE, exponentials
 
 ROUNDING = 2.0**-53
 

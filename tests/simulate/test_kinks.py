@@ -10,8 +10,8 @@ from scipy.integrate import solve_ivp
 
 from pmjoint_codegen import ClosedLoop
 from pmjoint_codegen.errors import ModelError, SimulationError, UsageError
+from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.simulate.run import Run
-from pmjoint_codegen.simulate.status import Status
 
 FRICTION = ("0", "-0.3*sign(x2) - abs(x1)/10")
 CONTROLLERS = ("continuous", "sampled")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from pmjoint_codegen import ClosedLoop
-from pmjoint_codegen.cli.account import account
+from pmjoint_codegen.cli.summary_table import summary_table
 from pmjoint_codegen.errors import SimulationError, UsageError
 from pmjoint_codegen.simulate.run import Run
 from pmjoint_codegen.simulate.settings import DIVERGENCE, make_settings
@@ -54,7 +54,7 @@ def test_a_run_that_ends_far_away_at_its_limit_is_lost(paper: ClosedLoop) -> Non
     lost = paper.simulate(x0=[60.0, 20.0], horizon=5.0)
     assert lost.summary["status"] == "done"
     assert lost.summary["held"] is False
-    assert "the reference is left for good" in account(lost, (), ())
+    assert "the reference is left for good" in summary_table(lost, (), ())
     kept = paper.simulate()
     assert kept.summary["held"] is True
-    assert "lost" not in account(kept, (), ())
+    assert "lost" not in summary_table(kept, (), ())

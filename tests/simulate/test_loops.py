@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 
 from pmjoint_codegen import ClosedLoop
-from pmjoint_codegen.build.compiler import find_compiler
+from pmjoint_codegen.compile.compiler import find_compiler
 from pmjoint_codegen.kernels.evaluator import Evaluator
 from pmjoint_codegen.kernels.processor import VARIABLE, usable_levels
-from pmjoint_codegen.simulate.loops import CompiledLoop, make_loop
-from pmjoint_codegen.simulate.modes import make_actuator
-from pmjoint_codegen.simulate.problem import Memory, Problem, Progress, make_memory
+from pmjoint_codegen.loops.modes import make_actuator
+from pmjoint_codegen.loops.problem import Memory, Problem, Progress, make_memory
+from pmjoint_codegen.loops.select import CompiledLoop, make_loop
+from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.simulate.run import initial_state, make_problem
 from pmjoint_codegen.simulate.settings import make_settings
-from pmjoint_codegen.simulate.status import Status
 
 BUDGET = 10_000
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pmjoint_codegen.simulate.modes import make_actuator
+from pmjoint_codegen.loops.modes import make_actuator
 
 
 def test_the_papers_actuator_has_three_modes() -> None:

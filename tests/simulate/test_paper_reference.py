@@ -13,10 +13,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator
-from pmjoint_codegen.simulate.modes import make_actuator
+from pmjoint_codegen.loops.modes import make_actuator
+from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.simulate.run import Run, run
 from pmjoint_codegen.simulate.settings import make_settings
-from pmjoint_codegen.simulate.status import Status
 
 REFERENCE = (
     Path(__file__).parent.parent / "reference" / "paper_sin.csv"

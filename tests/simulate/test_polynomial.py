@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from numpy.polynomial import Chebyshev, Polynomial
 
 from pmjoint_codegen.kernels.compiled import CompiledEvaluator
-from pmjoint_codegen.simulate import polynomial, quadrature
+from pmjoint_codegen.loops import polynomial, quadrature
 
 Find = Callable[[Sequence[float], float], float | None]
 EPSILON = np.finfo(float).eps

@@ -15,10 +15,10 @@ import pytest
 from pmjoint_codegen.closed_loop import ClosedLoop
 from pmjoint_codegen.errors import SimulationError, UsageError
 from pmjoint_codegen.kernels.evaluator import Evaluator
+from pmjoint_codegen.loops.status import Status, sentence
 from pmjoint_codegen.simulate import trajectory
 from pmjoint_codegen.simulate.run import Run, run
 from pmjoint_codegen.simulate.settings import make_settings
-from pmjoint_codegen.simulate.status import Status, sentence
 from pmjoint_codegen.simulate.summary import saturated_time
 
 COLUMNS = "t,y,y_r,e,x1,x2,xi1,xi2,Xi11,Xi21,lambda1,lambda2,r1,r2,z1,z2,alpha1,v,u,x_hat1,x_hat2,D1,D2"

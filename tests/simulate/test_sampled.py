@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 from numpy.polynomial.legendre import leggauss
 
-from pmjoint_codegen.build.compiler import find_compiler
 from pmjoint_codegen.closed_loop import ClosedLoop
+from pmjoint_codegen.compile.compiler import find_compiler
 from pmjoint_codegen.kernels import compiled, interpreted
 from pmjoint_codegen.kernels.evaluator import Evaluator
+from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.run import Run, run
 from pmjoint_codegen.simulate.settings import Settings, make_settings
-from pmjoint_codegen.simulate.status import Status
 
 MODELS = ("paper", "joint", "joint-damped", "joint-exact", "joint-lag", "third-order")
 EPSILON = np.finfo(float).eps

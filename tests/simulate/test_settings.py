@@ -10,9 +10,9 @@ import pytest
 
 from pmjoint_codegen.errors import ModelError, UsageError
 from pmjoint_codegen.manifest import Manifest
+from pmjoint_codegen.modelfile import model_of
+from pmjoint_codegen.modelfile.reader import read_document
 from pmjoint_codegen.simulate.settings import make_settings
-from pmjoint_codegen.spec import model_of
-from pmjoint_codegen.spec.reader import read_document
 from pmjoint_codegen.values import of_plant
 
 

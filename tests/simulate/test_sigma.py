@@ -9,9 +9,9 @@ import pytest
 
 from pmjoint_codegen import ClosedLoop
 from pmjoint_codegen.errors import SimulationError
+from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.simulate.run import run
 from pmjoint_codegen.simulate.settings import make_settings
-from pmjoint_codegen.simulate.status import Status
 
 
 @pytest.fixture(scope="module")

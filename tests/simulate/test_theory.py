@@ -13,7 +13,7 @@ from scipy.linalg import expm
 
 from pmjoint_codegen.closed_loop import ClosedLoop
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator
-from pmjoint_codegen.simulate.polynomial import evaluate
+from pmjoint_codegen.loops.polynomial import evaluate
 from pmjoint_codegen.simulate.run import Run, run
 from pmjoint_codegen.simulate.settings import make_settings
 

@@ -14,8 +14,8 @@ import pytest
 
 from pmjoint_codegen import ClosedLoop
 from pmjoint_codegen.kernels import interpreted
+from pmjoint_codegen.loops import sampled
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.simulate import sampled
 
 MODELS = {  # whether one look serves many holds
     "paper": True,

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from pmjoint_codegen.build.compiler import find_compiler
-from pmjoint_codegen.kernels.batch import BatchLibrary
+from pmjoint_codegen.compile.compiler import find_compiler
+from pmjoint_codegen.loops.batch import BatchLibrary
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.sweep.drive import drive
-from pmjoint_codegen.sweep.kit import Kit, library_of, make_kit
+from pmjoint_codegen.sweep.build_inputs import BuildInputs, library_of, make_inputs
+from pmjoint_codegen.sweep.executor import execute
 from pmjoint_codegen.sweep.plan import make_plan
 from pmjoint_codegen.sweep.request import Request, make_request
 from pmjoint_codegen.sweep.store import Store
@@ -20,10 +20,10 @@ from pmjoint_codegen.sweep.store import Store
 
 @dataclass(frozen=True)
 class Case:
-    """A model's manifest, kit and library, and a request."""
+    """A model's manifest, inputs and library, and a request."""
 
     manifest: Manifest
-    kit: Kit
+    inputs: BuildInputs
     library: BatchLibrary
     request: Request
 
@@ -37,11 +37,11 @@ def case(root: Path) -> Case:
     manifest = Manifest.read(folder)
     grid = ("x1=-120:120:41", "c1=-1,15,20", "compensator=0,1")
     plan = make_plan(grid, ("b0~normal(2,0.2)",), 25, 3, "sobol")
-    kit = make_kit(folder)
+    inputs = make_inputs(folder)
     return Case(
         manifest,
-        kit,
-        library_of(kit, os.environ),
+        inputs,
+        library_of(inputs, os.environ),
         make_request(manifest, plan, horizon=2.0, divergence=300.0),
     )
 
@@ -57,7 +57,7 @@ def files(folder: Path) -> dict[str, bytes]:
 def sweep(case: Case, folder: Path, *, threads: int = 1, scheduler: str | None = None) -> Store:
     store = Store(folder, case.request, case.manifest.nX)
     store.open()
-    drive(store, case.kit, threads=threads, scheduler=scheduler, tell=lambda done: None)
+    execute(store, case.inputs, threads=threads, scheduler=scheduler, tell=lambda done: None)
     from pmjoint_codegen.sweep import dataset
 
     dataset.assemble(store, case.manifest)

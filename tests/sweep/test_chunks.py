@@ -13,9 +13,9 @@ import pytest
 
 from pmjoint_codegen import ClosedLoop
 from pmjoint_codegen.errors import StaleError, UsageError
+from pmjoint_codegen.loops.hold import hold_matrices as single_hold
+from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.simulate.hold import hold_matrices as single_hold
-from pmjoint_codegen.simulate.status import Status
 from pmjoint_codegen.sweep import chunks
 from pmjoint_codegen.sweep.metrics import INVALID, Column, quantities, status_meanings
 from pmjoint_codegen.sweep.plan import Axis, Plan, make_plan

@@ -17,9 +17,9 @@ import numpy as np
 import pytest
 
 from pmjoint_codegen.errors import MissingToolError, UsageError
-from pmjoint_codegen.kernels.batch import METRICS, loops_hash
+from pmjoint_codegen.loops.batch import METRICS, loops_hash
 from pmjoint_codegen.sweep.chunks import Result
-from pmjoint_codegen.sweep.drive import drive
+from pmjoint_codegen.sweep.executor import execute
 from pmjoint_codegen.sweep.plan import make_plan
 from pmjoint_codegen.sweep.request import make_request
 from pmjoint_codegen.sweep.store import Store
@@ -29,7 +29,7 @@ from .conftest import Case, files, sweep
 pytest.importorskip("xarray")
 pytest.importorskip("zarr")
 
-from pmjoint_codegen.sweep import dataset, formats, parts
+from pmjoint_codegen.sweep import blocks, dataset, formats
 from pmjoint_codegen.sweep.totals import totals
 
 
@@ -38,7 +38,7 @@ def test_chunks_go_when_the_dataset_is_on_the_disk_and_stay_when_it_cannot_be(
 ) -> None:
     store = Store(tmp_path, case.request, case.manifest.nX)
     store.open()
-    drive(store, case.kit, threads=2, scheduler=None, tell=lambda done: None)
+    execute(store, case.inputs, threads=2, scheduler=None, tell=lambda done: None)
 
     def full(folder: Path) -> None:
         assert files(folder) == reference
@@ -116,7 +116,7 @@ def test_the_parts_that_a_dataset_is_written_in_do_not_change_it(
     request = make_request(case.manifest, plan, horizon=1.0, output_step=0.01)
     whole = dataset.read(sweep(replace(case, request=request), tmp_path / "whole").dataset)
     for size in (7, 250, 60):
-        monkeypatch.setattr(parts, "PART", size)
+        monkeypatch.setattr(blocks, "BLOCK", size)
         store = sweep(replace(case, request=request), tmp_path / str(size))
         assert dataset.read(store.dataset).identical(whole)
 
@@ -125,7 +125,7 @@ def test_memory_to_write_a_dataset_does_not_grow_with_it(
     case: Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """At its most are a part's rows and copies of a few columns, beside what Zarr itself needs."""
-    monkeypatch.setattr(parts, "PART", 2**12)
+    monkeypatch.setattr(blocks, "BLOCK", 2**12)
 
     def peak(runs: int) -> int:
         plan = make_plan((f"x1=0:1:{runs}",), (), None, 0, "sobol")
@@ -158,9 +158,9 @@ def test_a_format_is_the_same_in_however_many_parts(
     path = formats.export(store.dataset, kind)
     whole = _opened(path, 1)
     shutil.rmtree(store.dataset)
-    monkeypatch.setattr(parts, "PART", 700)
+    monkeypatch.setattr(blocks, "BLOCK", 700)
     formats.export(sweep(case, tmp_path, threads=2).dataset, kind)
-    again = _opened(path, len(list(parts.parts(tuple(case.request.plan.dimensions.values())))))
+    again = _opened(path, len(list(blocks.blocks(tuple(case.request.plan.dimensions.values())))))
     assert again.equals(whole)
     assert again.attrs == whole.attrs
 

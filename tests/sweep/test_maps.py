@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pmjoint_codegen.simulate.status import holds
-from pmjoint_codegen.sweep.drive import drive
+from pmjoint_codegen.loops.status import holds
+from pmjoint_codegen.sweep.executor import execute
 from pmjoint_codegen.sweep.plan import make_plan
 from pmjoint_codegen.sweep.reach import Border, border, held
 from pmjoint_codegen.sweep.request import make_request
-from pmjoint_codegen.sweep.store import MADE_OF_IT, Store
+from pmjoint_codegen.sweep.store import DERIVED_FILES, Store
 
 from .conftest import Case
 
@@ -32,7 +32,7 @@ def made(
     request = make_request(case.manifest, plan, **settings)  # type: ignore[arg-type]
     store = Store(folder, request, case.manifest.nX)
     store.open()
-    drive(store, case.kit, threads=2, scheduler=None, tell=lambda done: None)
+    execute(store, case.inputs, threads=2, scheduler=None, tell=lambda done: None)
     dataset.assemble(store, case.manifest)
     return dataset.read(store.dataset)
 
@@ -61,7 +61,7 @@ def test_dimensions_call_for_their_figures(
     data = made(case, tmp_path, grid, sample, horizon=3.0)
     first = maps.write_maps(data, case.manifest, tmp_path)
     assert {path.stem for path in first} == stems
-    assert {path.name for path in first} <= set(MADE_OF_IT)
+    assert {path.name for path in first} <= set(DERIVED_FILES)
     pictures = [path.read_bytes() for path in first]
     assert all(picture.startswith(b"\x89PNG") for picture in pictures)
     assert [path.read_bytes() for path in maps.write_maps(data, case.manifest, tmp_path)] == pictures

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from pmjoint_codegen.errors import UsageError
-from pmjoint_codegen.sweep.drive import drive
+from pmjoint_codegen.sweep.executor import execute
 from pmjoint_codegen.sweep.plan import make_plan
 from pmjoint_codegen.sweep.request import make_request
 from pmjoint_codegen.sweep.store import Store
@@ -21,7 +21,7 @@ from .conftest import Case, files, sweep
 
 pytest.importorskip("zarr")
 
-from pmjoint_codegen.sweep import dataset, parts, repair
+from pmjoint_codegen.sweep import blocks, dataset, repair
 
 
 def _cut(path: Path) -> None:
@@ -63,7 +63,7 @@ def test_a_damaged_chunk_is_made_again_alone(
 ) -> None:
     store = Store(tmp_path / "harmed", small.request, small.manifest.nX)
     store.open()
-    drive(store, small.kit, threads=1, scheduler=None, tell=lambda done: None)
+    execute(store, small.inputs, threads=1, scheduler=None, tell=lambda done: None)
     assert not store.missing()
     harm(store.folder / "chunks" / name)
     assert store.missing() == [256]
@@ -73,7 +73,7 @@ def test_a_damaged_chunk_is_made_again_alone(
     with pytest.raises(UsageError, match="removed or altered"):
         dataset.assemble(store, small.manifest)
     told: list[int] = []
-    drive(store, small.kit, threads=1, scheduler=None, tell=told.append)
+    execute(store, small.inputs, threads=1, scheduler=None, tell=told.append)
     assert told == [256, 500]
     dataset.assemble(store, small.manifest)
     assert files(store.dataset) == whole
@@ -82,7 +82,7 @@ def test_a_damaged_chunk_is_made_again_alone(
 def test_a_chunk_that_was_never_finished_is_not_called_damaged(small: Case, tmp_path: Path) -> None:
     store = Store(tmp_path, small.request, small.manifest.nX)
     store.open()
-    drive(store, small.kit, threads=1, scheduler=None, tell=lambda done: None)
+    execute(store, small.inputs, threads=1, scheduler=None, tell=lambda done: None)
     assert store.done() == 500
     (tmp_path / "chunks" / "0000000256.sha256").unlink()
     assert store.missing() == [256]
@@ -94,7 +94,7 @@ def test_a_chunk_that_was_never_finished_is_not_called_damaged(small: Case, tmp_
 def cut(small: Case, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Its folder, the dataset in more files than one a variable."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(parts, "PART", 200)
+        patch.setattr(blocks, "BLOCK", 200)
         return sweep(small, tmp_path_factory.mktemp("cut")).folder
 
 
@@ -124,7 +124,7 @@ def test_a_damaged_file_of_the_dataset_is_written_again_alone(
     name: str,
     starts: tuple[int, ...],
 ) -> None:
-    monkeypatch.setattr(parts, "PART", 200)  # numbers a file: 100 points of x1, or 33 with trajectories
+    monkeypatch.setattr(blocks, "BLOCK", 200)  # numbers a file: 100 points of x1, or 33 with trajectories
     store = Store(tmp_path / "harmed", small.request, small.manifest.nX)
     shutil.copytree(cut, store.folder)
     whole, sums = files(store.dataset), store.sums.read_bytes()
@@ -133,7 +133,7 @@ def test_a_damaged_file_of_the_dataset_is_written_again_alone(
     harm(store.dataset / name)
     damage = repair.find_damage(store, small.manifest)
     assert damage == repair.Damage((name,), starts)
-    drive(store, small.kit, threads=1, scheduler=None, tell=lambda done: None, starts=damage.starts)
+    execute(store, small.inputs, threads=1, scheduler=None, tell=lambda done: None, starts=damage.starts)
     repair.mend(store, small.manifest, damage)
     assert files(store.dataset) == whole
     assert store.sums.read_bytes() == sums
@@ -153,7 +153,7 @@ def test_a_variable_that_is_gone_comes_back_and_what_was_put_beside_it_goes(
     planted.write_bytes(b"")
     damage = repair.find_damage(store, small.manifest)
     assert damage == repair.Damage(("ise/c/0/0", "ise/zarr.json", "status/c/7/0"), (0, 256))
-    drive(store, small.kit, threads=1, scheduler=None, tell=lambda done: None, starts=damage.starts)
+    execute(store, small.inputs, threads=1, scheduler=None, tell=lambda done: None, starts=damage.starts)
     repair.mend(store, small.manifest, damage)
     assert files(store.dataset) == whole
 

@@ -11,7 +11,7 @@ from pmjoint_codegen.errors import UsageError
 from pmjoint_codegen.sweep.chunks import simulate_chunk
 from pmjoint_codegen.sweep.plan import make_plan
 from pmjoint_codegen.sweep.request import make_request
-from pmjoint_codegen.sweep.store import MADE_OF_IT, Store
+from pmjoint_codegen.sweep.store import DERIVED_FILES, Store
 
 from .conftest import Case, sweep
 
@@ -42,7 +42,7 @@ def test_what_stands_there_without_a_request_is_nobodys_result(case: Case, tmp_p
 def test_a_restart_leaves_no_figure_and_no_export_of_the_sweep_before(case: Case, tmp_path: Path) -> None:
     store = Store(tmp_path, case.request, case.manifest.nX)
     store.open()
-    names = [*MADE_OF_IT, "notes.txt"]
+    names = [*DERIVED_FILES, "notes.txt"]
     for name in names:
         (tmp_path / name).touch()
     store.open()

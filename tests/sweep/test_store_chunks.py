@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pmjoint_codegen.kernels.batch import METRICS
+from pmjoint_codegen.loops.batch import METRICS
 from pmjoint_codegen.sweep.chunks import Result
 from pmjoint_codegen.sweep.store import Store
 

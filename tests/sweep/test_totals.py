@@ -19,11 +19,11 @@ from .conftest import Case, sweep
 pytest.importorskip("xarray")
 pytest.importorskip("zarr")
 
-from pmjoint_codegen.sweep import dataset, parts
+from pmjoint_codegen.sweep import blocks, dataset
 from pmjoint_codegen.sweep.totals import REPORTED, totals
 
 
-@pytest.mark.parametrize("size", [parts.PART, 500])
+@pytest.mark.parametrize("size", [blocks.BLOCK, 500])
 def test_totals_are_those_of_the_whole(
     case: Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, size: int
 ) -> None:
@@ -32,7 +32,7 @@ def test_totals_are_those_of_the_whole(
     good = held(data).values
     words = status_meanings()
     ends = Counter(words[int(value)] for value in data["status"].values.ravel())
-    monkeypatch.setattr(parts, "PART", size)
+    monkeypatch.setattr(blocks, "BLOCK", size)
     found = totals(store.dataset)
     assert found.status == ends
     assert len(found.status) == 3

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from pmjoint_codegen.build.compiler import find_compiler
-from pmjoint_codegen.kernels.batch import BatchLibrary
+from pmjoint_codegen.compile.compiler import find_compiler
+from pmjoint_codegen.loops.batch import BatchLibrary
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.sweep.kit import library_of, make_kit
+from pmjoint_codegen.sweep.build_inputs import library_of, make_inputs
 
 
 @pytest.fixture(scope="session")
@@ -24,4 +24,4 @@ def library(root: Path) -> BatchLibrary:
     """Its batch library."""
     if find_compiler(os.environ) is None:
         pytest.skip("the batch loops are compiled")
-    return library_of(make_kit(root / "generated" / "paper"), os.environ)
+    return library_of(make_inputs(root / "generated" / "paper"), os.environ)

@@ -7,17 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pmjoint_codegen.kernels.batch import BatchLibrary
+from pmjoint_codegen.loops.batch import BatchLibrary
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.sweep.metrics import Column
 from pmjoint_codegen.tune.comparison import TRANSIENT, compare, traces, transient
-from pmjoint_codegen.tune.cost import Costing
+from pmjoint_codegen.tune.cost import CostFunction
 from pmjoint_codegen.tune.request import make_request
 from pmjoint_codegen.tune.search import Found
 
 
 def test_the_beginning_follows_the_saturation_within_bounds(library: BatchLibrary, paper: Manifest) -> None:
-    costing = Costing(library, make_request(paper, gains=("c1",), horizon=8.0))
+    costing = CostFunction(library, make_request(paper, gains=("c1",), horizon=8.0))
     both = compare(costing, Found({"c1": 10.0}, 1.0, 2.0, 3, 1, True, ()))
 
     def shown(saturated: float) -> float:

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from pmjoint_codegen.errors import UsageError
-from pmjoint_codegen.kernels.batch import METRICS, BatchLibrary
 from pmjoint_codegen.kernels.evaluator import Array
+from pmjoint_codegen.loops.batch import METRICS, BatchLibrary
+from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.simulate.status import Status
 from pmjoint_codegen.sweep.metrics import INVALID, Column
-from pmjoint_codegen.tune.cost import BEYOND, BROKEN, LOST, Costing, cost
+from pmjoint_codegen.tune.cost import BEYOND, BROKEN, LOST, CostFunction, cost
 from pmjoint_codegen.tune.request import Request, make_request
 
 
@@ -74,10 +74,10 @@ def make_request_with_settling(request_: Request) -> Request:
 def test_every_design_meets_every_plant_whatever_the_threads(library: BatchLibrary, paper: Manifest) -> None:
     asked = make_request(paper, perturb=("x1~uniform(-3,3)",), plants=4, seed=5, horizon=2.0)
     gains = {"c1": np.array([15.0, 30.0, 7.0])}
-    one = Costing(library, asked, 1).metrics(gains)
-    np.testing.assert_array_equal(one, Costing(library, asked, 3).metrics(gains))
+    one = CostFunction(library, asked, 1).metrics(gains)
+    np.testing.assert_array_equal(one, CostFunction(library, asked, 3).metrics(gains))
     assert one.shape[:2] == (3, 5)
-    own = Costing(library, make_request(paper, horizon=2.0)).metrics(gains)
+    own = CostFunction(library, make_request(paper, horizon=2.0)).metrics(gains)
     np.testing.assert_array_equal(one[:, :1], own)  # the first plant is the model's own
     largest = np.abs(asked.plants["x1"])
     assert np.all(one[..., Column.MAX_ABS_E] >= largest)  # y_r(0) = 0, so e(0) = x1(0)
@@ -87,6 +87,6 @@ def test_a_design_whose_filter_is_unstable_is_refused_at_a_finite_cost(
     library: BatchLibrary, paper: Manifest
 ) -> None:
     asked = make_request(paper, gains=("k=1:100",), horizon=1.0)
-    costs = Costing(library, asked)({"k1": np.array([-1.0, 6.0]), "k2": np.array([8.0, 8.0])})
+    costs = CostFunction(library, asked)({"k1": np.array([-1.0, 6.0]), "k2": np.array([8.0, 8.0])})
     assert costs[0] == BROKEN
     assert costs[1] < BEYOND

@@ -1,0 +1,1 @@
+"""One module a gate of `pmjoint_codegen.check.table`."""

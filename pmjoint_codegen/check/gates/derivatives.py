@@ -1,0 +1,100 @@
+"""Derivatives: emitted partial derivatives against algorithmic differentiation of emitted virtual controls.
+
+SymPy differentiated the expressions; CasADi differentiates its own instruction list of ``law``. The two share
+no code. Both sides carry a running error bound, and differ by no more than the two together. A derivative
+that the manifest does not name must be zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import casadi as ca
+import numpy as np
+import numpy.typing as npt
+
+from pmjoint_codegen.check.oracles.error_bound import Bounded, walk
+from pmjoint_codegen.check.points import batches, describe_point
+from pmjoint_codegen.check.result import Difference, GateResult, failed, not_run, passed
+from pmjoint_codegen.check.subject import Subject
+from pmjoint_codegen.emit.tape import tapes_of
+from pmjoint_codegen.kernels.interpreted import rebuild
+from pmjoint_codegen.kernels.tape import Tape
+
+Array = npt.NDArray[np.float64]
+
+NAME = "derivatives"
+SEED = 20200530
+POINTS = 200  # of each kind
+
+
+def check(subject: Subject) -> GateResult:
+    """Compare every partial derivative of every virtual control."""
+    if subject.compiled is None:
+        return not_run(NAME, "no C compiler")
+    if subject.manifest.rho == 1:
+        return passed(NAME, "a plant of relative degree one has no virtual controls", 0, 0)
+    function = subject.manifest.function("partials")
+    found = batches(subject.interpreted, function, POINTS, SEED, extreme=False, features=subject.features)
+    arguments = tuple(
+        np.concatenate(arrays) for arrays in zip(*(batch.arguments for batch in found), strict=True)
+    )
+    (results,) = subject.compiled.call("partials", *arguments)
+    return compare(subject, arguments, results)
+
+
+def compare(subject: Subject, arguments: Sequence[Array], results: Array) -> GateResult:
+    """Hold the results of ``partials`` against derivatives of ``law``.
+
+    Args:
+        subject: the model.
+        arguments: of ``partials``, shape (points, size) each.
+        results: what ``partials`` gave, shape (points, number of partials).
+    """
+    (jacobian,) = walk(jacobian_tape(subject.tapes["law"]), arguments)
+    (emitted,) = walk(subject.tapes["partials"], arguments)
+    names = all_names(subject)
+    places = {name: i for i, name in enumerate(subject.manifest.partials)}
+    stray = sorted(set(places) - set(names))
+    if stray:
+        return failed(NAME, f"model.json names derivatives that do not exist: {', '.join(stray)}")
+    worst, first = 0.0, None
+    for column, name in enumerate(names):
+        mine = _column(results, emitted, places.get(name))
+        error, bound = np.abs(mine.value - jacobian.value[:, column]), mine.error + jacobian.error[:, column]
+        ratio = np.divide(error, bound, out=np.where(error > 0, np.inf, 0.0), where=bound > 0)
+        ratio = np.where(np.isfinite(jacobian.error[:, column]), ratio, 0.0)  # where `law` itself overflows
+        row = int(np.argmax(ratio))
+        worst = max(worst, float(ratio[row]))
+        if not ratio[row] <= 1 and first is None:
+            point = describe_point(subject.manifest.function("partials"), tuple(arguments), row)
+            expected, found = repr(float(jacobian.value[row, column])), repr(float(mine.value[row]))
+            first = Difference(
+                "partials", name, point, expected, found, f"{error[row]:.3g}", f"{bound[row]:.3g}"
+            )
+    counts = f"{len(names)} derivatives, {len(places)} of them not zero, at {len(results)} points"
+    detail = f"largest difference/bound of {counts}"
+    return failed(NAME, detail, worst, 1, first) if first else passed(NAME, detail, worst, 1)
+
+
+def jacobian_tape(law: Tape) -> Tape:
+    """Derivatives of ``alpha`` by y, s and y_r, row by row, as an instruction list of its own."""
+    function = rebuild(law)
+    inputs = [ca.SX.sym(function.name_in(i), function.size1_in(i)) for i in range(function.n_in())]
+    alpha = function.call(inputs, True, False)[function.index_out("alpha")]
+    by = ca.vertcat(*(inputs[function.index_in(label)] for label in ("y", "s", "y_r")))
+    rows = ca.densify(ca.vec(ca.jacobian(alpha, by).T))
+    (tape,) = tapes_of([ca.Function("law_jacobian", inputs, [rows])])
+    return tape
+
+
+def all_names(subject: Subject) -> list[str]:
+    """Names of every conceivable partial derivative, in the order of :func:`jacobian_tape`."""
+    s = subject.derivation.signals
+    return [f"d{alpha.name}_d{by.name}" for alpha in s.alpha for by in (s.y, *s.controller_state, *s.y_r)]
+
+
+def _column(results: Array, emitted: Bounded, place: int | None) -> Bounded:
+    if place is None:
+        return Bounded(np.zeros(len(results)), np.zeros(len(results)))
+    return Bounded(results[:, place], emitted.error[:, place])

@@ -1,0 +1,114 @@
+"""Guards: what the kernels say a step can miss against what the derivation does in the complex plane.
+
+A guard bounds the nonlinear part N of every rate and value on a disc: ``|N(z) - N(c)| <= rest``. With F = L
++ N and L linear, ``F(c + d) + F(c - d) - 2 F(c)`` is N's alone and at most ``2 rest``. It is computed at
+sixty digits from the SymPy expressions, at points on the rims of the discs; CasADi and the rules of balls
+have no part in it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import sympy as sp
+
+from pmjoint_codegen.check.oracles.precise import Numbers
+from pmjoint_codegen.check.oracles.reference import Array, Reference, reference_of
+from pmjoint_codegen.check.points import batches, describe_point
+from pmjoint_codegen.check.result import Difference, GateResult, failed, passed
+from pmjoint_codegen.check.subject import Subject
+from pmjoint_codegen.emit.functions import GUARDS
+from pmjoint_codegen.manifest import Function
+
+NAME = "guards"
+SEED = 20260117
+POINTS = 2  # of each kind
+RIMS = 4  # complex points for each
+BOUNDED = {"guard": "closed_loop", "plant_guard": "plant"}
+LIMIT = 1.0 + 1e-9  # of a swing over its bound: the bound's own rounding, at gains that multiply it
+
+
+def check(subject: Subject) -> GateResult:
+    """Look for a point at which a guard promises too much."""
+    evaluator = subject.compiled or subject.interpreted
+    random = np.random.default_rng(SEED)
+    worst, values, first = 0.0, 0, None
+    for name in GUARDS:
+        function = subject.manifest.function(name)
+        reference = reference_of(subject.derivation, subject.table[BOUNDED[name]])
+        found = batches(subject.interpreted, function, POINTS, SEED, extreme=False, features=subject.features)
+        for batch in found:
+            (bounds,) = evaluator.call(name, *batch.arguments)
+            for row, bound in enumerate(bounds):
+                point = [array[row] for array in batch.arguments]
+                swings = _swings(reference, point, random)
+                finite = np.isfinite(bound)
+                values += int(finite.sum())
+                # Not `swings > 0`: a swing that is nan bounds nothing, and must not count as none.
+                judged, ratios = finite & ~(swings <= 0.0), np.zeros(len(bound))
+                np.divide(swings, np.maximum(bound, 1e-300), out=ratios, where=judged)
+                entry = int(np.argmax(ratios))
+                worst = float(np.maximum(worst, ratios[entry]))
+                if not ratios[entry] <= LIMIT and first is None:
+                    first = _difference(function, reference, batch.arguments, row, entry, swings, bound)
+    detail = f"largest swing/bound of {values} bounds on complex discs"
+    return failed(NAME, detail, worst, LIMIT, first) if first else passed(NAME, detail, worst, LIMIT)
+
+
+def _swings(reference: Reference, point: list[Array], random: np.random.Generator) -> Array:
+    """Half the largest ``|F(c + d) + F(c - d) - 2 F(c)|`` found on the rims, less what rounding could be."""
+    numbers = Numbers()
+    *centre, R, P = point
+    exact = {
+        symbol: numbers.exactly(float(value))
+        for symbols, array in zip(reference.inputs, centre, strict=True)
+        for symbol, value in zip(symbols, array, strict=True)
+    }
+    moving = [*reference.inputs[0], *reference.inputs[1]]
+    radii = [*R.tolist(), *P.tolist()]
+    middle = reference.program.run(numbers, exact)
+    largest = np.zeros(len(middle))
+    for angles in random.uniform(0.0, 2 * np.pi, (RIMS, len(radii))):
+        swing = {
+            symbol: numbers.context.mpf(radius) * numbers.context.expj(angle)
+            for symbol, radius, angle in zip(moving, radii, angles.tolist(), strict=True)
+        }
+        sides = [_at(reference, numbers, exact, swing, sign) for sign in (1, -1)]
+        found = [abs(a + b - 2 * c) / 2 for a, b, c in zip(*sides, middle, strict=True)]
+        noise = [(abs(a) + abs(b) + abs(c)) * 1e-40 for a, b, c in zip(*sides, middle, strict=True)]
+        swings = [float(value - error) for value, error in zip(found, noise, strict=True)]
+        largest = np.maximum(largest, swings)
+    return largest
+
+
+def _at(
+    reference: Reference,
+    numbers: Numbers,
+    centre: dict[sp.Symbol, Any],
+    swing: dict[sp.Symbol, Any],
+    sign: int,
+) -> list[Any]:
+    moved = {symbol: centre[symbol] + sign * by for symbol, by in swing.items()}
+    return reference.program.run(numbers, centre | moved)
+
+
+def _difference(
+    function: Function,
+    reference: Reference,
+    arguments: tuple[Array, ...],
+    row: int,
+    entry: int,
+    swings: Array,
+    bound: Array,
+) -> Difference:
+    names = [name for names in reference.entries for name in names]
+    return Difference(
+        function.name,
+        names[entry],
+        describe_point(function, arguments, row),
+        f"at least {swings[entry]:.6g}",
+        f"{bound[entry]:.6g}",
+        f"{swings[entry] - bound[entry]:.3g}",
+        "0",
+    )

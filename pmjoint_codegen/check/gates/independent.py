@@ -1,0 +1,185 @@
+"""An independent solver: heyoka, with located events, on the derivation's own expressions.
+
+It shares nothing with what it checks but the symbolic derivation: no CasADi, no C of ours, no Taylor
+recurrence, no event search of ours, no step control either: its steps are short, and compared with the
+right-hand side at points inside. Held against it are the model's own run and runs with a drawn limit of u
+from drawn initial states. heyoka says which of these saturate and come back, so that a switch that our loop
+does not see keeps no run from being held. heyoka locates kinks too. A run that is stuck to a kink ends with
+a word: it must end between the same rows in both, and is then left out.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from itertools import islice
+from typing import Any, Final
+
+import numpy as np
+
+from pmjoint_codegen.check.drawn import Draw, draws
+from pmjoint_codegen.check.gates.golden import (
+    ACCURACY,
+    TOLERANCE,
+    Trajectory,
+    compare,
+    default_run,
+    kept_rows,
+    trajectory_of,
+)
+from pmjoint_codegen.check.oracles.heyoka_kinks import SlidingError, UntrustedError
+from pmjoint_codegen.check.oracles.heyoka_loop import Loop
+from pmjoint_codegen.check.result import GateResult, Verdict, failed, not_run
+from pmjoint_codegen.check.subject import Subject
+from pmjoint_codegen.errors import installing
+from pmjoint_codegen.kernels.evaluator import Evaluator
+from pmjoint_codegen.loops.modes import Actuator, make_actuator
+from pmjoint_codegen.loops.status import Status
+from pmjoint_codegen.simulate.run import Run, initial_state, run
+from pmjoint_codegen.simulate.settings import Settings, make_settings
+
+NAME = "trajectory.independent"
+RUNS: Final = (2, 48)  # drawn runs that are held: at least, at most
+STEPS: Final = {"compiled": 500_000, "interpreted": 2_000}  # what they may take between them: some seconds
+TRIES: Final = 4  # draws for each of them at most: a limit may be too wide, or the joint lost
+
+
+def check(subject: Subject) -> GateResult:
+    """Integrate the default run and the drawn runs a second time, with heyoka, and compare."""
+    try:
+        import heyoka
+    except ImportError:
+        return not_run(NAME, f"no heyoka; {installing('heyoka')}")
+    evaluator = subject.compiled or subject.interpreted
+    done = default_run(evaluator)
+    loop = Loop(heyoka, subject, done.settings.parameters)
+    result = hold(loop, subject, done)
+    # A run of the model's own that is stuck to a kink leaves the drawn ones to be held.
+    if result.verdict is not Verdict.PASSED and not (
+        result.verdict is Verdict.NOT_RUN and done.status == Status.SLIDING
+    ):
+        return result
+    affordable = STEPS[evaluator.kind] // max(done.steps, 1)
+    return hold_drawn(loop, subject, evaluator, result, min(max(affordable, RUNS[0]), RUNS[1]))
+
+
+def hold(loop: Loop, subject: Subject, done: Run) -> GateResult:
+    """Hold a run against heyoka's from the same state, at the instants that a golden file keeps.
+
+    Args:
+        loop: heyoka's side.
+        subject: the model.
+        done: the run.
+    """
+    if done.status not in (Status.DONE, Status.SLIDING):
+        return failed(NAME, f"the run ended early: {done.message}")
+    try:
+        expected = reference(loop, subject, done.settings)
+    except SlidingError as error:
+        return _both_stuck(error, done)
+    except UntrustedError as error:
+        return not_run(NAME, f"heyoka's run is no reference: it {error}")
+    if done.status != Status.DONE:
+        return failed(NAME, f"the run ended early, and heyoka's does not: {done.message}")
+    return _compare(loop, expected, done)
+
+
+def hold_drawn(
+    loop: Loop, subject: Subject, evaluator: Evaluator, own: GateResult, wanted: int
+) -> GateResult:
+    """Hold drawn runs, and say the worst of all.
+
+    Args:
+        loop: heyoka's side.
+        subject: the model.
+        evaluator: of our side.
+        own: what the model's own run gave.
+        wanted: how many runs.
+    """
+    worst, held, switches, untrusted, stuck = own, 0, 0, 0, 0
+    for draw in islice(draws(subject.manifest), TRIES * wanted):
+        settings = drawn_settings(subject, draw)
+        expected: Trajectory | SlidingError
+        try:
+            expected = reference(loop, subject, settings)
+        except SlidingError as error:
+            expected = error
+        except UntrustedError:
+            untrusted += 1
+            continue
+        if not isinstance(expected, SlidingError) and not saturates_and_returns(expected):
+            continue
+        done = run(evaluator, settings)
+        if isinstance(expected, SlidingError):
+            result = _both_stuck(expected, done)
+        elif done.status != Status.DONE:
+            return failed(NAME, f"a drawn run ended early, with {_said(subject, draw)}: {done.message}")
+        else:
+            result = _compare(loop, expected, done)
+        if result.verdict is Verdict.FAILED:
+            return dataclasses.replace(result, detail=f"{result.detail}, with {_said(subject, draw)}")
+        if isinstance(expected, SlidingError):
+            stuck += 1
+            continue
+        held, switches = held + 1, switches + len(expected.switches)
+        if worst.verdict is not Verdict.PASSED or (result.figure or 0.0) > (worst.figure or 0.0):
+            worst = result
+        if held == wanted:
+            break
+    drawn = (
+        f"{held} drawn runs with {switches} switching instants"
+        if held
+        else "no drawn run that saturates and returns"
+    )
+    left = f"; heyoka gave no reference for {untrusted} more" if untrusted else ""
+    left += f"; {stuck} more are stuck to a kink and left out" if stuck else ""
+    return dataclasses.replace(worst, detail=f"{own.detail}, and {drawn}{left}")
+
+
+def _both_stuck(found: SlidingError, done: Run) -> GateResult:
+    """Where heyoka's run is stuck to a kink, ours must end too, between the same rows; no more is held."""
+    if done.status != Status.SLIDING:
+        return failed(NAME, f"heyoka's run {found}, and the run does not end there: {done.message}")
+    around = np.array([found.t - ACCURACY, found.t + ACCURACY])
+    least, most = np.searchsorted(done.settings.times(), around, side="right")
+    if not least <= len(done.t) <= most:
+        return failed(NAME, f"heyoka's run {found}, and the run elsewhere: {done.message}")
+    return not_run(NAME, f"the run and heyoka's are stuck to a kink at t = {found.t:.6g} s")
+
+
+def drawn_settings(subject: Subject, draw: Draw) -> Settings:
+    """The model's run with a drawn limit from a drawn state."""
+    limit = subject.manifest.written({subject.manifest.limit: draw.limit})
+    return make_settings(subject.manifest, parameters=limit, x0=draw.x0, tolerance=TOLERANCE)
+
+
+def reference(loop: Loop, subject: Subject, settings: Settings) -> Trajectory:
+    """What heyoka makes of some settings, at the instants that a golden file keeps.
+
+    Raises:
+        SlidingError: heyoka's run is stuck to a kink.
+        UntrustedError: heyoka's run leaves its own equations.
+    """
+    times = settings.times()
+    limit, start = settings.parameters[subject.manifest.limit], initial_state(subject.manifest, settings)
+    return loop.run(times[kept_rows(len(times))], start, limit, _actuator(subject, settings))
+
+
+def saturates_and_returns(found: Trajectory) -> bool:
+    """Whether u is at a limit for a while and inside at the end: a run that is lost stays at its limit."""
+    return bool(found.switches) and found.switches[-1][1] == 0 and bool(np.all(np.isfinite(found.values)))
+
+
+def _compare(loop: Loop, expected: Trajectory, done: Run) -> GateResult:
+    limit = done.settings.parameters[done.manifest.limit]
+    return compare(NAME, expected, trajectory_of(done), "heyoka", loop.scales(expected, limit))
+
+
+def _actuator(subject: Subject, settings: Settings) -> Actuator:
+    limits: Any = subject.interpreted.call("actuation", settings.p)[0]
+    return make_actuator(limits)
+
+
+def _said(subject: Subject, draw: Draw) -> str:
+    """The options of `pmjoint simulate` that make a drawn run again."""
+    x0 = ",".join(repr(value) for value in draw.x0.tolist())
+    return f"--set {subject.manifest.limit}={draw.limit!r} --x0={x0}"

@@ -1,0 +1,217 @@
+"""Symbolic = C: every result of every kernel against the derivation at sixty digits, within a derived bound.
+
+The bound comes from :mod:`error_bound`, which walks the emitted instructions at the very point; so it is
+tight where nothing cancels and wide exactly where cancellation makes a result uncertain. A limit in ULP could
+be neither.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from pmjoint_codegen.check.oracles.error_bound import LITERAL_ROUNDINGS, walk
+from pmjoint_codegen.check.oracles.precise import Numbers
+from pmjoint_codegen.check.oracles.reference import (
+    Reference,
+    Rows,
+    reference_of,
+    sample_reference,
+    taylor_reference,
+)
+from pmjoint_codegen.check.points import batches, describe_point
+from pmjoint_codegen.check.result import Difference, GateResult, failed, not_run, passed
+from pmjoint_codegen.check.subject import Subject
+from pmjoint_codegen.emit.functions import COMPOSED, GUARDS
+from pmjoint_codegen.kernels.tape import Tape
+from pmjoint_codegen.manifest import Function
+
+Array = npt.NDArray[np.float64]
+
+NAME = "symbolic"
+SEED = 20200529
+POINTS = 8  # of each kind
+TAYLOR_POINTS = 2
+LARGEST = float(np.finfo(np.float64).max)
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A kernel's points with everything that the code's results are held against.
+
+    Attributes:
+        function: the kernel, as the manifest describes it.
+        reference: what it should compute.
+        arguments: one for each input, shape (points, size).
+        exact: results at 60 digits, one table an output.
+        bounds: error bound of each result, one array an output, shape (points, size).
+    """
+
+    function: Function
+    reference: Reference
+    arguments: tuple[Array, ...]
+    exact: tuple[Rows, ...]
+    bounds: tuple[Array, ...]
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What the comparison of one kernel found.
+
+    Attributes:
+        values: number of results compared.
+        unbounded: number of results without a finite bound, though their exact value is finite.
+        ratio: largest error / bound.
+        error: the error there.
+        bound: the bound there.
+        where: kernel and entry there.
+        difference: the first result beyond its bound.
+    """
+
+    values: int
+    unbounded: int
+    ratio: float
+    error: float
+    bound: float
+    where: str
+    difference: Difference | None
+
+
+def check(subject: Subject) -> GateResult:
+    """Compare every compiled kernel with its reference; those that are bounds have a gate of their own."""
+    if subject.compiled is None:
+        return not_run(NAME, "no C compiler")
+    mismatch = vocabulary_mismatch(subject)
+    if mismatch:
+        return failed(NAME, mismatch)
+    judgements = []
+    for function in subject.manifest.functions:
+        if function.name in GUARDS:
+            continue
+        prepared = prepare(subject, function)
+        judgements.append(judge(prepared, subject.compiled.call(function.name, *prepared.arguments)))
+    return conclude(judgements)
+
+
+def vocabulary_mismatch(subject: Subject) -> str:
+    """What the manifest names differently from the derivation, or nothing."""
+    manifest, loop = subject.manifest, subject.table["closed_loop"]
+    words = {label: tuple(symbol.name for symbol in symbols) for label, symbols in loop.inputs}
+    partials = tuple(symbol.name for symbol in subject.table["partials"].outputs[0][1])
+    signals = tuple(symbol.name for symbol in subject.table["signals"].outputs[0][1])
+    pairs = {
+        "parameters": (manifest.parameter_names, words["p"]),
+        "states": (tuple(item.name for item in manifest.states), words["X"]),
+        "signals": (tuple(item.name for item in manifest.signals), signals),
+        "partial derivatives": (manifest.partials, partials),
+        "kernels": (
+            tuple(item.name for item in manifest.functions),
+            (*subject.table, *COMPOSED),
+        ),
+    }
+    return "; ".join(f"{what}: {a} in model.json, {b} derived" for what, (a, b) in pairs.items() if a != b)
+
+
+def kernel_reference(subject: Subject, function: Function) -> Reference:
+    """The reference of any kernel, those included that are composed from the table's rows."""
+    derivation, table, manifest = subject.derivation, subject.table, subject.manifest
+    if function.name == "taylor":
+        return taylor_reference("taylor", derivation, table["closed_loop"], manifest.order)
+    if function.name not in COMPOSED:
+        return reference_of(derivation, table[function.name])
+    order = manifest.plant_order if function.name == "plant_taylor" else manifest.hold_order
+    plant = taylor_reference("plant_taylor", derivation, table["plant"], order)
+    if function.name == "plant_taylor":
+        return plant
+    return sample_reference(derivation, table["sampled_update"], plant)
+
+
+def prepare(subject: Subject, function: Function, count: int | None = None) -> Prepared:
+    """Points, exact results and bounds for one kernel."""
+    reference = kernel_reference(subject, function)
+    wanted = count or (TAYLOR_POINTS if reference.taylor else POINTS)
+    found = batches(subject.interpreted, function, wanted, SEED, extreme=False, features=subject.features)
+    arguments = tuple(
+        np.concatenate(arrays) for arrays in zip(*(batch.arguments for batch in found), strict=True)
+    )
+    return prepare_at(reference, subject.tapes[function.name], function, arguments)
+
+
+def prepare_at(
+    reference: Reference, emitted: Tape, function: Function, arguments: tuple[Array, ...]
+) -> Prepared:
+    """Exact results and bounds at given points."""
+    roundings = max(LITERAL_ROUNDINGS, 2 * reference.order)
+    bounds = tuple(result.error for result in walk(emitted, arguments, roundings))
+    return Prepared(function, reference, arguments, tuple(reference.values(arguments)), bounds)
+
+
+def judge(prepared: Prepared, results: Sequence[Array]) -> Judgement:
+    """Hold results against the reference.
+
+    Args:
+        prepared: points, exact results and bounds.
+        results: what the code computed there, one array an output.
+    """
+    numbers = Numbers()
+    values = unbounded = 0
+    worst, first = (0.0, 0.0, 0.0, ""), None
+    for output, (table, bound, result) in enumerate(
+        zip(prepared.exact, prepared.bounds, results, strict=True)
+    ):
+        for row, column in np.ndindex(*result.shape):
+            values += 1
+            found, allowed = float(result[row, column]), float(bound[row, column])
+            if not np.isfinite(found) and abs(table[row][column]) > LARGEST:
+                continue  # the exact value is beyond doubles, and the code says so
+            error = float(abs(numbers.exactly(found) - table[row][column])) if np.isfinite(found) else np.inf
+            if not np.isfinite(allowed):
+                unbounded += 1
+                first = first or _difference(prepared, output, row, column, found, error)
+                continue
+            ratio = error / allowed if allowed > 0 else (0.0 if error == 0 else np.inf)
+            if ratio > worst[0]:
+                worst = (
+                    ratio,
+                    error,
+                    allowed,
+                    f"{prepared.function.name}, {prepared.reference.entries[output][column]}",
+                )
+            if not ratio <= 1 and first is None:
+                first = _difference(prepared, output, row, column, found, error)
+    return Judgement(values, unbounded, *worst, first)
+
+
+def conclude(judgements: Sequence[Judgement], name: str = NAME) -> GateResult:
+    """One result from the kernels' judgements."""
+    values = sum(item.values for item in judgements)
+    unbounded = sum(item.unbounded for item in judgements)
+    worst = max(judgements, key=lambda item: item.ratio)
+    first = next((item.difference for item in judgements if item.difference), None)
+    detail = f"largest error/bound of {values} values: {worst.error:.2e}/{worst.bound:.2e} in {worst.where}"
+    if unbounded:
+        return failed(
+            name, f"{unbounded} of {values} values have no finite error bound", worst.ratio, 1, first
+        )
+    if first is not None:
+        return failed(name, detail, worst.ratio, 1, first)
+    return passed(name, detail, worst.ratio, 1)
+
+
+def _difference(
+    prepared: Prepared, output: int, row: int, column: int, found: float, error: float
+) -> Difference:
+    context = Numbers().context
+    exact = prepared.exact[output][row][column]
+    return Difference(
+        kernel=prepared.function.name,
+        entry=prepared.reference.entries[output][column],
+        point=describe_point(prepared.function, prepared.arguments, row),
+        expected=context.nstr(exact, 25),
+        found=repr(found),
+        error=f"{error:.3g}",
+        bound=f"{prepared.bounds[output][row, column]:.3g}",
+    )

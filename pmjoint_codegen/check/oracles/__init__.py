@@ -1,0 +1,1 @@
+"""What gates check against: references that share no code with what they judge."""

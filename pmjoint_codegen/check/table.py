@@ -1,0 +1,183 @@
+"""The flat table of gates, and what runs them.
+
+    gate                      what it holds against what
+    current                   generated/<name>/ against what the model and the tools give now
+    proof                     the certificate's identities against zero, with symbolic gains
+    interpreter               CasADi's interpreter against compiled C, bit for bit
+    lanes                     functions over lanes, as compiled for sweeps, against their tapes, bit for bit
+    symbolic                  compiled C against the derivation at 60 digits, within a derived error bound
+    guards                    what the step control's kernels bound against the derivation at complex points
+    derivatives               emitted partial derivatives against algorithmic differentiation of alpha
+    trajectory.golden         the default run against the reviewed one
+    trajectory.invariants     runs against what theory says of every run
+    trajectory.certificate    V along the run against (35)
+    trajectory.independent    the default run and drawn ones against heyoka on the derivation's expressions
+    compilers.gcc, .clang     the generated C against all warnings
+    compilers.sanitizers      every kernel against memory errors and undefined behaviour
+    compilers.valgrind        every kernel against uninitialised values
+    compilers.objects         the object file against allocation, static mutable state and recursion
+    compilers.cppcheck        the generated C against cppcheck
+
+Each gate is a function from `Subject` to `GateResult`. A name stands for its gate, or for all gates that it
+begins: ``trajectory`` for four.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Final
+
+from pmjoint_codegen.check.gates import (
+    compilers,
+    current,
+    derivatives,
+    golden,
+    guards,
+    independent,
+    interpreter,
+    invariants,
+    lanes,
+    proof,
+    symbolic,
+)
+from pmjoint_codegen.check.result import GateResult, failed, not_run
+from pmjoint_codegen.check.subject import Subject
+from pmjoint_codegen.errors import PmjointError, StaleError, UsageError, quoted
+from pmjoint_derive.progress import Stage, unwatched
+
+
+@dataclass(frozen=True)
+class Gate:
+    """One row of the table.
+
+    Attributes:
+        name: of the gate.
+        check: what it does.
+        needs_generated: whether it looks into ``generated/<name>/``.
+        outside: whether it waits for other programs, so that it can run beside the others.
+    """
+
+    name: str
+    check: Callable[[Subject], GateResult]
+    needs_generated: bool = True
+    outside: bool = False
+
+
+GATES: Final = (
+    Gate("current", current.check, needs_generated=False),
+    Gate("proof", proof.check, needs_generated=False),
+    Gate("interpreter", interpreter.check),
+    Gate("lanes", lanes.check),
+    Gate("symbolic", symbolic.check),
+    Gate("guards", guards.check),
+    Gate("derivatives", derivatives.check),
+    Gate("trajectory.golden", golden.check),
+    Gate("trajectory.invariants", invariants.check_invariants),
+    Gate("trajectory.certificate", invariants.check_certificate),
+    Gate("trajectory.independent", independent.check),
+    Gate("compilers.gcc", compilers.check_gcc, outside=True),
+    Gate("compilers.clang", compilers.check_clang, outside=True),
+    Gate("compilers.sanitizers", compilers.check_sanitizers, outside=True),
+    Gate("compilers.valgrind", compilers.check_valgrind, outside=True),
+    Gate("compilers.objects", compilers.check_objects, outside=True),
+    Gate("compilers.cppcheck", compilers.check_cppcheck, outside=True),
+)
+
+
+def select(names: Sequence[str]) -> tuple[Gate, ...]:
+    """The gates that some names stand for, in the order of the table; all of them for no name.
+
+    Raises:
+        UsageError: a name stands for no gate.
+    """
+    for name in names:
+        if not any(_stands_for(name, gate) for gate in GATES):
+            known = ", ".join(gate.name for gate in GATES)
+            remedy = f"{_guess(name)}gates: {known}"
+            raise UsageError(f"no gate is called {quoted(name)}", where="--gate", remedy=remedy)
+    return tuple(gate for gate in GATES if not names or any(_stands_for(name, gate) for name in names))
+
+
+def _guess(name: str) -> str:
+    """Ask whether the gate, or beginning of several, that a wrong name comes closest to was meant."""
+    meant = {gate.name.rpartition(".")[-1]: gate.name for gate in GATES}
+    meant |= {word: word for gate in GATES for word in (gate.name, gate.name.partition(".")[0])}
+    close = difflib.get_close_matches(name, meant, n=1)
+    return f"did you mean {meant[close[0]]}? " if close else ""
+
+
+def _stands_for(name: str, gate: Gate) -> bool:
+    return gate.name == name or gate.name.startswith(f"{name}.")
+
+
+def run_gates(
+    subject: Subject, gates: Sequence[Gate] = GATES, stage: Stage = unwatched
+) -> Iterator[GateResult]:
+    """Run gates on one model, giving each result in the table's order as soon as it is there.
+
+    Gates that mostly wait for compilers run in a second thread meanwhile. What interrupts the gates keeps
+    those that have not begun from beginning.
+
+    Args:
+        subject: the model.
+        gates: which.
+        stage: told which gate is at work.
+    """
+    obstacle = _obstacle(subject) if any(gate.needs_generated for gate in gates) else ""
+    if not obstacle and any(gate.outside for gate in gates):
+        _prepare(subject)
+    with ThreadPoolExecutor(max_workers=1) as beside:
+        waiting = {
+            gate.name: beside.submit(run_gate, subject, gate, obstacle) for gate in gates if gate.outside
+        }
+        try:
+            for count, gate in enumerate(gates, start=1):
+                stage(f"gate {gate.name}, {count} of {len(gates)}", 0.0)
+                yield waiting[gate.name].result() if gate.outside else run_gate(subject, gate, obstacle)
+        except BaseException:
+            beside.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def _prepare(subject: Subject) -> None:
+    """Make what both threads use before they start."""
+    _ = subject.manifest, subject.compiler, subject.interpreted
+
+
+def _obstacle(subject: Subject) -> str:
+    """Why ``generated/<name>/`` cannot be looked at, or nothing."""
+    try:
+        _ = subject.manifest, subject.tapes
+    except (StaleError, OSError, ValueError, IndexError) as error:
+        return f"nothing sound is generated: {' '.join(str(error).split())[:200]}"
+    return ""
+
+
+def run_gate(subject: Subject, gate: Gate, obstacle: str = "") -> GateResult:
+    """Run one gate; an error of the model's makes it fail, with the error as the reason.
+
+    So does what a gate trips over in the results of bad code, such as a run without a row: the other gates
+    and the report are then still made.
+
+    Args:
+        subject: the model.
+        gate: the gate.
+        obstacle: why generated files cannot be looked at, if so.
+    """
+    begun = time.perf_counter()
+    if obstacle and gate.needs_generated:
+        result = not_run(gate.name, obstacle)
+    else:
+        try:
+            result = gate.check(subject)
+        except PmjointError as error:
+            result = failed(gate.name, str(error))
+        except (ArithmeticError, LookupError, RuntimeError, ValueError) as error:
+            words = f"{type(error).__name__} {error}".strip()
+            result = failed(gate.name, f"nothing sound to judge: {' '.join(words.split())[:200]}")
+    return dataclasses.replace(result, seconds=time.perf_counter() - begun)

@@ -1,0 +1,135 @@
+"""A run in a short table: how it ended, when u was saturated, peaks, settling, error, files."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pmjoint_codegen.cli.terminal import table
+
+if TYPE_CHECKING:
+    from pmjoint_codegen.simulate.run import Run
+
+_SHOWN = 8  # switches in the table; summary.json holds all of them
+_BEYOND = "beyond floating point"  # of a run that failed
+_SEEN = "at the output instants"  # of what is no state: between them it may be more
+_PASCALS = 1e5  # in a bar
+_MODES = {-1: "at -{limit}", 0: "inside its limits", 1: "at {limit}"}
+
+
+def summary_table(run: Run, notes: Sequence[str], files: Sequence[Path]) -> str:
+    """Give the table.
+
+    Args:
+        run: what to tell of.
+        notes: changes that the run itself does not know to be changes.
+        files: what was written, all of it in one folder.
+    """
+    told = (_head(run, notes), _saturation(run), _peaks(run), _tracking(run), _disturbance(run))
+    rows = [*(row for part in told for row in part), *_pressures(run), *_files(files)]
+    return f"{run.manifest.name}: {run.manifest.title}\n{table(rows)}"
+
+
+def _head(run: Run, notes: Sequence[str]) -> Iterator[tuple[str, ...]]:
+    from pmjoint_codegen.simulate.assumptions import assumed, changes, stated
+
+    yield "run", f"{run.settings.controller} controller, {run.evaluator} kernels"
+    yield "status", f"{run.summary['status']}: {run.message} ({run.steps} steps in {run.wall_s * 1e3:.3g} ms)"
+    assumptions = assumed(run)
+    if assumptions:
+        yield "assumed", f"{', '.join(assumptions)} (not stated in the paper)"
+    for label, items in (("settings", stated(run)), ("changed", (*changes(run), *notes))):
+        if items:
+            yield label, ", ".join(items)
+
+
+def _saturation(run: Run) -> Iterator[tuple[str, ...]]:
+    starts = [(0.0, run.initial_mode), *run.switches[:_SHOWN]]
+    for label, (t, mode) in zip(["u", *[""] * len(starts)], starts, strict=False):
+        yield label, f"{_MODES[mode].format(limit=run.manifest.limit)} from {t:.10f} s"
+    if len(run.switches) > _SHOWN:
+        yield "", f"and {len(run.switches) - _SHOWN} more switches, in summary.json"
+    yield "saturated", f"{run.summary['saturated_s']:.6g} s in all"
+
+
+def _peaks(run: Run) -> Iterator[tuple[str, ...]]:
+    from pmjoint_codegen.simulate.record import RATE
+
+    manifest = run.manifest
+    units = {item.name: item.unit for item in (*manifest.signals, *manifest.states)}
+    names = [RATE] if RATE in run.peaks else [f"x{i}" for i in range(2, manifest.n + 1)]
+    names += [f"r{i}" for i in range(1, manifest.rho + 1)]
+    for label, name in zip(["peaks", *[""] * len(names)], ["v", *names], strict=True):
+        size, t = run.peaks[name]
+        unit = f" {units[name]}" if units[name] not in ("", "1") else ""
+        yield label, f"|{name}| = {size:.6g}{unit} at {t:.6g} s"
+
+
+def _tracking(run: Run) -> Iterator[tuple[str, ...]]:
+    summary = run.summary
+    unit = next((item.unit for item in run.manifest.signals if item.name == "y"), "")
+    if run.summary["status"] == "done" and not summary["held"]:
+        yield "lost", "u is at its limit and |e| is largest at the end: the reference is left for good"
+    yield "settling", _settling(summary["settling_s"], float(run["e"][0]), float(run.t[-1]), unit)
+    for label, key, of in (("ISE", "ise", "^2 s"), ("max |e|", "max_abs_e", ""), ("final e", "final_e", "")):
+        value = summary[key]
+        yield label, _BEYOND if value is None else f"{value:.6g} {unit}{of}"
+
+
+def _settling(settled: float | None, initial: float, end: float, unit: str) -> str:
+    """Name the band in y's unit: 2 % of a small start may be less than what the disturbance leaves of e."""
+    if settled is None or not math.isfinite(initial):
+        return "e starts at 0" if initial == 0.0 else _BEYOND
+    band = f"{0.02 * abs(initial):.6g} {unit}, 2 % of the initial |e|"
+    if settled >= end:
+        return f"not by {end:.6g} s (|e| > {band})"
+    return f"{settled:.6g} s (last |e| > {band})"
+
+
+def _disturbance(run: Run) -> Iterator[tuple[str, ...]]:
+    """Say how large each component of D (12) was and what it is; |D| only where a bound of the proof asks."""
+    summary, bound = run.summary, run.manifest.disturbance_bound
+    if bound is not None:
+        largest = summary["disturbance_max"]
+        size = _BEYOND if largest is None else f"{largest:.6g}"
+        held = largest is not None and largest <= bound
+        presumed = f"D_max = {bound:g}{'' if held else ' is exceeded'}"
+        yield "max |D|", f"{size} {_SEEN}: unknown to the controller; {presumed}"
+    units = {item.name: item.unit for item in run.manifest.signals}
+    acting = {name: ends for name, ends in summary["disturbance_range"].items() if ends != [0.0, 0.0]}
+    if bound is not None and len(acting) < 2:
+        return
+    for label, (name, ends) in zip(["D", *[""] * len(acting)], acting.items(), strict=False):
+        low, high = (_BEYOND if end is None else f"{end:.6g}" for end in ends)
+        what = f" {_SEEN}: {_what(run)}" if label else ""
+        yield label, f"{name} = {low} to {high} {units[name]}{what}"
+
+
+def _what(run: Run) -> str:
+    """Say what D is: physics that the design neglects, and what it believes wrongly of the plant."""
+    stated = run.manifest.stated(run.settings.parameters)
+    own = [name for name in stated if name in run.manifest.own]
+    first = "neglected physics" if run.summary["pressures"] else "the model's disturbance"
+    return f"{first}, and model mismatch ({', '.join(own)})" if own else first
+
+
+def _pressures(run: Run) -> Iterator[tuple[str, ...]]:
+    """Say where the muscle pressures went, and plainly when a command went beyond what there is."""
+    muscles = run.summary["pressures"] or {}
+    for label, (name, item) in zip(("pressures", ""), muscles.items(), strict=False):
+        least, greatest, limit = (item[key] / _PASCALS for key in ("min", "max", "P_max"))
+        seen = f" {_SEEN}" if label else ""
+        yield label, f"{name} = {least:.4g} to {greatest:.4g} bar{seen}, limits 0 and {limit:.4g} bar"
+        if item["clipped"]:
+            low, high = (value / _PASCALS for value in item["commanded"])
+            yield (
+                "",
+                f"{name} is clipped: {low:.4g} to {high:.4g} bar was commanded; what is missing is part of D",
+            )
+
+
+def _files(files: Sequence[Path]) -> Iterator[tuple[str, ...]]:
+    for label, path in zip(["files", *[""] * len(files)], files, strict=False):
+        yield label, str(path)

@@ -1,0 +1,199 @@
+/* Runs of the closed loop over generated kernels: the C half of pmjoint_codegen/simulate, which is its reference.
+ *
+ * The Python modules polynomial.py, continuous.py and sampled.py do the same arithmetic in the same order; read
+ * them first. Nothing here allocates, holds state of its own or knows a model: kernels, sizes, limits and scratch
+ * memory all come from the caller; sampled.c alone takes its two kernels and their sizes from the model's sampled.h.
+ * Times are in seconds; states have the units of model.json.
+ *
+ * Python reads the declarations below as they stand, without preprocessing: keep `#` lines free of declarations.
+ */
+#ifndef PMJOINT_RUNTIME_H
+#define PMJOINT_RUNTIME_H
+
+/* The highest Taylor order that the root isolation holds on its stack. */
+#define PMJ_MAX_ORDER 40
+/* The most nodes of a quadrature rule. */
+#define PMJ_MAX_NODES 16
+/* Below this step, relative to max(1 s, t), time does not move any more. */
+#define PMJ_SMALLEST_STEP 1e-14
+
+/* A step may miss the right-hand side by this multiple of the tolerance, anywhere. */
+#define PMJ_DEFECT 10.0
+/* After a step that the guard has cut, the next is at most so much longer. */
+#define PMJ_GROWTH 2.5
+/* Rounding of a sum of terms, generously, relative to their magnitudes. */
+#define PMJ_ROUNDED_UP (1.0 + 1e-12)
+#define PMJ_ON_KINK 2   /* what `touching` is on a kink; on a threshold of v it is 1 */
+#define PMJ_JUMPED 1e-6 /* part of what an argument moves in a step: one that stands on its zero is within rounding */
+
+/* Values of `pmj_progress.status`; loops/status.py puts them into words. */
+#define PMJ_RUNNING 0
+#define PMJ_DONE 1
+#define PMJ_DIVERGED 2
+#define PMJ_NON_FINITE 3
+#define PMJ_STALLED 4
+#define PMJ_TOO_MANY_STEPS 5
+#define PMJ_TOO_MANY_SWITCHES 6
+#define PMJ_KERNEL_FAILED 7
+#define PMJ_SLIDING 9 /* 8 is a sweep's word for runs that are not made */
+
+/* A generated kernel in CasADi's calling convention: 0 is success. */
+typedef int (*pmj_kernel)(const double **arg, double **res, long long *iw, double *w, int mem);
+
+/* A kernel with the scratch arrays that its `_work` asks for. */
+typedef struct {
+    pmj_kernel call;
+    const double **arg;
+    double **res;
+    long long *iw;
+    double *w;
+} pmj_function;
+
+/* What does not change during a run. Arrays are row-major; sizes in brackets. */
+typedef struct {
+    long long n_plant;        /* nx: plant states x, first in X */
+    long long n_states;       /* nX: plant states, then controller states */
+    long long n_channels;     /* of the Taylor kernel: X, v, e (sampled: x, e), then the arguments of kinks */
+    long long n_rates;        /* channels that have rates: nX (sampled: nx) */
+    long long n_kinks;        /* nk */
+    long long n_actuated;     /* nw: channels of w, the first is u */
+    long long order;          /* N of the Taylor kernels */
+    long long n_thresholds;   /* values of v at which a channel of w enters or leaves a limit */
+    const double *thresholds; /* [n_thresholds] ascending */
+    const double *modes;      /* [(n_thresholds + 1)][2 nw]: offset and slope of each channel of w inside a mode */
+    const double *p;          /* parameters */
+    const double *hold;       /* sampled: zero-order-hold matrices of `sampled_update` */
+    const double *nodes;      /* [n_nodes] Gauss nodes on (0, 1) for the integral of e^2 */
+    const double *weights;    /* [n_nodes] */
+    long long n_nodes;        /* 0: nothing is asked of e */
+    long long n_searched;     /* continuous: channels whose largest magnitudes are searched for inside steps too */
+    long long notes_rate;     /* whether the largest magnitude of the rate of channel 0, y, is asked for */
+    const double *inside;     /* [n_inside] points of a step, as parts of it, at which it is compared with the rates */
+    long long n_inside;
+    double lebesgue;          /* factor on the largest defect found there and at the end */
+    const double *ratios;     /* [n_ratios] radii of discs, as multiples of a step */
+    const double *factors;    /* [n_ratios] what the step can miss, as a multiple of the nonlinear part on the disc */
+    long long n_ratios;
+    double max_step;          /* s; infinite where nobody asks */
+    double settled;           /* part of |e(0)|: e has settled once it stays within it */
+    const double *times;      /* [n_rows] output instants, ascending, the first 0, the last the horizon */
+    long long n_rows;
+    double sample_time;       /* s; 0: continuous */
+    const double *hold_ratios;        /* sampled: [n_hold_ratios] radii of discs, as multiples of a hold; the first for windows */
+    const double *hold_rate_factors;  /* sampled: what a hold of order `sample` can miss, as a multiple of the nonlinear */
+    const double *hold_value_factors; /* part on the disc: of rates, and of values */
+    long long n_hold_ratios;
+    double tolerance;         /* local error, relative to max(1, |value|) */
+    double safety;            /* factor on the step that the last two coefficients allow */
+    double hold_reach;        /* sampled: part of the radius of convergence up to which a hold is one step */
+    double divergence;        /* |X_i| above it ends the run */
+    long long max_steps;
+    long long max_switches;
+} pmj_problem;
+
+/* Where a run stands: whatever must survive between two calls. */
+typedef struct {
+    double t;
+    double integral;          /* of e^2 from 0 to t */
+    double band;              /* |e| within which it has settled */
+    double settled;           /* the last instant so far at which |e| exceeds the band */
+    double last_cut;          /* the last step, if the guard cut it, else infinite */
+    long long status;         /* PMJ_... */
+    long long mode;           /* index of the interval of v between thresholds */
+    long long first_mode;     /* at t = 0 */
+    long long touching;       /* threshold that v stands on at t, n_thresholds + j on kink j, or -1 */
+    long long idle;           /* switches since time last moved */
+    long long flips;          /* changes of side at a kink since time last moved */
+    long long row;            /* output rows written */
+    long long steps;          /* accepted steps of the state */
+    long long rejected;       /* steps tried again at half the size */
+    long long evaluations;    /* calls of the Taylor kernel */
+    long long switches;       /* changes of mode */
+    long long sample;         /* sampled: index of the next sample */
+    long long buffer;         /* which half of the coefficient memory is current */
+    long long disc;           /* the disc that showed the last step to be sound */
+} pmj_progress;
+
+/* Memory that a run writes. */
+typedef struct {
+    double *coefficients;     /* [2 ((N + 1) channels + 3)]: this step's and the next's, padded for blocked reading */
+    double *state;            /* [nX]: X at t */
+    double *trial;            /* [channels + 3]: values at the end of a step on trial, padded */
+    double *slope;            /* [channels + 3]: slopes there, padded */
+    double *reach;            /* [channels + 3]: sums of the magnitudes of their terms there, padded */
+    double *scales;           /* [channels + 3]: 1/max(1, |c_0|) at the step's start, to a power of two, padded */
+    double *majorants;        /* [channels + 3]: how far channels can go on a disc, padded */
+    double *rest;             /* [channels]: what the guard gives */
+    double *rates;            /* [channels + 3]: values inside a step, padded */
+    double *g;                /* continuous: [2 nw + nk]: the mode, then sides */
+    double *w;                /* sampled: [nw + nk]: w, then sides */
+    double *window;           /* sampled: [2 + 2 nx]: t and its reach, x and its reach, of which the guard is known */
+    double *sides;            /* [nk]: on which side of each kink the run is, +1 or -1 */
+    double *sample;           /* sampled: [nX], X at the last sample */
+    double *rows;             /* [n_rows][nX]; the first row comes filled in */
+    double *held;             /* sampled: [n_rows][nX], X at the last sample */
+    double *held_times;       /* sampled: [n_rows] */
+    double *peaks;            /* [nX + 3]: largest |X_i|, |v|, |e| and, where it is asked for, |dy/dt| so far */
+    double *peak_times;       /* the same */
+    double *switch_times;     /* [max_switches] */
+    long long *switch_modes;  /* [max_switches] */
+} pmj_memory;
+
+/* polynomial.c */
+void pmj_evaluate(const double *c, long long width, long long order, double tau, double *out, long long n);
+double pmj_step_size(const double *c, long long width, long long order, double tolerance, double safety);
+long long pmj_leading_zeros(const double *q, long long degree, double h);
+long long pmj_crossings(const double *q, long long degree, double h, double *roots, long long most);
+int pmj_first_crossing(const double *q, long long degree, double h, double *root);
+double pmj_on_level(const double *q, long long degree, double h, int touching);
+void pmj_note_value(double value, double t, double *peak, double *peak_time);
+void pmj_note_extremum(const double *c, long long width, long long order, double t, double tau, double *peak,
+                       double *peak_time);
+void pmj_note_peaks(const double *c, long long width, long long order, long long n, double t, double tau,
+                    const double *end, double *peaks, double *peak_times);
+void pmj_note_rate(const double *c, long long width, long long order, double t, double tau, double *peak,
+                   double *peak_time);
+
+double pmj_last_outside(const double *c, long long width, long long order, double tau, double band);
+
+/* steps.c: results have room for whole blocks of four channels, but `out`, which takes n */
+void pmj_arrive(const double *c, long long width, long long order, double tau, double *values, double *slopes);
+void pmj_bounds(const double *c, long long width, long long order, double tau, long long from, double *reach);
+void pmj_values(const double *c, long long width, long long order, double tau, double *out, long long n);
+void pmj_channel(const double *c, long long width, long long order, const double *tau, double *out, long long n);
+void pmj_scales(const double *c, long long width, double *scales);
+double pmj_shrink(double miss, long long order);
+double pmj_allowed_step(const double *c, const double *scales, long long width, long long order, double tolerance,
+                        double safety);
+
+/* continuous.c */
+void pmj_begin(const pmj_problem *problem, pmj_progress *progress, pmj_memory *memory);
+void pmj_continuous(const pmj_problem *problem, const pmj_function *taylor, const pmj_function *guard,
+                    const pmj_function *rates, pmj_progress *progress, pmj_memory *memory, long long budget);
+
+/* sampled.c; the kernels are those of the plant */
+void pmj_sampled(const pmj_problem *problem, const pmj_function *taylor, const pmj_function *guard,
+                 const pmj_function *rates, pmj_progress *progress, pmj_memory *memory, long long budget);
+
+/* guard.c */
+int pmj_all_finite(const double *values, long long n);
+double pmj_largest(const pmj_problem *problem, const pmj_memory *memory, const double *values, double h);
+double pmj_guarded(const pmj_problem *problem, const pmj_function *guard, pmj_progress *progress,
+                   const pmj_memory *memory, const double *actuation, const double *c, double h, double smallest);
+double pmj_defect(const pmj_problem *problem, const pmj_function *rates, double t, const pmj_memory *memory,
+                  const double *actuation, const double *c, double at, double tau);
+int pmj_stays(const pmj_problem *problem, const pmj_memory *memory, const double *c, long long channel, double low,
+              double high, double h);
+int pmj_passes(const pmj_problem *problem, const double *c, long long channel, double level, int touching, int outward,
+               double h, double *tau);
+long long pmj_first_kink(const pmj_problem *problem, const pmj_memory *memory, const double *c, long long touching,
+                         double h, double *tau);
+void pmj_note_settled(pmj_progress *progress, const double *c, long long width, long long order, double last, double tau,
+                      double end);
+
+/* map.c */
+int pmj_apply(const pmj_function *kernel);
+int pmj_map(const pmj_function *kernel, long long rows, long long n_arg, const double **arg,
+            const long long *arg_stride, long long n_res, double **res, const long long *res_stride);
+
+#endif

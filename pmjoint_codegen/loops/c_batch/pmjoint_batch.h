@@ -1,0 +1,75 @@
+/* Many runs of the closed loop at once, each in a lane of its own: the C side of pmjoint_codegen/sweep.
+ *
+ * A lane has its own time, step, saturation mode and parameters; when its run ends, the next waiting one takes the lane.
+ * Nothing here allocates or keeps state between calls, and calls on disjoint runs may go on in several threads.
+ *
+ * Python reads the declarations below as they stand, without preprocessing: keep `#` lines free of declarations.
+ */
+#ifndef PMJOINT_BATCH_H
+#define PMJOINT_BATCH_H
+
+/* Columns of `pmj_results.metrics`; sweep/metrics.py names them. */
+#define PMJ_STATUS 0
+#define PMJ_TIME 1
+#define PMJ_STEPS 2
+#define PMJ_SWITCHES 3
+#define PMJ_ISE 4
+#define PMJ_MAX_ABS_E 5
+#define PMJ_SETTLING 6
+#define PMJ_SATURATED 7
+#define PMJ_MAX_ABS_V 8
+#define PMJ_FINAL_E 9
+#define PMJ_FINAL_SATURATED 10
+#define PMJ_METRICS 11
+
+/* How steps are held to the right-hand side; see loops/guard.py. */
+typedef struct {
+    const double *inside;    /* [n_inside] points of comparison, as parts of a step, beside its end */
+    long long n_inside;
+    double lebesgue;         /* factor on the largest defect found there */
+    const double *ratios;    /* [n_ratios] radii of discs, as multiples of a step */
+    const double *factors;   /* [n_ratios] what the step can miss, as a multiple of the nonlinear part on the disc */
+    long long n_ratios;
+} pmj_rule;
+
+/* The runs. Arrays are row-major, a row a run; sizes in brackets. */
+typedef struct {
+    long long runs;
+    const double *x0;        /* [runs][nX] X(0) */
+    const double *p;         /* [runs][np] parameters */
+    const double *hold;      /* sampled: [runs or 1][nh] matrices of the zero-order hold */
+    long long hold_stride;   /* sampled: nh, or 0 where one serves all runs */
+    const double *times;     /* [rows] instants at which X, v and e are wanted, ascending, from 0; may be null */
+    long long rows;
+    double horizon;          /* s */
+    double sample_time;      /* s; sampled */
+    double tolerance;        /* local error, relative to max(1, |value|) */
+    double max_step;         /* s */
+    double settled;          /* part of |e(0)|: e has settled once it stays within it */
+    pmj_rule rule;           /* of steps of `taylor_lanes`; sampled: of `plant_lanes` */
+    pmj_rule hold_rule;      /* sampled: of holds without points of comparison; factors are those of rates */
+    const double *hold_value_factors; /* [hold_rule.n_ratios] of values */
+    double divergence;       /* |X_i| above it ends a run */
+    double max_steps;        /* limit of steps tried */
+} pmj_sweep;
+
+/* What becomes of them. */
+typedef struct {
+    double *metrics;         /* [runs][PMJ_METRICS] */
+    double *final;           /* [runs][nX] X at the horizon, or where the run ended */
+    double *trajectories;    /* [runs][rows][nX + 2]: X, v, e; null without `times` */
+} pmj_results;
+
+/* batch_continuous.c */
+void pmj_continuous_batch(const pmj_sweep *sweep, const pmj_results *results);
+
+/* batch_sampled.c */
+void pmj_sampled_batch(const pmj_sweep *sweep, const pmj_results *results);
+
+/* matrices.c: A0 of (14) and Ar of (23), [runs][n n + rho rho] */
+void pmj_matrices(long long runs, const double *p, double *matrices);
+
+/* matrices.c: the number of lanes that the library was built for */
+long long pmj_width(void);
+
+#endif

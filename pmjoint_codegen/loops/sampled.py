@@ -1,0 +1,396 @@
+"""The sampled closed loop, what a microcontroller does: the readable twin of ``loops/c/sampled.c``.
+
+At ``t_k = k T`` the controller takes y, computes v of (29) and delivers w, which is held until the next
+sample; filters and compensator go on by their exact zero-order-hold discretisation, the plant and the error
+follow their Taylor polynomials: those that come with the sample where the guard shows the hold to be short
+enough for them, else steps of a higher order, guarded as those of the continuous loop and ending at kinks.
+Output rows between samples show the plant's states as they are and everything of the controller as held.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+
+from pmjoint_codegen.kernels.evaluator import Array, Evaluator
+from pmjoint_codegen.loops.continuous import SMALLEST_STEP
+from pmjoint_codegen.loops.polynomial import evaluate, note_peaks, note_rate, note_value, step_size
+from pmjoint_codegen.loops.problem import Memory, Problem, Progress
+from pmjoint_codegen.loops.quadrature import short_steps
+from pmjoint_codegen.loops.status import Status
+from pmjoint_codegen.loops.stepper import DEFECT, GROWTH, Stepper
+from pmjoint_codegen.loops.steps import bounds, scales, shrink
+
+SAME_INSTANT: Final = (
+    1e-9  # output instants closer to a sample than this fraction of the sample time are the sample
+)
+WINDOW: Final = 4.0  # a window's reach in x, as a multiple of what a hold needs of it
+
+
+def sampled_loop(
+    evaluator: Evaluator, problem: Problem, progress: Progress, memory: Memory
+) -> Callable[[int], None]:
+    """Prepare a run of the sampled loop.
+
+    Returns:
+        A function that advances it by at most the given number of samples; `progress` says whether and how it
+        ended.
+    """
+    return _Loop(evaluator, problem, progress, memory).advance
+
+
+class _Loop:
+    """One run; its methods have the names of the C functions."""
+
+    def __init__(self, evaluator: Evaluator, problem: Problem, progress: Progress, memory: Memory) -> None:
+        self.kernel = evaluator.kernel("sample")
+        self.plant_taylor = evaluator.kernel("plant_taylor")
+        self.rates = evaluator.kernel("plant")
+        self.guard = evaluator.kernel("plant_guard")
+        self.stepper = Stepper(self.guard, self.rates, problem, progress, memory)
+        self.windows = evaluator.manifest.windows
+        self.e = problem.n_plant  # place of e among the channels
+        self.problem = problem
+        self.progress = progress
+        self.memory = memory
+        self.x: Array = memory.sample[: problem.n_plant].copy()  # plant states at t
+        self.slack = SAME_INSTANT * problem.sample_time
+        # Python numbers: the loop looks at them one by one.
+        self.times: list[float] = problem.times.tolist()
+        self.nodes: list[tuple[float, float]] = list(
+            zip(problem.nodes.tolist(), problem.weights.tolist(), strict=True)
+        )
+        self.thresholds: list[float] = problem.thresholds.tolist()
+
+    def advance(self, budget: int) -> None:
+        with np.errstate(all="ignore"):  # what overflows is found by the checks below, as in C
+            for _ in range(budget):
+                if self.progress.status != Status.RUNNING:
+                    break
+                self.sample()
+
+    def sample(self) -> None:
+        """One sample: y taken, v computed, w held until the next; the plant goes on in between."""
+        progress, problem, memory = self.progress, self.problem, self.memory
+        t = progress.sample * problem.sample_time
+        end = (progress.sample + 1) * problem.sample_time
+        rows_until = end - self.slack
+        v, w, flat, s_next = self.kernel(np.array([t]), memory.sample, problem.hold, problem.p)
+        c = self.channels(flat)
+        progress.t = t
+        progress.evaluations += 1
+        if progress.sample == 0:
+            self.note_start(c)
+        note_value(float(v[0]), t, problem.n_states, memory.peaks, memory.peak_times)
+        if not math.isfinite(v[0]):
+            progress.status = Status.NON_FINITE
+            return
+        self.note_mode(t, float(v[0]))
+        if progress.sample == 0 and self.beyond():
+            progress.status = Status.DIVERGED
+        while progress.row < problem.n_rows and self.times[progress.row] <= t + self.slack:
+            self.next_row(t)
+        if progress.row == problem.n_rows:
+            progress.status = Status.DONE
+            return
+        if progress.status != Status.RUNNING:
+            return
+        if problem.horizon < rows_until:  # ends inside this hold
+            self.hold(c, w, problem.horizon - t, problem.horizon, rows_until)
+        else:
+            self.hold(c, w, problem.sample_time, end, rows_until)
+        if progress.status == Status.RUNNING and progress.row == problem.n_rows:
+            progress.status = Status.DONE
+        if progress.status == Status.RUNNING:
+            self.settle(s_next)
+            progress.sample += 1
+
+    def channels(self, flat: Array) -> Array:
+        """Coefficients as rows of powers; columns are x, then e, then the arguments of kinks."""
+        return flat.reshape(-1, self.problem.n_channels)
+
+    def note_start(self, c: Array) -> None:
+        """X(0) and e(0)."""
+        for i, value in enumerate(self.memory.sample.tolist()):
+            note_value(value, 0.0, i, self.memory.peaks, self.memory.peak_times)
+        peaks, times, last = self.memory.peaks, self.memory.peak_times, self.problem.n_states + 1
+        note_value(float(c[0, self.e]), 0.0, last, peaks, times)
+        if self.problem.notes_rate:
+            note_value(float(c[1, 0]), 0.0, last + 1, peaks, times)
+        self.progress.band = self.problem.settled * abs(float(c[0, self.e]))
+
+    def note_mode(self, t: float, v: float) -> None:
+        """Keep the mode of v at a sample, and its change."""
+        progress, memory = self.progress, self.memory
+        mode = sum(v > threshold for threshold in self.thresholds)
+        if progress.sample == 0:
+            progress.first_mode = mode
+        elif mode != progress.mode and progress.switches < self.problem.max_switches:
+            memory.switch_times[progress.switches] = t
+            memory.switch_modes[progress.switches] = mode
+            progress.switches += 1
+        elif mode != progress.mode:
+            progress.status = Status.TOO_MANY_SWITCHES
+        progress.mode = mode
+
+    def next_row(self, t_sample: float) -> Array:
+        """The next output row, as at the last sample; the caller fills in the plant's states in between."""
+        row = self.progress.row
+        self.memory.rows[row] = self.memory.sample
+        self.memory.held[row] = self.memory.sample
+        self.memory.held_times[row] = t_sample
+        self.progress.row += 1
+        result: Array = self.memory.rows[row]
+        return result
+
+    def hold(self, c: Array, w: Array, length: float, end: float, rows_until: float) -> None:
+        """Integrate the plant under constant w for the time `length`, to `end`; `c` are the sample's own."""
+        for kink, value in enumerate(c[0, self.e + 1 :].tolist()):
+            self.set_side(kink, -1.0 if value < 0.0 else 1.0)
+        short = length <= self.problem.max_step and self.smooth(c, length) and self.within(c, length)
+        if not (short and self.shown(c, w, length)):
+            self.long_hold(w, end, rows_until)
+            return
+        trial = self.try_step(c, length)
+        if self.progress.status == Status.RUNNING:
+            self.progress.integral += integral(c[:, self.e].tolist(), length)
+            self.accept(c, trial, length, end, rows_until, self.progress.t)
+
+    def actuation(self, w: Array) -> Array:
+        """W and the present sides, as the kernels of the plant take them."""
+        return np.concatenate([w, self.memory.sides])
+
+    def within(self, c: Array, length: float) -> bool:
+        """Whether a hold is one step: the last term is below the tolerance, the one before in proportion."""
+        ratio = length / self.problem.hold_reach
+        power = ratio
+        for _ in range(2, len(c) - 1):
+            power = power * ratio
+        before, last = (float(np.divide(1.0, q)) for q in (power, power * ratio))
+        scale = np.maximum(np.abs(c[0]), 1.0)
+        return bool(np.all(np.abs(c[-2]) <= before * scale) and np.all(np.abs(c[-1]) <= last * scale))
+
+    def smooth(self, c: Array, tau: float) -> bool:
+        """Whether no kink is met: every argument keeps away from 0."""
+        arguments = c[:, self.e + 1 :]
+        return bool(np.all(spread(arguments, tau) < np.abs(arguments[0])))
+
+    def shown(self, c: Array, w: Array, length: float) -> bool:
+        """Whether the guard shows a hold to be one step of the sample's own coefficients.
+
+        A window of what it has looked at once serves many holds; what varies inside it does so by twice its
+        nonlinear part at most.
+        """
+        problem, t, n = self.problem, self.progress.t, self.problem.n_plant
+        window, x = self.memory.window, c[:, : problem.n_plant]
+        R = float(problem.hold_ratios[0]) * problem.sample_time
+        if self.windows and self.covered(window, x, t, R):
+            return True
+        if self.windows:
+            window[:2] = t + R, 2.0 * R
+            window[2 : 2 + n], window[2 + n :] = x[0], WINDOW * spread(x, R)
+            held = float(window[0]), window[2 : 2 + n].copy(), float(window[1]), window[2 + n :].copy()
+            if 2.0 * self.hold_miss(w, *held, problem.sample_time, 0) <= 1.0:
+                return True
+        window[1] = -1.0  # none
+        for disc, ratio in enumerate(problem.hold_ratios.tolist()):
+            radius = ratio * length
+            if self.hold_miss(w, t, x[0].copy(), radius, spread(x, radius), length, disc) <= 1.0:
+                return True
+        return False
+
+    def covered(self, window: Array, x: Array, t: float, R: float) -> bool:
+        """Whether the window of what the guard has looked at holds the disc of radius R around t."""
+        n = self.problem.n_plant
+        inside = np.all(np.abs(x[0] - window[2 : 2 + n]) + spread(x, R) <= window[2 + n :])
+        return bool(abs(t - window[0]) + R <= window[1] and inside)
+
+    def hold_miss(
+        self, w: Array, t: float, x: Array, R: float, spreads: Array, length: float, disc: int
+    ) -> float:
+        """How much of what is allowed a hold misses, from the guard on discs of time and of each x."""
+        problem, n = self.problem, self.problem.n_plant
+        (rest,) = self.guard(np.array([t]), x, self.actuation(w), problem.p, np.array([R]), spreads)
+        rates = float(problem.hold_rate_factors[disc]) * rest[:n] * length
+        values = float(problem.hold_value_factors[disc]) * rest[n:]
+        misses = np.concatenate([rates, values])
+        most = float(np.max(misses)) if np.all(np.isfinite(misses)) else math.inf
+        return most / (DEFECT * problem.tolerance)
+
+    def long_hold(self, w: Array, end: float, rows_until: float) -> None:
+        """Integrate the plant under constant w to `end` in as many steps as it takes."""
+        progress, problem = self.progress, self.problem
+        t_sample = progress.t
+        smallest = SMALLEST_STEP * max(end, 1.0)
+        progress.touching, progress.flips, progress.last_cut = -1, 0, math.inf
+        self.find_sides(w)
+        while progress.t < end and progress.status == Status.RUNNING:
+            left = end - progress.t
+            c = self.channels(
+                self.plant_taylor(np.array([progress.t]), self.x, self.actuation(w), problem.p)[0]
+            )
+            progress.evaluations += 1
+            tau, kink = self.long_step(c, w, left, smallest)
+            if progress.status != Status.RUNNING:
+                return
+            if tau > 0.0:
+                trial = self.try_step(c, tau)
+                if progress.status != Status.RUNNING:
+                    return
+                progress.integral += self.long_integral(c, tau)
+                until = progress.t + tau if tau < left else end
+                self.accept(c, trial, tau, until, rows_until, t_sample)
+                progress.touching, progress.flips = -1, 0
+            if kink >= 0:
+                self.flip(kink)
+
+    def find_sides(self, w: Array) -> None:
+        """The sides of all kinks at the state, where an argument of 0 leaves its side as it was."""
+        sides = self.memory.sides
+        for j in range(len(sides)):  # an argument depends on the sides before its own
+            found = self.rates(np.array([self.progress.t]), self.x, self.actuation(w), self.problem.p)
+            value = float(found[2][j])
+            self.set_side(j, -1.0 if value < 0.0 else 1.0 if value > 0.0 else float(sides[j]))
+
+    def set_side(self, kink: int, side: float) -> None:
+        """Put a kink on a side.
+
+        On the other one the right-hand side is another function: what the guard has looked at is of no use.
+        """
+        if self.memory.sides[kink] != side:
+            self.memory.window[1] = -1.0
+        self.memory.sides[kink] = side
+
+    def flip(self, kink: int) -> None:
+        """Go to the other side of a kink."""
+        self.set_side(kink, -float(self.memory.sides[kink]))
+        self.progress.touching = kink
+        self.progress.flips += 1
+        if self.progress.flips > 2 * self.problem.n_kinks:
+            self.progress.status = Status.SLIDING
+
+    def long_step(self, c: Array, w: Array, left: float, smallest: float) -> tuple[float, int]:
+        """The step of a long hold, up to `left`, to the first kink, and that kink or -1.
+
+        0 at a kink that is passed at once, or where the run ends.
+        """
+        progress, problem, stepper = self.progress, self.problem, self.stepper
+        h = step_size(c, problem.tolerance, problem.safety)
+        h = first = min(h, GROWTH * progress.last_cut, problem.max_step, left)
+        least = min(smallest, left)
+        relative = scales(c)
+        while True:
+            h = stepper.guarded(c, progress.t, self.actuation(w), h, least, relative)
+            if h == 0.0:
+                finite = bool(np.all(np.isfinite(c)))
+                progress.status = Status.STALLED if finite else Status.NON_FINITE
+                return 0.0, -1
+            kink, tau = stepper.first_kink(c, bounds(c, h), progress.touching, h, h)
+            if kink >= 0 and tau == 0.0:
+                return 0.0, kink
+            miss = self.missed(c, w, tau, relative)
+            if miss <= 1.0:
+                progress.last_cut = h if h < first else math.inf
+                return tau, kink
+            progress.rejected += 1
+            h = tau * shrink(miss, problem.order)
+
+    def missed(self, c: Array, w: Array, tau: float, relative: Array) -> float:
+        """How much of what is allowed a step of a long hold misses; above 1 it is too long."""
+        problem, t, actuation = self.problem, self.progress.t, self.actuation(w)
+        points = [*(tau * part for part in problem.inside.tolist()), tau]
+        most = max(self.stepper.defect(c, t, actuation, at, tau, relative) for at in points)
+        return problem.lebesgue * most / (DEFECT * problem.tolerance)
+
+    def long_integral(self, c: Array, size: float) -> float:
+        """Integral of e^2 over a step of a hold that takes several."""
+        total = 0.0
+        for node, weight in self.nodes:
+            e = float(evaluate(c[:, self.e : self.e + 1], size * node)[0])
+            total += weight * (e * e)
+        return size * total
+
+    def try_step(self, c: Array, tau: float) -> Array:
+        """The end of a step on trial, shape (channels,), or the status that forbids it."""
+        trial = evaluate(c, tau)
+        if not np.all(np.isfinite(trial[: self.e])):
+            self.progress.status = Status.NON_FINITE
+        elif self.progress.steps >= self.problem.max_steps:
+            self.progress.status = Status.TOO_MANY_STEPS
+        return trial
+
+    def accept(
+        self, c: Array, trial: Array, tau: float, until: float, rows_until: float, t_sample: float
+    ) -> None:
+        """Take a step of the plant: output rows, peaks, state."""
+        progress = self.progress
+        while progress.row < self.problem.n_rows:
+            time = self.times[progress.row]
+            if not (time <= until and time < rows_until):
+                break
+            self.next_row(t_sample)[: self.problem.n_plant] = evaluate(c[:, : self.e], time - progress.t)
+        x, e, place = slice(0, self.e), slice(self.e, self.e + 1), self.problem.n_states + 1
+        for channels, places in ((x, x), (e, slice(place, place + 1))):  # after X and v comes e
+            note_peaks(
+                c[:, channels],
+                progress.t,
+                tau,
+                trial[channels],
+                self.memory.peaks[places],
+                self.memory.peak_times[places],
+            )
+        if self.problem.notes_rate:
+            peaks, times = self.memory.peaks, self.memory.peak_times
+            note_rate(c[:, 0].tolist(), progress.t, tau, place + 1, peaks, times)
+        self.stepper.note_settled(c[:, self.e].tolist(), float(trial[self.e]), tau, until)
+        self.x = trial[: self.e].copy()
+        progress.t = until
+        progress.steps += 1
+
+    def settle(self, s_next: Array) -> None:
+        """The state at the next sample, and its peaks; or the status that forbids going on."""
+        sample, problem = self.memory.sample, self.problem
+        sample[: problem.n_plant] = self.x
+        sample[problem.n_plant :] = s_next
+        if not np.all(np.isfinite(sample)):
+            self.progress.status = Status.NON_FINITE
+            return
+        for i, value in enumerate(sample.tolist()):
+            note_value(value, self.progress.t, i, self.memory.peaks, self.memory.peak_times)
+        if self.beyond():
+            self.progress.status = Status.DIVERGED
+
+    def beyond(self) -> bool:
+        """Whether any state has passed the limit of divergence."""
+        return bool(np.any(np.abs(self.memory.sample) > self.problem.divergence))
+
+
+def spread(c: Array, R: float) -> Array:
+    """How far channels can go from their start where time goes anywhere in a disc of radius R."""
+    total = np.abs(c[-1])
+    for row in c[-2:0:-1]:
+        total = total * R + np.abs(row)
+    return np.asarray(total * R)
+
+
+def integral(c: list[float], size: float) -> float:
+    """Integral of e^2 over a hold that is one step, by three Gauss nodes.
+
+    Args:
+        c: Taylor coefficients of e.
+        size: of the step, s.
+    """
+    a, power, total = [c[0]], size, 0.0
+    for coefficient in c[1:]:
+        a.append(coefficient * power)
+        power = power * size
+    rule = short_steps()
+    for node, weight in zip(rule.nodes, rule.weights, strict=True):
+        e = a[-1]
+        for coefficient in a[-2::-1]:
+            e = e * node + coefficient
+        total = total + e * e * weight
+    return size * total

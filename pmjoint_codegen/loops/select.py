@@ -1,0 +1,90 @@
+"""Which loop runs: the C one where the kernels are compiled, its Python twin where they are interpreted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields
+from struct import Struct
+from typing import Any, Final
+
+import numpy as np
+
+from pmjoint_codegen.kernels.compiled import CompiledEvaluator
+from pmjoint_codegen.kernels.evaluator import Array, Evaluator
+from pmjoint_codegen.loops.continuous import continuous_loop
+from pmjoint_codegen.loops.problem import Memory, Problem, Progress
+from pmjoint_codegen.loops.sampled import sampled_loop
+
+Advance = Callable[[int], None]
+_START: Final = {field.name: field.default for field in fields(Progress)}
+_LAYOUT: Final = Struct("5d14q")  # of `pmj_progress`: five numbers, then whole ones
+
+
+def make_loop(evaluator: Evaluator, problem: Problem, progress: Progress, memory: Memory) -> Advance:
+    """Prepare a run: a function that advances it by at most the given number of steps or samples.
+
+    Args:
+        evaluator: of the kernels.
+        problem: constants of the run; a sample time makes it the sampled loop.
+        progress: changes with every call.
+        memory: as `make_memory` made it.
+    """
+    if isinstance(evaluator, CompiledEvaluator):
+        return CompiledLoop(evaluator, problem, progress, memory)
+    return (sampled_loop if problem.sample_time else continuous_loop)(evaluator, problem, progress, memory)
+
+
+class CompiledLoop:
+    """A run of the C loops of ``pmjoint_runtime.h``; calling it advances the run, as `Advance` says."""
+
+    def __init__(
+        self, evaluator: CompiledEvaluator, problem: Problem, progress: Progress, memory: Memory
+    ) -> None:
+        ffi, lib = evaluator.ffi, evaluator.lib
+        self._problem, self._progress, self._memory = (
+            _struct(ffi, name, record)
+            for name, record in (
+                ("pmj_problem *", problem),
+                ("pmj_progress *", progress),
+                ("pmj_memory *", memory),
+            )
+        )
+        # The sampled loop has ``sample`` inside.
+        sampled = bool(problem.sample_time)
+        names = ("plant_taylor", "plant_guard", "plant") if sampled else ("taylor", "guard", "closed_loop")
+        self._library = lib  # whose code runs: it must stay loaded
+        self._bound = [evaluator.function(name) for name in names]  # the structs point into them
+        self._functions = [function.struct for function in self._bound]
+        self._run = lib.pmj_sampled if problem.sample_time else lib.pmj_continuous
+        self._records = (problem, progress, memory)  # and into these
+        self._arguments = (self._problem[0], *self._functions, self._progress[0], self._memory[0])
+        self._begin = lib.pmj_begin
+        self._bytes = ffi.buffer(self._progress[0])
+
+    def __call__(self, budget: int) -> None:
+        """Advance by at most `budget` steps or samples."""
+        self._run(*self._arguments, budget)
+        self._read()
+
+    def restart(self, x0: Array) -> None:
+        """Begin again at X(0) = x0, shape (nX,), in the memory of the run before: its results are lost."""
+        self._records[2].state[:] = x0
+        self._begin(self._arguments[0], *self._arguments[-2:])
+        self._records[1].__dict__.update(_START)
+
+    def _read(self) -> None:
+        """Copy where the run stands from the C struct."""
+        self._records[1].__dict__.update(zip(_START, _LAYOUT.unpack(self._bytes), strict=True))
+
+
+def _struct(ffi: Any, name: str, record: Problem | Progress | Memory) -> tuple[Any, list[Any]]:
+    """Copy a record into the C struct with the same field names; arrays become pointers into their memory."""
+    doubles, integers = ffi.typeof("double[]"), ffi.typeof("long long[]")
+    values = dict(vars(record))
+    buffers = []
+    for field, value in values.items():
+        if isinstance(value, np.ndarray):
+            kind = integers if value.dtype == np.int64 else doubles
+            values[field] = ffi.from_buffer(kind, value)
+            buffers.append(values[field])
+    return ffi.new(name, values), buffers

@@ -1,0 +1,147 @@
+"""Whether a step follows the right-hand side all along, and where it meets a kink: for both loops.
+
+The twin of ``loops/c/guard.c``: same arithmetic, same order. The step is that of a Taylor kernel whose
+first channels have rates and whose others are values; see `guard`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from pmjoint_codegen.kernels.evaluator import Array, Kernel
+from pmjoint_codegen.loops.polynomial import ON_KINK, first_crossing, last_outside, leading_zeros, on_level
+from pmjoint_codegen.loops.problem import Memory, Problem, Progress
+from pmjoint_codegen.loops.steps import arrive, bounds, shrink
+
+DEFECT: Final = 10.0  # a step may miss the right-hand side by this multiple of the tolerance, anywhere
+GROWTH: Final = 2.5  # after a step that the guard has cut, the next is at most so much longer
+ROUNDED_UP: Final = 1.0 + 1e-12  # factor that covers the rounding of a sum of magnitudes, generously
+
+
+class Stepper:
+    """Judges steps of one run.
+
+    Args:
+        guard: bounds the nonlinear part of the right-hand side on a disc.
+        rates: the right-hand side.
+        problem: of the run.
+        progress: of the run.
+        memory: of the run.
+    """
+
+    def __init__(
+        self, guard: Kernel, rates: Kernel, problem: Problem, progress: Progress, memory: Memory
+    ) -> None:
+        self.guard = guard
+        self.rates = rates
+        self.problem = problem
+        self.progress = progress
+        self.memory = memory
+
+    def guarded(
+        self, c: Array, t: float, actuation: Array, h: float, smallest: float, scales: Array
+    ) -> float:
+        """The longest step up to h that the guard shows to follow the right-hand side, or 0.
+
+        Its polynomials then do so all along if their defect at the points of comparison is small.
+        """
+        problem = self.problem
+        now = np.array([t])
+        order = problem.order + problem.n_inside + 1
+        allowed = 1.0 / (DEFECT * problem.tolerance)
+        start = np.ascontiguousarray(c[0, : problem.n_rates])
+        while h >= smallest:
+            best = 0.0
+            likely = self.progress.disc
+            for disc in [likely, *(i for i in range(problem.n_ratios) if i != likely)]:  # the last one first
+                R = float(problem.ratios[disc]) * h
+                P = bounds(c[1:], R)[: problem.n_rates] * R
+                (rest,) = self.guard(now, start, actuation, problem.p, np.array([R]), P)
+                miss = float(problem.factors[disc]) * self.largest(rest, h, scales) * allowed
+                if miss <= 1.0:
+                    self.progress.disc = disc
+                    return h
+                best = max(best, shrink(miss, order))
+            h = h * best
+        return 0.0
+
+    def largest(self, values: Array, h: float, scales: Array) -> float:
+        """The largest of values, each relative to its channel's scale; of rates, over a step of size h.
+
+        Infinite where one is no number. High gains leave more rounding in v than its present value tells, so
+        that its scale is its peak so far.
+        """
+        problem, scale = self.problem, scales.copy()
+        scale[: problem.n_rates] = h * scale[: problem.n_rates]
+        if not problem.sample_time:
+            scale[problem.n_states] = 1.0 / max(float(self.memory.peaks[problem.n_states]), 1.0)
+        sizes = np.abs(values) * scale
+        return float(np.max(sizes)) if np.all(np.isfinite(sizes)) else math.inf
+
+    def defect(self, c: Array, t: float, actuation: Array, at: float, tau: float, scales: Array) -> float:
+        """How far the polynomials are from the right-hand side at a time of a step of size tau from t."""
+        n = self.problem.n_rates
+        values, slopes = arrive(c, at)
+        found = self.rates(np.array([t + at]), np.ascontiguousarray(values[:n]), actuation, self.problem.p)
+        return self.largest(np.concatenate([slopes[:n], values[n:]]) - np.concatenate(found), tau, scales)
+
+    def first_kink(self, c: Array, reach: Array, touching: int, h: float, tau: float) -> tuple[int, float]:
+        """The kink that is passed first within h and before tau, or -1; the time until then, or tau.
+
+        On kink `touching` the run stands at the start.
+        """
+        first, found = self.problem.n_channels - self.problem.n_kinks, -1
+        for j, side in enumerate(self.memory.sides.tolist()):
+            low, high = (0.0, math.inf) if side > 0.0 else (-math.inf, 0.0)
+            on = ON_KINK if touching == j else 0
+            if touching == j or not self.stays(c, reach, first + j, low, high, h):
+                when = self.passes(c, first + j, 0.0, on, -1 if side > 0.0 else 1, tau)
+                found, tau = (found, tau) if when is None else (j, when)
+        return found, tau
+
+    def note_settled(self, c: list[float], last: float, tau: float, end: float) -> None:
+        """The last instant so far at which e is outside its band.
+
+        Args:
+            c: coefficients of e over a step from the present t.
+            last: e at its end.
+            tau: its size, s.
+            end: its end, s.
+        """
+        progress = self.progress
+        if abs(last) > progress.band:
+            progress.settled = end
+            return
+        when = last_outside(c, tau, progress.band)
+        progress.settled = progress.settled if when is None else progress.t + when
+
+    def stays(self, c: Array, reach: Array, channel: int, low: float, high: float, h: float) -> bool:
+        """Whether a channel certainly keeps between two values up to h.
+
+        `reach` bounds its terms: a straight line, and no more beside it than the higher terms can add.
+        """
+        start = float(c[0, channel])
+        rise = float(c[1, channel]) * h
+        beside = float(reach[channel]) * ROUNDED_UP - abs(start) - abs(rise)
+        least = start + (rise if rise < 0.0 else 0.0) - beside
+        most = start + (rise if rise > 0.0 else 0.0) + beside
+        return least > low and most < high
+
+    def passes(
+        self, c: Array, channel: int, level: float, touching: int, outward: int, h: float
+    ) -> float | None:
+        """When a channel passes a level, upwards (+1) or downwards (-1), from 0 to before h, or None.
+
+        On the level, to rounding, the first derivative that does not vanish decides, and the zero at the
+        start is divided out before the search.
+        """
+        q = c[:, channel].tolist()
+        q[0] -= level
+        q[0] = on_level(q, h, touching)
+        zeros = leading_zeros(q, h)
+        if q[zeros] * outward > 0.0:
+            return 0.0
+        return first_crossing(q[zeros:], h)

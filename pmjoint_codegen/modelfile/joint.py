@@ -1,0 +1,196 @@
+"""``[joint]``: the physical joint in place of ``[plant]``, and what a design keeps of it.
+
+Its numbers become parameters of the model, settable at run time like any other, in the unit that the file
+gives them; the kernels take SI units. Its expressions come from `pmjoint_derive.joint`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated
+
+import sympy as sp
+from pydantic import BeforeValidator, Field
+
+from pmjoint_codegen.errors import ModelError, quoted
+from pmjoint_codegen.modelfile.expressions import parse
+from pmjoint_codegen.modelfile.tables import Expression, ParameterSpec, Range, Table
+from pmjoint_codegen.modelfile.units import Scales, Wanted
+from pmjoint_codegen.values import SI, from_si, to_si
+from pmjoint_derive import OutsideClassError, Parameter, parameter_symbol
+from pmjoint_derive.joint import KEEP, LAG, POSITIVE, Joint, check_keep, reduce_joint
+
+# name -> SI unit, another unit that people use, and the meaning where the file states none
+SYMBOLS: Mapping[str, tuple[str, str, str]] = {
+    "J": ("kg m^2", "kg cm^2", "moment of inertia"),
+    "b_v": ("N m s/rad", "N mm s/rad", "viscous damping"),
+    "r": ("m", "mm", "pulley radius"),
+    "l0": ("m", "mm", "nominal muscle length"),
+    "eps0": ("1", "%", "contraction at rest"),
+    "C1": ("m^2", "cm^2", "muscle constant (2)"),
+    "C2": ("m^2", "cm^2", "muscle constant (2)"),
+    "C3": ("m^2", "cm^2", "muscle constant (2)"),
+    "C4": ("N", "kN", "muscle constant (2); cancels"),
+    "k0": ("Pa/V", "bar/V", "base pressure per volt (4)"),
+    "u0": ("V", "mV", "base voltage (4)"),
+    "k_u": ("Pa/V", "bar/V", "pressure difference per volt (4)"),
+    "P_max": ("Pa", "bar", "supply pressure"),
+    LAG: ("s", "ms", "time constant of the pressures"),
+}
+COLUMNS: Mapping[str, str] = {"y": "rad", "u": "V"}  # what (1)-(4) have for output and input
+
+
+def _as_line(value: object) -> object:
+    """Take a bare number for a line with that value."""
+    return (
+        {"value": float(value)} if isinstance(value, int | float) and not isinstance(value, bool) else value
+    )
+
+
+Quantity = Annotated[ParameterSpec, BeforeValidator(_as_line)]
+_NUMBER = 'a number, or a line such as { value = 0.05, unit = "kg m^2" }'
+
+
+class JointSpec(Table):
+    """``[joint]``: (1)-(4); quantities in SI units, or in the unit that stands beside them."""
+
+    keep: tuple[str, ...] = Field(default=(), description=f"a list of {', '.join(KEEP)}")
+    J: Quantity = Field(description=_NUMBER)
+    b_v: Quantity = Field(description=_NUMBER)
+    r: Quantity = Field(description=_NUMBER)
+    l0: Quantity = Field(description=_NUMBER)
+    eps0: Quantity = Field(description=_NUMBER)
+    C1: Quantity = Field(description=_NUMBER)
+    C2: Quantity = Field(description=_NUMBER)
+    C3: Quantity = Field(description=_NUMBER)
+    C4: Quantity = Field(description=_NUMBER)
+    k0: Quantity = Field(description=_NUMBER)
+    u0: Quantity = Field(description=_NUMBER)
+    k_u: Quantity = Field(description=_NUMBER)
+    P_max: Quantity | None = Field(default=None, description=_NUMBER)
+    tau: Quantity | None = Field(default=None, description=_NUMBER)
+    disturbance: Expression = Field(
+        default="0", description="a torque in N m, an expression of t and parameters"
+    )
+    disturbance_bound: float | None = Field(
+        default=None, ge=0, allow_inf_nan=False, description="a finite number, 0 or greater"
+    )
+    range: Range | None = Field(
+        default=None, description="a list of two finite numbers, least and greatest y of the design"
+    )
+
+    @property
+    def order(self) -> int:
+        """Order of the design's plant: three with a kept lag, two without."""
+        return 3 if "pressure_lag" in self.keep else 2
+
+
+def joint_names(spec: JointSpec) -> tuple[str, ...]:
+    """Names of the joint's parameters; P_max is one even where the file leaves it out."""
+    return tuple(name for name in SYMBOLS if name != LAG or spec.tau is not None)
+
+
+def check_kept(spec: JointSpec, where: str) -> None:
+    """Hold `keep` to what a design can keep; the lengths of gains and states follow from it.
+
+    Raises:
+        ModelError: naming file, key, what is wrong and what is allowed.
+    """
+    try:
+        check_keep(spec.keep, lagged=spec.tau is not None)
+    except OutsideClassError as error:
+        raise ModelError(error.what, where=f"{where}: {error.key}", remedy=error.remedy) from error
+
+
+def joint_parameters(spec: JointSpec, scales: Scales) -> tuple[Parameter, ...]:
+    """The joint's numbers in SI units; P_max is twice the base pressure where it is not given.
+
+    Raises:
+        ModelError: for a unit of another dimension.
+    """
+    found = {
+        name: _quantity(name, line, scales)
+        for name in joint_names(spec)
+        if (line := getattr(spec, name)) is not None
+    }
+    if "P_max" not in found:
+        twice = 2 * found["k0"].value * found["u0"].value
+        about = "supply pressure: twice the base pressure"
+        found["P_max"] = Parameter("P_max", twice, SYMBOLS["P_max"][0], about)
+    return tuple(found[name] for name in joint_names(spec))
+
+
+def _quantity(name: str, line: ParameterSpec, scales: Scales) -> Parameter:
+    """A line in SI units, with the usual unit and meaning where the file gives none."""
+    unit, example, about = SYMBOLS[name]
+    if "unit" not in line.model_fields_set:
+        return Parameter(name, line.value, unit, line.about or about)
+    return converted(name, line, scales, f"joint.{name}", Wanted(unit, example), about)
+
+
+def converted(
+    name: str, line: ParameterSpec, scales: Scales, key: str, wanted: Wanted, about: str = ""
+) -> Parameter:
+    """A line of a joint's model in SI units, with its own unit for the reader.
+
+    Raises:
+        ModelError: for a unit of another dimension.
+    """
+    scale = scales.of(line.unit, f"{key}.unit", wanted) if "unit" in line.model_fields_set else SI
+    return Parameter(name, to_si(line.value, scale), line.unit, line.about or about, scale)
+
+
+def check_columns(stated: Mapping[str, str], scales: Scales) -> None:
+    """Refuse other units of y and u than those of (1)-(4), in which a joint's columns are.
+
+    Raises:
+        ModelError: naming the key.
+    """
+    for name, unit in COLUMNS.items():
+        if scales.of(stated[name], f"units.{name}", Wanted(unit, unit)) != SI or stated[name] in ("", "1"):
+            raise ModelError(
+                f"is {quoted(stated[name])}",
+                where=f"{scales.where}: units.{name}",
+                remedy=f"allowed: {unit}, in which the columns of a joint are",
+            )
+
+
+def check_joint(parameters: Mapping[str, Parameter], where: str) -> None:
+    """Hold a joint's numbers to what (1)-(4) presume.
+
+    Raises:
+        ModelError: naming file, key, what is wrong and what is allowed.
+    """
+    for name in POSITIVE:
+        if name in parameters and parameters[name].value <= 0:
+            item = parameters[name]
+            raise ModelError(
+                f"is {from_si(item.value, item.scale):g}",
+                where=f"{where}: joint.{name}",
+                remedy="allowed: a number greater than 0",
+            )
+    base, supply = parameters["k0"].value * parameters["u0"].value, parameters["P_max"].value
+    if base >= supply:
+        raise ModelError(
+            f"the base pressure k0*u0 = {base:g} Pa is not below P_max = {supply:g} Pa",
+            where=f"{where}: joint.u0",
+            remedy="allowed: a base pressure between 0 and P_max",
+        )
+
+
+def to_joint(spec: JointSpec, parameters: tuple[Parameter, ...], limit: sp.Symbol, where: str) -> Joint:
+    """Reduce the joint to the plant class.
+
+    Args:
+        spec: the table.
+        parameters: all parameters of the model, the joint's among them.
+        limit: symbol of the actuator's limit.
+        where: file that a message begins with.
+
+    Raises:
+        ModelError: for a bad expression.
+        OutsideClassError: for physics that no design can keep.
+    """
+    symbols = {item.name: item.symbol for item in parameters} | {"t": parameter_symbol("t")}
+    torque = parse(spec.disturbance, symbols, f"{where}: joint.disturbance", kinks=True)
+    return reduce_joint(spec.keep, lagged=spec.tau is not None, vartheta=torque, limit=limit)

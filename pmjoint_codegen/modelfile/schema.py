@@ -1,0 +1,239 @@
+"""The keys of a model file (schema 1), each with its type; a field's description says what is allowed there.
+
+Lengths that span tables (n, m, p, rho) are checked after the single keys; what needs mathematics, in `model`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sized
+from typing import Any
+
+from pydantic import Field, ValidationError
+
+from pmjoint_codegen.errors import ModelError, quoted
+from pmjoint_codegen.modelfile.complaints import first_complaint
+from pmjoint_codegen.modelfile.joint import JointSpec, check_kept, joint_names
+from pmjoint_codegen.modelfile.names import MODEL_NAME, key_path, why_not
+from pmjoint_codegen.modelfile.tables import (
+    Expression,
+    Expressions,
+    Line,
+    Numbers,
+    ParameterSpec,
+    Positive,
+    Range,
+    Table,
+    Unit,
+)
+from pmjoint_derive.joint import TAKEN
+
+LARGEST_ORDER = 9  # beyond it, names such as Xi111 would be ambiguous
+
+
+class PlantSpec(Table):
+    """``[plant]``: (11) in general order; expressions are still text."""
+
+    order: int = Field(ge=1, le=LARGEST_ORDER, description=f"a whole number from 1 to {LARGEST_ORDER}")
+    phi: Expressions | None = Field(
+        default=None, description="a list of order expressions of y and parameters"
+    )
+    Phi: tuple[Expressions, ...] | None = Field(
+        default=None, description="a list of order rows, each a list of expressions as long as theta"
+    )
+    theta: Expressions = Field(
+        default=(),
+        max_length=LARGEST_ORDER,
+        description=f"a list of at most {LARGEST_ORDER} expressions of parameters",
+    )
+    b: Expressions = Field(description='a list of expressions of parameters, b_m ... b_0, such as ["b0"]')
+    sigma: Expression = Field(default="1", description="an expression of y and parameters")
+    disturbance: Expressions | None = Field(
+        default=None, description="a list of order expressions of x1.., t and parameters"
+    )
+    disturbance_bound: float | None = Field(
+        default=None, ge=0, allow_inf_nan=False, description="a finite number, 0 or greater"
+    )
+    range: Range | None = Field(
+        default=None, description="a list of two finite numbers, least and greatest y of the design"
+    )
+
+
+class ActuatorSpec(Table):
+    """``[actuator]``."""
+
+    limit: str = Field(description="the name of a parameter")
+
+
+class DesignSpec(Table):
+    """``[design]``: gains, checked by `pmjoint_codegen.values`."""
+
+    c: Numbers = Field(description="a list of finite numbers greater than 0")
+    e: Numbers = Field(description="a list of finite numbers greater than 0")
+    ck: Numbers = Field(description="a list of finite numbers greater than 0")
+    k: Numbers = Field(description="a list of finite numbers")
+    compensator: bool = Field(default=True, description="true or false")
+
+
+class SimulationSpec(Table):
+    """``[simulation]``."""
+
+    reference: Expression = Field(description="an expression of t and parameters")
+    x0: Numbers = Field(description="a list of finite numbers, one for each state")
+    horizon: Positive = Field(description="a finite number of seconds greater than 0")
+    output_step: Positive = Field(default=0.01, description="a finite number of seconds greater than 0")
+    sample_time: Positive = Field(default=0.001, description="a finite number of seconds greater than 0")
+
+
+class UnitsSpec(Table):
+    """``[units]``: of the measured output and of the input."""
+
+    y: Unit = Field(default="rad", description='text such as "rad", 60 characters at most')
+    u: Unit = Field(default="V", description='text such as "V", 60 characters at most')
+
+
+class ModelSpec(Table):
+    """A whole model file."""
+
+    schema_: int = Field(alias="schema", ge=1, le=1, description="1, the only schema there is")
+    name: str = Field(
+        pattern=MODEL_NAME,
+        description="letters, digits, - and _, beginning with a letter or digit, 64 at most",
+    )
+    title: Line = Field(default="", description="one line of text, 400 characters at most")
+    source: Line = Field(default="", description="one line of text, 400 characters at most")
+    parameters: dict[str, ParameterSpec] = Field(
+        description='lines such as b0 = { value = 2.0, unit = "rad/(s^2 V)" }'
+    )
+    plant: PlantSpec | None = Field(default=None, description="the table [plant]")
+    joint: JointSpec | None = Field(default=None, description="the table [joint], in place of [plant]")
+    actuator: ActuatorSpec = Field(description='the table [actuator] with limit = "..."')
+    design: DesignSpec = Field(description="the table [design] with c, e, ck and k")
+    simulation: SimulationSpec = Field(description="the table [simulation] with reference, x0 and horizon")
+    units: UnitsSpec = Field(default=UnitsSpec(), description="the table [units] with y and u")
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """The joint's names, then those of ``[parameters]``."""
+        return (*(joint_names(self.joint) if self.joint else ()), *self.parameters)
+
+    @property
+    def y_range(self) -> tuple[float, float] | None:
+        """Least and greatest y of the design, where the file states them."""
+        table = self.plant or self.joint
+        return table.range if table else None
+
+    @property
+    def order(self) -> int:
+        """Order n of the design's plant."""
+        return self.plant.order if self.plant else self.joint.order if self.joint else 0
+
+    @property
+    def relative_degree(self) -> int:
+        """Relative degree rho of the design's plant."""
+        return self.order + 1 - (len(self.plant.b) if self.plant else 1)
+
+
+def validate(document: Mapping[str, Any], where: str) -> ModelSpec:
+    """Check a document against the schema.
+
+    Args:
+        document: a model file as nested dictionaries.
+        where: file that a message begins with.
+
+    Raises:
+        ModelError: one line naming file, key, what is wrong and what is allowed there.
+    """
+    try:
+        spec = ModelSpec.model_validate(_tuples(document))
+    except ValidationError as error:
+        raise first_complaint(error, ModelSpec, where) from None
+    if (spec.plant is None) == (spec.joint is None):
+        found = "both stand there" if spec.plant else "is missing, and so is [joint]"
+        raise ModelError(found, where=f"{where}: plant", remedy="allowed: one of [plant] and [joint]")
+    _check_names(spec, where)
+    if spec.joint is not None:
+        check_kept(spec.joint, where)
+    if spec.plant is not None:
+        _check_plant(spec.plant, where)
+    if spec.y_range is not None and not spec.y_range[0] < spec.y_range[1]:
+        raise ModelError(
+            f"is {list(spec.y_range)}",
+            where=f"{where}: {'plant' if spec.plant else 'joint'}.range",
+            remedy="allowed: [least y, greatest y]",
+        )
+    _check_lengths(spec, where)
+    return spec
+
+
+def _tuples(value: Any) -> Any:
+    """Turn lists into tuples, which are what strict and frozen tables hold."""
+    if isinstance(value, Mapping):
+        return {key: _tuples(inner) for key, inner in value.items()}
+    return tuple(_tuples(inner) for inner in value) if isinstance(value, list) else value
+
+
+def _check_names(spec: ModelSpec, where: str) -> None:
+    names = spec.parameter_names
+    for name in spec.parameters:
+        reason = why_not(name)
+        if spec.joint is not None and name in joint_names(spec.joint):
+            reason = "already stands in [joint]"
+        elif spec.joint is not None and name in TAKEN:
+            reason = "already names a coefficient, pressure or state of the joint"
+        if reason:
+            raise ModelError(
+                reason, where=f"{where}: {key_path(('parameters', name))}", remedy="choose another name"
+            )
+    if spec.actuator.limit not in names:
+        raise ModelError(
+            f"no parameter is called {quoted(spec.actuator.limit)}",
+            where=f"{where}: actuator.limit",
+            remedy=f"allowed: {', '.join(names)}" if names else "declare it in [parameters]",
+        )
+
+
+def _check_plant(plant: PlantSpec, where: str) -> None:
+    """Compare the lists of ``[plant]`` with its order n and the length p of theta."""
+    n, p = plant.order, len(plant.theta)
+    if not 1 <= len(plant.b) <= n:
+        raise _wrong_length(where, "plant.b", len(plant.b), f"1 to {n} (b_m ... b_0, order = {n})")
+    if (plant.Phi is None) != (p == 0) and plant.Phi != ((),) * n:
+        raise ModelError(
+            "Phi and theta belong together", where=f"{where}: plant", remedy="give both, or neither"
+        )
+    lists: dict[str, Sized | None] = {"phi": plant.phi, "Phi": plant.Phi, "disturbance": plant.disturbance}
+    for key, entries in lists.items():
+        if entries is not None and len(entries) != n:
+            raise _wrong_length(where, f"plant.{key}", len(entries), f"{n} (order of the plant)")
+    for i, row in enumerate(plant.Phi or (), start=1):
+        if len(row) != p:
+            raise _wrong_length(where, f"plant.Phi, entry {i}", len(row), f"{p} (as long as theta)")
+
+
+def _check_lengths(spec: ModelSpec, where: str) -> None:
+    """Compare gains and initial state with the order n and the relative degree rho."""
+    design, n, rho = spec.design, spec.order, spec.relative_degree
+    of_order = {"design.k": design.k}
+    if spec.joint is None:
+        of_order["simulation.x0"] = spec.simulation.x0
+    else:
+        _check_start(spec.joint, spec.simulation.x0, where)
+    of_degree = {"design.c": design.c, "design.e": design.e, "design.ck": design.ck}
+    degree = "relative degree = order + 1 - length of b" if spec.plant else "relative degree of the joint"
+    for lists, wanted, why in ((of_order, n, "order of the plant"), (of_degree, rho, degree)):
+        for key, entries in lists.items():
+            if len(entries) != wanted:
+                raise _wrong_length(where, key, len(entries), f"{wanted} ({why})")
+
+
+def _check_start(joint: JointSpec, x0: Sized, where: str) -> None:
+    """A joint starts in its own states: angle and rate and, where pressures lag, their distances from P_0."""
+    lagged = joint.tau is not None
+    if len(x0) != 2 and not (lagged and len(x0) == 4):
+        rule = "2 (theta, theta_dot), or 4 with q1 and q2" if lagged else "2 (theta, theta_dot)"
+        raise _wrong_length(where, "simulation.x0", len(x0), rule)
+
+
+def _wrong_length(where: str, key: str, found: int, allowed: str) -> ModelError:
+    entries = "entry" if found == 1 else "entries"
+    return ModelError(f"has {found} {entries}", where=f"{where}: {key}", remedy=f"allowed: {allowed}")

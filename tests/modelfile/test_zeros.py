@@ -1,0 +1,77 @@
+"""Zeros in a range: found where they are, excluded where they are not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+import sympy as sp
+
+from pmjoint_codegen.errors import ModelError
+from pmjoint_codegen.modelfile import model_of
+from pmjoint_codegen.modelfile.zeros import find_zero
+from pmjoint_derive import parameter_symbol
+
+Edit = Callable[..., dict[str, Any]]
+Y, A = parameter_symbol("y"), parameter_symbol("a")
+
+
+@pytest.mark.parametrize(
+    ("expression", "place"),
+    [
+        (1 - Y, 1.0),
+        (Y**2, 0.0),
+        (sp.cos(Y), 1.5707963),
+        ((Y - sp.Rational(1, 3)) ** 2, 1 / 3),  # touches 0 without a change of sign
+        (A * Y**2 + 1, 0.70710678),
+        (sp.exp(-(Y**2)) - sp.Rational(1, 2), 0.83255461),
+        (sp.tanh(Y) - sp.Rational(1, 2), 0.54930614),
+        (sp.sqrt(Y + 3) - 2, 1.0),
+        (sp.log(Y + 3), -2.0),
+        (1 / Y, 0.0),  # not finite
+    ],
+    ids=str,
+)
+def test_zeros_are_found(expression: sp.Expr, place: float) -> None:
+    found = find_zero(expression, Y, {A: -2.0}, -2.0, 2.0)
+    assert found is not None
+    assert min(abs(found - place), abs(found + place)) < 1e-6
+
+
+@pytest.mark.parametrize(
+    "expression",
+    [
+        sp.Integer(1),
+        1 + Y**2 / 10,
+        sp.Rational(21, 10) - Y,
+        sp.cos(Y / 2),
+        1 + sp.sin(3 * Y) / 2,
+        sp.exp(Y) - sp.Rational(1, 8),
+        sp.sqrt(Y + 3),
+        sp.tanh(Y) + 2,
+        (Y + 3) ** sp.Rational(5, 2),
+        1 - A * Y**2,
+        1 / (1 + Y**2),
+        Y**2 + sp.Rational(1, 10**6),  # nearly touches 0
+        sp.pi - Y,
+    ],
+    ids=str,
+)
+def test_no_zero_is_proved(expression: sp.Expr) -> None:
+    assert find_zero(expression, Y, {A: -2.0}, -2.0, 2.0) is None
+
+
+def test_a_model_whose_sigma_vanishes_in_its_range_is_refused(edited: Edit) -> None:
+    changes = {"plant.sigma": "1 - y**2/4", "simulation.x0": [0.5, 0.0]}
+    assert model_of(edited({**changes, "plant.range": [-1.9, 1.9]}), "m").y_range == (-1.9, 1.9)
+    with pytest.raises(
+        ModelError, match=r"m: plant\.sigma: sigma vanishes.* y = -2, within the range -2\.1 to"
+    ):
+        model_of(edited({**changes, "plant.range": [-2.1, 1.9]}), "m")
+
+
+@pytest.mark.parametrize("bad", [[1, -1], [1, 1], [1], "all"])
+def test_a_range_is_two_numbers_in_order(edited: Edit, bad: object) -> None:
+    with pytest.raises(ModelError, match=r"m: plant\.range"):
+        model_of(edited({"plant.range": bad}), "m")
