@@ -23,6 +23,7 @@ from pmjoint_derive.compensator import compensator_rates
 from pmjoint_derive.equation import Equation
 from pmjoint_derive.filters import estimate, filter_rates, input_filter_rates, input_filters
 from pmjoint_derive.model import Plant, parameter_symbol
+from pmjoint_derive.partials import ChainRule
 from pmjoint_derive.progress import Stage, unwatched
 from pmjoint_derive.shield import multiplied_out, shielded
 from pmjoint_derive.signals import Signals, Units, free, partial_name
@@ -170,25 +171,11 @@ def total_rate(step: Step, partials: dict[sp.Symbol, sp.Symbol]) -> sp.Expr:
     return sum((name * step.rates[by] for by, name in partials.items()), sp.Integer(0))
 
 
-def nonzero_partials(
-    step: Step, alpha: sp.Expr, stage: Stage = unwatched, name: str = ""
-) -> dict[sp.Symbol, sp.Expr]:
-    """Partial derivatives of an expanded virtual control that do not vanish, keyed by signal.
-
-    Args:
-        step: signals of the design.
-        alpha: the virtual control.
-        stage: told how many of the signals are done.
-        name: what it is told that this is.
-    """
+def nonzero_partials(step: Step, alpha: sp.Expr) -> dict[sp.Symbol, sp.Expr]:
+    """Partial derivatives of an expanded virtual control that do not vanish, keyed by signal."""
     signals = [by for by in step.signals.measurable if by in alpha.free_symbols]
-    found: dict[sp.Symbol, sp.Expr] = {}
-    for count, by in enumerate(signals):
-        stage(name, count / len(signals))
-        value = sp.diff(alpha, by)
-        if value != 0:
-            found[by] = tidy(value, step.signals.y)
-    return found
+    values = ((by, sp.diff(alpha, by)) for by in signals)
+    return {by: tidy(value, step.signals.y) for by, value in values if value != 0}
 
 
 def tidy(value: sp.Expr, y: sp.Symbol) -> sp.Expr:
@@ -203,6 +190,8 @@ def backstep(plant: Plant, signals: Signals, units: Units, stage: Stage = unwatc
     step = prepare(plant, signals)
     equations = [*filtered_input_equations(step, units), omega_equation(step, units)]
     primitive = {item.symbol: item.expression for item in equations}
+    chain = ChainRule(signals, units, SECTION)
+    chain.add(equations)
     partials: dict[sp.Symbol, sp.Symbol] = {}
     for i in range(1, plant.rho + 1):
         z_i = Equation(
@@ -218,19 +207,24 @@ def backstep(plant: Plant, signals: Signals, units: Units, stage: Stage = unwatc
         primitive[z_i.symbol] = z_i.expression.xreplace(primitive)
         law = solve_step(step, i, total_rate(step, partials), list(partials.values()))
         equations.append(z_i)
+        chain.add([z_i])
         if i == plant.rho:
             equations.append(Equation(signals.v, law, SECTION, "(29)", "control law", units.of(signals.v)))
             break
         alpha = signals.alpha[i - 1]
         number = "(25)" if i == 1 else ""
         equations.append(Equation(alpha, law, SECTION, number, f"virtual control {i}", units.of(alpha)))
-        primitive[alpha] = law.xreplace(primitive)
-        derivatives = nonzero_partials(
-            step, primitive[alpha], stage, f"partial derivatives of alpha_{i}, {place}"
-        )
+        chain.add(equations[-1:])
+        stage(f"deriving partial derivatives of alpha_{i}, {place}", 0.0)
+        if i == 1:  # short in terms of signals alone
+            derivatives, helpers = nonzero_partials(step, law.xreplace(primitive)), []
+        else:
+            derivatives, helpers = chain.partials(alpha)
         partials = {by: parameter_symbol(partial_name(alpha, by)) for by in derivatives}
-        primitive |= {partials[by]: value for by, value in derivatives.items()}
-        equations += partial_equations(alpha, partials, derivatives, units)
+        named = partial_equations(alpha, partials, derivatives, units)
+        for by, item in zip(partials, named, strict=True):
+            chain.add_partial(alpha, by, item)
+        equations += [*helpers, *named]
     return equations
 
 
