@@ -171,25 +171,10 @@ def total_rate(step: Step, partials: dict[sp.Symbol, sp.Symbol]) -> sp.Expr:
     return sum((name * step.rates[by] for by, name in partials.items()), sp.Integer(0))
 
 
-def nonzero_partials(step: Step, alpha: sp.Expr) -> dict[sp.Symbol, sp.Expr]:
-    """Partial derivatives of an expanded virtual control that do not vanish, keyed by signal."""
-    signals = [by for by in step.signals.measurable if by in alpha.free_symbols]
-    values = ((by, sp.diff(alpha, by)) for by in signals)
-    return {by: tidy(value, step.signals.y) for by, value in values if value != 0}
-
-
-def tidy(value: sp.Expr, y: sp.Symbol) -> sp.Expr:
-    """A short form of a partial derivative; shortening a large one costs more than it gives."""
-    if sp.count_ops(value) >= 400:
-        return value
-    return shielded(lambda part: sp.factor_terms(sp.expand(part)), value, (y,))
-
-
 def backstep(plant: Plant, signals: Signals, units: Units, stage: Stage = unwatched) -> list[Equation]:
     """All named steps of (24)-(29), in the order in which they can be evaluated; each step is told of."""
     step = prepare(plant, signals)
     equations = [*filtered_input_equations(step, units), omega_equation(step, units)]
-    primitive = {item.symbol: item.expression for item in equations}
     chain = ChainRule(signals, units, SECTION)
     chain.add(equations)
     partials: dict[sp.Symbol, sp.Symbol] = {}
@@ -204,7 +189,6 @@ def backstep(plant: Plant, signals: Signals, units: Units, stage: Stage = unwatc
         )
         place = f"step {i} of {plant.rho}"
         stage(f"deriving {f'alpha_{i}' if i < plant.rho else 'v'}, {place}", 0.0)
-        primitive[z_i.symbol] = z_i.expression.xreplace(primitive)
         law = solve_step(step, i, total_rate(step, partials), list(partials.values()))
         equations.append(z_i)
         chain.add([z_i])
@@ -216,10 +200,7 @@ def backstep(plant: Plant, signals: Signals, units: Units, stage: Stage = unwatc
         equations.append(Equation(alpha, law, SECTION, number, f"virtual control {i}", units.of(alpha)))
         chain.add(equations[-1:])
         stage(f"deriving partial derivatives of alpha_{i}, {place}", 0.0)
-        if i == 1:  # short in terms of signals alone
-            derivatives, helpers = nonzero_partials(step, law.xreplace(primitive)), []
-        else:
-            derivatives, helpers = chain.partials(alpha)
+        derivatives, helpers = chain.partials(alpha)
         partials = {by: parameter_symbol(partial_name(alpha, by)) for by in derivatives}
         named = partial_equations(alpha, partials, derivatives, units)
         for by, item in zip(partials, named, strict=True):

@@ -1,9 +1,9 @@
 """Partial derivatives by the chain rule over named equations.
 
 Virtual control i is written in terms of the errors, of what is known of y' and of the partial derivatives of
-virtual control i - 1. Its own partial derivatives in terms of signals alone would repeat all of that, hundreds
-of times over from the third step on. So each derivative keeps the names: it is a sum over the names that the
-equation uses, of its derivative by the name times the name's own derivative, which is an equation too where it
+virtual control i - 1. Written in signals alone, its own partial derivatives would repeat all of that, hundreds
+of times from the third step on. So each derivative keeps the names: it is the sum, over the names that the
+equation uses, of the derivative by the name times the name's own derivative. That is an equation too where it
 is more than one symbol or a constant.
 """
 
@@ -15,7 +15,7 @@ import sympy as sp
 
 from pmjoint_derive.equation import Equation
 from pmjoint_derive.model import parameter_symbol
-from pmjoint_derive.shield import multiplied_out
+from pmjoint_derive.shield import multiplied_out, shielded
 from pmjoint_derive.signals import Signals, Units, partial_name
 
 
@@ -93,7 +93,11 @@ class ChainRule:
             inner = self._derivative(name, by, new)
             if inner != 0:
                 value += sp.diff(right, name) * inner
-        return sp.Integer(0) if multiplied_out(value, (self._signals.y,)) == 0 else value
+        expanded = multiplied_out(value, (self._signals.y,))
+        if expanded == 0:
+            return sp.Integer(0)
+        shared = value.free_symbols & self._origin.keys()  # multiplied out, their products would be many
+        return shielded(sp.factor_terms, value if shared else expanded, (self._signals.y,))
 
     def _named(
         self, base: sp.Symbol, path: Sequence[sp.Symbol], value: sp.Expr, new: list[Equation]

@@ -2,19 +2,35 @@
 
 Coefficients are normalised, ``a[k] = (d^k a / dt^k) / k!``. Moore, Interval Analysis (1966); Jorba and Zou,
 Experimental Mathematics 14 (2005), Proposition 2.1.
+
+A recurrence sees one order at a time (`Order`): the coefficients of order k and 0, and sums over the orders
+between. So it serves straight lines, where every order is printed, and compact code, where all orders share one
+text (`compact`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from enum import Enum
+from typing import TypeAlias
 
 import casadi as ca
 
 from pmjoint_codegen.emit.affine import Factor
 from pmjoint_codegen.emit.terms import Term, number, total
 
-Recurrence = Callable[["Node", int], Term]
+
+class Kind(Enum):
+    """Which series of a node."""
+
+    VALUE = "value"  # a[j]
+    SLOPE = "slope"  # j a[j]
+    COMPANION = "companion"
+
+
+Series: TypeAlias = "tuple[Node, Kind]"
 
 
 @dataclass(eq=False)
@@ -22,7 +38,7 @@ class Node:
     """One operation of the right-hand side, with the coefficients computed so far.
 
     Attributes:
-        recurrence: gives coefficient k from the operands' coefficients up to k and its own below k.
+        recurrence: gives the coefficients; None for what comes from outside.
         operands: nodes that it reads.
         series: coefficients 0..k.
         constant: whether only coefficient 0 can differ from zero.
@@ -35,7 +51,7 @@ class Node:
         absorbed: whether it has been multiplied out, so that nothing asks for its higher coefficients.
     """
 
-    recurrence: Recurrence
+    recurrence: Recurrence | None
     operands: tuple[Node, ...] = ()
     series: list[Term] = field(default_factory=list)
     constant: bool = False
@@ -51,151 +67,224 @@ class Node:
         """Coefficient k; beyond a constant's (or time's) own coefficients there are zeros."""
         return self.series[k] if k < len(self.series) else number(0.0)
 
-    def extend(self, k: int) -> None:
-        """Compute coefficient k, all lower ones being known."""
-        if k == 0 or not (self.constant or self.absorbed):
-            linear = k > 0 and self.sum is not None
-            self.series.append(_combined(self, k) if linear else self.recurrence(self, k))
-
-    def slope(self, k: int) -> Term:
-        """Coefficient k - 1 of its derivative, ``k a[k]``."""
-        return self[k].times(float(k)) if self.rate is None else self.rate[k - 1]
+    def begin(self) -> None:
+        """Compute coefficient 0."""
+        if self.recurrence is not None:
+            self.series.append(self.recurrence.start(self))
+            if self.recurrence.companion_start is not None:
+                self.companion.append(self.recurrence.companion_start(self))
 
 
-def _combined(node: Node, k: int) -> Term:
-    parts = node.sum or ()
-    products = [(part[k] if factor.unit else factor.term * part[k], factor.sign) for part, factor in parts]
-    return total([term for term, sign in products if sign > 0], [term for term, sign in products if sign < 0])
+class Order(ABC):
+    """The coefficients of one order k >= 1, as recurrences and sums ask for them."""
+
+    @abstractmethod
+    def of(self, node: Node) -> Term:
+        """Coefficient k."""
+
+    @abstractmethod
+    def first(self, node: Node) -> Term:
+        """Coefficient 0."""
+
+    @abstractmethod
+    def companion(self, node: Node) -> Term:
+        """Coefficient 0 of the companion."""
+
+    @abstractmethod
+    def slope(self, node: Node) -> Term:
+        """``k a[k]``."""
+
+    @abstractmethod
+    def interior(self, a: Series, b: Series) -> list[Term]:
+        """``sum_j a[j] b[k-j]`` for j = 1..k-1, as terms that are to be added."""
+
+    @abstractmethod
+    def square(self, node: Node, own: Term) -> Term:
+        """``sum_j a[j] a[k-j]`` for j = 0..k; `own` is a[k]."""
+
+    @abstractmethod
+    def times(self, term: Term, slope: float, constant: float = 0.0) -> Term:
+        """Product with ``slope k + constant``."""
+
+    @abstractmethod
+    def per_order(self, term: Term) -> Term:
+        """Product with 1/k."""
+
+    @abstractmethod
+    def over(self, term: Term, divisor: Term) -> Term:
+        """Quotient by what is known at order 0."""
+
+    @abstractmethod
+    def factor(self, factor: Factor) -> Term:
+        """A constant factor, without its sign."""
+
+    def weighted(self, a: Node, b: Series, first: Term) -> Term:
+        """``(1/k) sum_{j=1..k} j a[j] b[k-j]``: coefficient k of the primitive of a' b, with b[0] = `first`."""
+        return self.per_order(total([*self.interior((a, Kind.SLOPE), b), self.slope(a) * first]))
+
+    def combined(self, parts: tuple[tuple[Node, Factor], ...]) -> Term:
+        """A sum of nodes with constant factors."""
+        products = [
+            (self.of(part) if by.unit else self.factor(by) * self.of(part), by.sign) for part, by in parts
+        ]
+        plus, minus = ([term for term, sign in products if sign * wanted > 0] for wanted in (1, -1))
+        return total(plus, minus)
+
+    def extend(self, node: Node) -> tuple[Term, Term | None]:
+        """Coefficient k of a node and of its companion, all lower ones and its operands' being known."""
+        if node.sum is not None or node.recurrence is None:
+            return self.combined(node.sum or ()), None
+        own = node.recurrence.rise(node, self)
+        beside = node.recurrence.companion_rise
+        return own, None if beside is None else beside(node, self, own)
 
 
-def convolve(
-    a: Sequence[Term] | Node, b: Sequence[Term] | Node, k: int, first: int = 0, last: int | None = None
-) -> Term:
-    """``sum_j a[j] b[k-j]`` for j = first..last (k by default)."""
-    return total([a[j] * b[k - j] for j in range(first, (k if last is None else last) + 1)])
+@dataclass(frozen=True)
+class Recurrence:
+    """How an operation's coefficients follow.
+
+    Attributes:
+        start: coefficient 0.
+        rise: coefficient k >= 1.
+        companion_start: coefficient 0 of the companion; None where there is none.
+        companion_rise: coefficient k of the companion, from that of the operation.
+    """
+
+    start: Callable[[Node], Term]
+    rise: Callable[[Node, Order], Term]
+    companion_start: Callable[[Node], Term] | None = None
+    companion_rise: Callable[[Node, Order, Term], Term] | None = None
 
 
-def _weighted(a: Node, b: Sequence[Term], k: int) -> Term:
-    """``(1/k) sum_{j=1..k} j a[j] b[k-j]``: coefficient k of the primitive of a' b."""
-    return total([a.slope(j) * b[k - j] for j in range(1, k + 1)]).times(1 / k)
-
-
-def _multiply(node: Node, k: int) -> Term:
+def _multiply(node: Node, o: Order) -> Term:
     a, b = node.operands
     if a.constant:
-        return a[0] * b[k]
+        return o.first(a) * o.of(b)
     if b.constant:
-        return a[k] * b[0]
-    return convolve(a, b, k)
+        return o.of(a) * o.first(b)
+    interior = o.interior((a, Kind.VALUE), (b, Kind.VALUE))
+    return total([o.first(a) * o.of(b), *interior, o.of(a) * o.first(b)])
 
 
-def _square(node: Node, k: int) -> Term:
+def _square(node: Node, o: Order) -> Term:
     a = node.operands[0]
-    pairs = convolve(a, a, k, 0, (k - 1) // 2).times(2.0) if k > 0 else number(0.0)
-    return total([pairs, a[k // 2] * a[k // 2]]) if k % 2 == 0 else pairs
+    return o.square(a, o.of(a))
 
 
-def _divide(node: Node, k: int) -> Term:
+def _divide(node: Node, o: Order) -> Term:
     a, b = node.operands
-    if k == 0:
-        return a[0] / b[0]
     if b.constant:
-        return a[k].over(b[0])
-    return total([a[k]], [b[j] * node.series[k - j] for j in range(1, k + 1)]).over(b[0])
+        return o.over(o.of(a), o.first(b))
+    known = [*o.interior((b, Kind.VALUE), (node, Kind.VALUE)), o.of(b) * o.first(node)]
+    return o.over(total([o.of(a)], known), o.first(b))
 
 
-def _invert(node: Node, k: int) -> Term:
+def _invert(node: Node, o: Order) -> Term:
     a = node.operands[0]
-    return number(1.0) / a[0] if k == 0 else -convolve(a, node.series, k, 1) * node.series[0]
+    known = [*o.interior((a, Kind.VALUE), (node, Kind.VALUE)), o.of(a) * o.first(node)]
+    return -total(known) * o.first(node)
 
 
-def _sine(node: Node, k: int) -> Term:
+def _logarithm(node: Node, o: Order) -> Term:
     a = node.operands[0]
-    node.companion.append(a[0].apply(ca.cos) if k == 0 else -_weighted(a, node.series, k))
-    return a[0].apply(ca.sin) if k == 0 else _weighted(a, node.companion, k)
+    inner = total(o.interior((node, Kind.SLOPE), (a, Kind.VALUE)))
+    return o.over(total([o.of(a)], [o.per_order(inner)]), o.first(a))
 
 
-def _cosine(node: Node, k: int) -> Term:
-    a = node.operands[0]
-    node.companion.append(a[0].apply(ca.sin) if k == 0 else _weighted(a, node.series, k))
-    return a[0].apply(ca.cos) if k == 0 else -_weighted(a, node.companion, k)
+def _root(node: Node, o: Order) -> Term:
+    interior = o.interior((node, Kind.VALUE), (node, Kind.VALUE))
+    return o.over(total([o.of(node.operands[0])], interior), o.first(node).times(2.0))
 
 
-def _exponential(node: Node, k: int) -> Term:
-    a = node.operands[0]
-    return a[0].apply(ca.exp) if k == 0 else _weighted(a, node.series, k)
+def _power(node: Node, o: Order) -> Term:
+    """``a^e`` with a number e: ``k a[0] p[k] = sum_{j<k} (k e - j (e + 1)) a[k-j] p[j]``."""
+    a, e = node.operands[0], node.exponent
+    last = o.times(o.of(a) * o.first(node), e)
+    values = total(o.interior((a, Kind.VALUE), (node, Kind.VALUE)))
+    slopes = total(o.interior((a, Kind.VALUE), (node, Kind.SLOPE)))
+    inner = total([last, o.times(values, e)], [slopes.times(e + 1)])
+    return o.over(o.per_order(inner), o.first(a))
 
 
-def _logarithm(node: Node, k: int) -> Term:
-    a = node.operands[0]
-    if k == 0:
-        return a[0].apply(ca.log)
-    inner = total([node.series[j].times(float(j)) * a[k - j] for j in range(1, k)])
-    return total([a[k]], [inner.times(1 / k)]).over(a[0])
+def _applied(function: Callable[[ca.SX], ca.SX]) -> Callable[[Node], Term]:
+    return lambda node: node.operands[0][0].apply(function)
 
 
-def _root(node: Node, k: int) -> Term:
-    a = node.operands[0]
-    if k == 0:
-        return a[0].apply(ca.sqrt)
-    inner = [node.series[j] * node.series[k - j] for j in range(1, k)]
-    return total([a[k]], inner).over(node.series[0].times(2.0))
+def _coupled(
+    function: Callable[[ca.SX], ca.SX], beside: Callable[[ca.SX], ca.SX], sign: int, beside_sign: int
+) -> Recurrence:
+    """A pair with ``f' = sign g a'`` and ``g' = beside_sign f a'``, such as sine and cosine."""
+
+    def rise(node: Node, o: Order) -> Term:
+        value = o.weighted(node.operands[0], (node, Kind.COMPANION), o.companion(node))
+        return value if sign > 0 else -value
+
+    def companion(node: Node, o: Order, _own: Term) -> Term:
+        value = o.weighted(node.operands[0], (node, Kind.VALUE), o.first(node))
+        return value if beside_sign > 0 else -value
+
+    return Recurrence(_applied(function), rise, _applied(beside), companion)
 
 
 def _tangent_like(function: Callable[[ca.SX], ca.SX], sign: int) -> Recurrence:
-    """``f' = (1 + sign f^2) a'``: tan with +1, tanh with -1; the companion holds f^2."""
+    """``f' = (1 + sign f^2) a'``: tan with +1, tanh with -1; the companion is f^2."""
 
-    def recurrence(node: Node, k: int) -> Term:
+    def rise(node: Node, o: Order) -> Term:
         a = node.operands[0]
-        if k == 0:
-            own = a[0].apply(function)
-        else:
-            own = total([a[k], _weighted(a, node.companion, k).times(float(sign))])
-        node.companion.append(convolve([*node.series, own], [*node.series, own], k))
-        return own
+        return total([o.of(a), o.weighted(a, (node, Kind.COMPANION), o.companion(node)).times(float(sign))])
 
-    return recurrence
-
-
-def _magnitude(node: Node, k: int) -> Term:
-    """|a| is a or -a away from its kink, and takes the slope 0 on it."""
-    a = node.operands[0]
-    return a[0].apply(ca.fabs) if k == 0 else a[0].apply(ca.sign) * a[k]
+    return Recurrence(
+        _applied(function),
+        rise,
+        lambda node: node[0] * node[0],
+        lambda node, o, own: o.square(node, own),
+    )
 
 
-def _sign(node: Node, k: int) -> Term:
-    return node.operands[0][0].apply(ca.sign) if k == 0 else number(0.0)
+def _elementwise(function: Callable[[ca.SX], ca.SX], rise: Callable[[Node, Order], Term]) -> Recurrence:
+    return Recurrence(_applied(function), rise)
 
 
-def constant_power(node: Node, k: int) -> Term:
+def constant_power() -> Recurrence:
     """``a^e`` with a number e."""
-    a, exponent = node.operands[0], node.exponent
-    if k == 0:
-        return a[0].apply(lambda value: value**exponent)
-    inner = [(a[k - j] * node.series[j]).times(k * exponent - j * (exponent + 1)) for j in range(k)]
-    return total(inner).times(1 / k).over(a[0])
+    return Recurrence(lambda node: node.operands[0][0].apply(lambda value: value**node.exponent), _power)
 
 
 def recurrences() -> Mapping[int, Recurrence]:
     """The recurrence of each operation, by CasADi's number of it; powers have one of their own."""
+
+    def linear(combine: Callable[..., Term]) -> Recurrence:
+        return Recurrence(
+            lambda node: combine(*(a[0] for a in node.operands)),
+            lambda node, o: combine(*(o.of(a) for a in node.operands)),
+        )
+
+    def start(combine: Callable[..., Term]) -> Callable[[Node], Term]:
+        return lambda node: combine(*(a[0] for a in node.operands))
+
     return {
-        ca.OP_ASSIGN: lambda node, k: node.operands[0][k],
-        ca.OP_ADD: lambda node, k: node.operands[0][k] + node.operands[1][k],
-        ca.OP_SUB: lambda node, k: node.operands[0][k] - node.operands[1][k],
-        ca.OP_NEG: lambda node, k: -node.operands[0][k],
-        ca.OP_TWICE: lambda node, k: node.operands[0][k].times(2.0),
-        ca.OP_MUL: _multiply,
-        ca.OP_SQ: _square,
-        ca.OP_DIV: _divide,
-        ca.OP_INV: _invert,
-        ca.OP_SIN: _sine,
-        ca.OP_COS: _cosine,
+        ca.OP_ASSIGN: linear(lambda a: a),
+        ca.OP_ADD: linear(lambda a, b: a + b),
+        ca.OP_SUB: linear(lambda a, b: a - b),
+        ca.OP_NEG: linear(lambda a: -a),
+        ca.OP_TWICE: linear(lambda a: a.times(2.0)),
+        ca.OP_MUL: Recurrence(start(lambda a, b: a * b), _multiply),
+        ca.OP_SQ: Recurrence(start(lambda a: a * a), _square),
+        ca.OP_DIV: Recurrence(start(lambda a, b: a / b), _divide),
+        ca.OP_INV: Recurrence(start(lambda a: number(1.0) / a), _invert),
+        ca.OP_SIN: _coupled(ca.sin, ca.cos, 1, -1),
+        ca.OP_COS: _coupled(ca.cos, ca.sin, -1, 1),
         ca.OP_TAN: _tangent_like(ca.tan, 1),
         ca.OP_TANH: _tangent_like(ca.tanh, -1),
-        ca.OP_EXP: _exponential,
-        ca.OP_LOG: _logarithm,
-        ca.OP_SQRT: _root,
-        ca.OP_CONSTPOW: constant_power,
-        ca.OP_FABS: _magnitude,
-        ca.OP_SIGN: _sign,
+        ca.OP_EXP: _elementwise(
+            ca.exp, lambda node, o: o.weighted(node.operands[0], (node, Kind.VALUE), o.first(node))
+        ),
+        ca.OP_LOG: _elementwise(ca.log, _logarithm),
+        ca.OP_SQRT: _elementwise(ca.sqrt, _root),
+        ca.OP_CONSTPOW: constant_power(),
+        # |a| is a or -a away from its kink, and takes the slope 0 on it.
+        ca.OP_FABS: _elementwise(
+            ca.fabs, lambda node, o: o.first(node.operands[0]).apply(ca.sign) * o.of(node.operands[0])
+        ),
+        ca.OP_SIGN: _elementwise(ca.sign, lambda node, o: number(0.0)),
     }

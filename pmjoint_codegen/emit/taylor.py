@@ -27,8 +27,16 @@ from pmjoint_codegen.emit.affine import (
     residue_of,
     shortest,
 )
-from pmjoint_codegen.emit.recurrences import Node, Recurrence, constant_power, recurrences
-from pmjoint_codegen.emit.terms import Term, number
+from pmjoint_codegen.emit.recurrences import (
+    Kind,
+    Node,
+    Order,
+    Recurrence,
+    Series,
+    constant_power,
+    recurrences,
+)
+from pmjoint_codegen.emit.terms import Term, number, total
 from pmjoint_codegen.errors import ModelError
 
 
@@ -77,7 +85,7 @@ def build_graph(function: ca.Function, leaves: Mapping[tuple[int, int], Node]) -
 def _operation(operation: int, operands: list[Node], known: Mapping[int, Recurrence]) -> Node:
     if operation in (ca.OP_POW, ca.OP_CONSTPOW):
         exponent = float(operands[1][0].value)
-        node = Node(constant_power, (operands[0],), exponent=exponent, constant=operands[0].constant)
+        node = Node(constant_power(), (operands[0],), exponent=exponent, constant=operands[0].constant)
     elif operation in known:
         constant = all(node.constant for node in operands)
         node = Node(known[operation], tuple(operands), constant=constant)
@@ -95,7 +103,7 @@ def _operation(operation: int, operands: list[Node], known: Mapping[int, Recurre
 
 def leaf(*series: ca.SX, moving: bool = False) -> Node:
     """A node whose coefficients come from outside: a parameter, time, or a state's entry."""
-    return Node(lambda _node, _k: number(0.0), series=[Term(value) for value in series], constant=not moving)
+    return Node(None, series=[Term(value) for value in series], constant=not moving)
 
 
 def literal(value: float) -> Node:
@@ -179,22 +187,40 @@ def _simplify(graph: Graph) -> None:
         known[key].sum = tuple((known[part], times) for part, times in form.items())
 
 
-def taylor_function(
-    name: str, function: ca.Function, order: int, *, time: str = "t", state: str
-) -> ca.Function:
-    """A function of the same inputs that returns Taylor coefficients instead of rates.
+@dataclass(frozen=True)
+class Expansion:
+    """A right-hand side, ready for coefficients of any order: order 0 is computed, sums are simplified.
+
+    Attributes:
+        inputs: CasADi symbols of the function's arguments.
+        labels: their names.
+        nodes: operations in evaluation order.
+        states: entries of the state.
+        rates: their rates.
+        channels: the state's entries, then those of the other results.
+    """
+
+    inputs: tuple[ca.SX, ...]
+    labels: tuple[str, ...]
+    nodes: tuple[Node, ...]
+    states: tuple[Node, ...]
+    rates: tuple[Node, ...]
+    channels: tuple[Node, ...]
+
+    @property
+    def moving(self) -> list[Node]:
+        """What has coefficients above order 0 that something asks for, in evaluation order."""
+        return [node for node in self.nodes if not (node.constant or node.absorbed)]
+
+
+def expand(function: ca.Function, *, time: str = "t", state: str) -> Expansion:
+    """Read a right-hand side.
 
     Args:
-        name: name of the new function.
         function: SX function with dense inputs; output 0 is the rate of input ``state``, the others are
             carried along.
-        order: highest coefficient N.
         time: name of the input that is time.
         state: name of the input that is the state.
-
-    Returns:
-        Function of the same inputs with one output ``c`` of length ``(N + 1) * channels``; row k holds the
-        k-th coefficients of the state's entries, then of the other outputs' entries.
 
     Raises:
         ModelError: for an operation without a recurrence.
@@ -210,18 +236,112 @@ def taylor_function(
     for node, rate in zip(states, graph.outputs[0], strict=True):
         node.rate = rate
     for node in graph.nodes:
-        if node.constant:
-            node.extend(0)
+        node.begin()
     _simplify(graph)
-    for k in range(order + 1):
-        for node in graph.nodes:
-            if not (node.constant and k == 0):
-                node.extend(k)
-        for node, rate in zip(states, graph.outputs[0], strict=True):
-            node.series.append(rate[k].times(1 / (k + 1)))
     channels = [*states, *(node for entries in graph.outputs[1:] for node in entries)]
-    rows = [node[k].value for k in range(order + 1) for node in channels]
-    return ca.Function(name, inputs, [ca.cse(ca.vertcat(*rows))], function.name_in(), ["c"])
+    return Expansion(
+        tuple(inputs),
+        tuple(function.name_in()),
+        graph.nodes,
+        tuple(states),
+        graph.outputs[0],
+        tuple(channels),
+    )
+
+
+@dataclass(frozen=True)
+class At(Order):
+    """Order k on numbers' symbols: every coefficient is an expression of its own.
+
+    Attributes:
+        k: the order.
+    """
+
+    k: int
+
+    def of(self, node: Node) -> Term:
+        """Coefficient k."""
+        return node[self.k]
+
+    def first(self, node: Node) -> Term:
+        """Coefficient 0."""
+        return node[0]
+
+    def companion(self, node: Node) -> Term:
+        """Coefficient 0 of the companion."""
+        return node.companion[0]
+
+    def slope(self, node: Node) -> Term:
+        """``k a[k]``."""
+        return self._coefficient((node, Kind.SLOPE), self.k)
+
+    def interior(self, a: Series, b: Series) -> list[Term]:
+        """Every product."""
+        return [self._coefficient(a, j) * self._coefficient(b, self.k - j) for j in range(1, self.k)]
+
+    def square(self, node: Node, own: Term) -> Term:
+        """Half of the products, doubled, and the middle one."""
+        series = [*(node[j] for j in range(self.k)), own]
+        half = range((self.k + 1) // 2)
+        pairs = total([series[j] * series[self.k - j] for j in half]).times(2.0)
+        middle = series[self.k // 2]
+        return pairs if self.k % 2 else total([pairs, middle * middle])
+
+    def times(self, term: Term, slope: float, constant: float = 0.0) -> Term:
+        """Product with a number."""
+        return term.times(slope * self.k + constant)
+
+    def per_order(self, term: Term) -> Term:
+        """Product with a number."""
+        return term.times(1 / self.k)
+
+    def over(self, term: Term, divisor: Term) -> Term:
+        """Product with the inverse."""
+        return term.over(divisor)
+
+    def factor(self, factor: Factor) -> Term:
+        """Its expression."""
+        return factor.term
+
+    def _coefficient(self, series: Series, j: int) -> Term:
+        node, kind = series
+        if kind is Kind.COMPANION:
+            return node.companion[j]
+        if kind is Kind.VALUE:
+            return node[j]
+        return node[j].times(float(j)) if node.rate is None else node.rate[j - 1]
+
+
+def taylor_function(
+    name: str, function: ca.Function, order: int, *, time: str = "t", state: str
+) -> ca.Function:
+    """A function of the same inputs that returns Taylor coefficients instead of rates.
+
+    Args:
+        name: name of the new function.
+        function: what `expand` takes.
+        order: highest coefficient N.
+        time: name of the input that is time.
+        state: name of the input that is the state.
+
+    Returns:
+        Function of the same inputs with one output ``c`` of length ``(N + 1) * channels``; row k holds the
+        k-th coefficients of the state's entries, then of the other outputs' entries.
+
+    Raises:
+        ModelError: for an operation without a recurrence.
+    """
+    system = expand(function, time=time, state=state)
+    for k in range(1, order + 1):
+        for node, rate in zip(system.states, system.rates, strict=True):
+            node.series.append(rate[k - 1].times(1 / k))
+        for node in system.moving:
+            own, beside = At(k).extend(node)
+            node.series.append(own)
+            if beside is not None:
+                node.companion.append(beside)
+    rows = [node[k].value for k in range(order + 1) for node in system.channels]
+    return ca.Function(name, list(system.inputs), [ca.cse(ca.vertcat(*rows))], list(system.labels), ["c"])
 
 
 def _input_leaf(symbol: ca.SX, label: str, entry: int, time: str, state: str) -> Node:
