@@ -1,10 +1,10 @@
 """Partial derivatives by the chain rule over named equations.
 
-Virtual control i is written in terms of the errors, of what is known of y' and of the partial derivatives of
-virtual control i - 1. Written in signals alone, its own partial derivatives would repeat all of that, hundreds
-of times from the third step on. So each derivative keeps the names: it is the sum, over the names that the
-equation uses, of the derivative by the name times the name's own derivative. That is an equation too where it
-is more than one symbol or a constant.
+Virtual control i is written in terms of the errors, of what is known of y' and of the partial derivatives
+of virtual control i - 1. Written in signals alone, its own partial derivatives would repeat all of that,
+hundreds of times from the third step on. So each derivative keeps the names: it is the sum, over the names
+that the equation uses, of the derivative by the name times the name's own derivative. That is an equation
+too where it is more than one symbol or a constant.
 """
 
 from __future__ import annotations

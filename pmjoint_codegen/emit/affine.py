@@ -57,6 +57,10 @@ class Factor:
             return factor(residue, other.term, sign)
         return factor(residue, self.term if other.unit else self.term * other.term, sign)
 
+    def inverted(self) -> Factor:
+        """The factor's inverse."""
+        return factor(inverse(self.residue), number(1.0) / self.term, self.sign)
+
     def __add__(self, other: Factor) -> Factor:
         """Sum."""
         residue = (self.residue + other.residue) % PRIME

@@ -11,6 +11,8 @@ from collections.abc import Collection, Mapping
 
 import casadi as ca
 
+from pmjoint_codegen.emit.compact import Compact
+from pmjoint_codegen.emit.compact_text import compact_kernel
 from pmjoint_codegen.emit.scalar_text import HEADER as SAMPLED_HEADER
 from pmjoint_codegen.emit.scalar_text import straight_kernel, wrapper
 from pmjoint_codegen.manifest import Function
@@ -36,12 +38,15 @@ def banner(lines: list[str]) -> str:
     return f"/* {text}\n */\n"
 
 
-def kernels_source(functions: Mapping[str, ca.Function], sampled: Collection[str], head: str) -> str:
+def kernels_source(
+    functions: Mapping[str, ca.Function], sampled: Collection[str], compact: Compact | None, head: str
+) -> str:
     """``kernels.c``: every function, in order.
 
     Args:
         functions: the kernels, by name.
         sampled: names of those whose bodies stand in ``sampled.h``; they come last.
+        compact: ``taylor``, where it is no straight lines.
         head: the banner.
     """
     private_helpers, own_header = {"static_aux": True}, {"with_header": False}
@@ -50,7 +55,10 @@ def kernels_source(functions: Mapping[str, ca.Function], sampled: Collection[str
         if name not in (*sampled, *STRAIGHT):
             generator.add(function)
     body = "\n".join(line.rstrip() for line in str(generator.dump()).splitlines())
-    own = [straight_kernel(functions[name]) for name in STRAIGHT]
+    own = [
+        compact_kernel(compact) if compact and compact.name == name else straight_kernel(functions[name])
+        for name in STRAIGHT
+    ]
     wrappers = [wrapper(functions[name]) for name in functions if name in sampled]
     parts = [f'{head}#include "kernels.h"\n#include "{SAMPLED_HEADER}"', body.strip(), *own, *wrappers]
     return "\n\n".join(parts) + "\n"

@@ -27,6 +27,9 @@ from pmjoint_codegen.emit.taylor import Expansion, expand
 from pmjoint_codegen.emit.terms import Term, number, total
 
 WIDTH: Final = 8  # sums that share a vector
+MOST_STRAIGHT: Final = (
+    8_000  # operations; beyond, compact code is faster, and compiled in a tenth of the time
+)
 
 
 @dataclass(frozen=True)
@@ -47,6 +50,12 @@ class Compact:
     start: ca.Function
     rise: ca.Function
     pairs: tuple[tuple[int, int], ...]
+
+    @property
+    def operations(self) -> int:
+        """Operations of all orders together; straight lines take about as many."""
+        sums = len(self.pairs) * self.order * (self.order - 1)
+        return self.start.n_instructions() + self.order * self.rise.n_instructions() + sums
 
     def unrolled(self) -> ca.Function:
         """The kernel as one function of its arguments, with output ``c``: the same operations, in order."""
@@ -242,6 +251,18 @@ def compact_function(name: str, function: ca.Function, order: int, *, time: str 
         ["c", "q", "r"],
     )
     return Compact(name, order, start, rise, tuple((series[a], series[b]) for _, a, b in phase.sums))
+
+
+def compact_where_long(
+    name: str, function: ca.Function, order: int, *, time: str = "t", state: str
+) -> Compact | None:
+    """The compact kernel where straight lines would be more than `MOST_STRAIGHT`, else None.
+
+    Raises:
+        ModelError: for an operation without a recurrence.
+    """
+    compact = compact_function(name, function, order, time=time, state=state)
+    return compact if compact.operations > MOST_STRAIGHT else None
 
 
 def _column(entries: Sequence[ca.SX]) -> ca.SX:

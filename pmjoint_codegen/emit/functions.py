@@ -5,6 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import sympy as sp
 
+from pmjoint_codegen.emit.compact import compact_where_long
 from pmjoint_codegen.emit.guard import guard_function
 from pmjoint_codegen.emit.sampling import sampled_functions
 from pmjoint_codegen.emit.table import Block, Kernel, kernel_table
@@ -50,8 +51,10 @@ def build_functions(derivation: Derivation, order: int, stage: Stage = unwatched
         stage("building kernels", count / len(rows))
         functions[name] = build_function(kernel, derivation)
     stage(f"building Taylor coefficients up to order {order}", 0.0)
-    functions["taylor"] = taylor_function("taylor", functions["closed_loop"], order, state="X")
-    functions["guard"] = guard_function("guard", functions["closed_loop"], state="X")
+    loop = functions["closed_loop"]
+    compact = compact_where_long("taylor", loop, order, state="X")
+    functions["taylor"] = compact.unrolled() if compact else taylor_function("taylor", loop, order, state="X")
+    functions["guard"] = guard_function("guard", loop, state="X")
     stage("building the sampled loop's kernels", 0.0)
     return functions | sampled_functions(functions)
 

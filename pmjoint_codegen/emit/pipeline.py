@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from pmjoint_codegen.emit.c_text import banner, kernels_header, kernels_source
+from pmjoint_codegen.emit.compact import Compact, compact_where_long
 from pmjoint_codegen.emit.describe import describe, describe_functions, tool_versions
 from pmjoint_codegen.emit.functions import build_functions
 from pmjoint_codegen.emit.guard import looks_at_actuator, rule_of
@@ -41,8 +42,6 @@ from pmjoint_derive import Derivation, Model, OutsideClassError, derive
 from pmjoint_derive.progress import Stage, unwatched
 
 TAYLOR_ORDER = 16  # least time to 1e-9 for the paper's loop; see docs/design.md
-LOWEST_ORDER = 8
-MOST_OPERATIONS = 20_000  # of `taylor`: some 0.7 MB of C, compiled in well under half a minute
 
 
 @dataclass(frozen=True)
@@ -59,15 +58,14 @@ class Artifacts:
 
 
 def generate(
-    document: Document, model: Model, order: int | None = None, stage: Stage = unwatched
+    document: Document, model: Model, order: int = TAYLOR_ORDER, stage: Stage = unwatched
 ) -> Artifacts:
     """Everything that ``generated/<name>/`` holds for a model.
 
     Args:
         document: the parsed model file, for the hashes.
         model: the same, as the derivation takes it.
-        order: highest Taylor coefficient N of the continuous integrator; by default `affordable_functions`
-            chooses.
+        order: highest Taylor coefficient N of the continuous integrator.
         stage: told what is being made.
 
     Raises:
@@ -77,13 +75,11 @@ def generate(
         derivation = derive(model, stage)
     except OutsideClassError as error:
         raise ModelError(error.what, where=f"{model.name}: {error.key}", remedy=error.remedy) from error
-    if order is None:
-        order, functions = affordable_functions(derivation, stage)
-    else:
-        functions = build_functions(derivation, order, stage)
+    functions = build_functions(derivation, order, stage)
     records = describe_functions(derivation, functions)
     stage("writing C", 0.0)
-    texts = _kernel_files(document, derivation, functions, records)
+    compact = compact_where_long("taylor", functions["closed_loop"], order, state="X")
+    texts = _kernel_files(document, derivation, functions, compact, records)
     stage("writing C for sweeps", 0.0)
     texts |= _lane_files(document, derivation, functions)
     stage("describing the kernels", 0.0)
@@ -99,35 +95,18 @@ def generate(
     return Artifacts(manifest, {**texts, FILE_NAME: manifest.to_json()})
 
 
-def affordable_functions(
-    derivation: Derivation, stage: Stage = unwatched
-) -> tuple[int, dict[str, ca.Function]]:
-    """The kernels, with Taylor coefficients up to an order that C compilers can afford, and that order.
-
-    Straight-line Taylor code of order N has about (N + 1)(N + 2)/2 terms for each product of the loop. Where
-    order 16 takes more than `MOST_OPERATIONS`, the order is lowered to what this law allows, but not below 8;
-    steps are then shorter, at the same tolerance.
-    """
-    functions = build_functions(derivation, TAYLOR_ORDER, stage)
-    operations = functions["taylor"].n_instructions()
-    if operations <= MOST_OPERATIONS:
-        return TAYLOR_ORDER, functions
-    allowed = (TAYLOR_ORDER + 1) * (TAYLOR_ORDER + 2) * MOST_OPERATIONS // operations
-    order = next(n for n in range(TAYLOR_ORDER, 0, -1) if n == LOWEST_ORDER or (n + 1) * (n + 2) <= allowed)
-    return order, build_functions(derivation, order, stage)
-
-
 def _kernel_files(
     document: Document,
     derivation: Derivation,
     functions: Mapping[str, ca.Function],
+    compact: Compact | None,
     records: tuple[Function, ...],
 ) -> dict[str, str]:
     head = provenance(document, derivation, records)
     tapes = "\n".join(f"# {line}" for line in head) + "\n\n" + write_tapes(tapes_of(functions.values()))
     sampled = {name: functions[name] for name in SAMPLED}
     return {
-        "kernels.c": kernels_source(functions, SAMPLED, banner(head)),
+        "kernels.c": kernels_source(functions, SAMPLED, compact, banner(head)),
         "kernels.h": kernels_header(records, banner(head)),
         SAMPLED_HEADER: sampled_header(
             sampled, sampled_sizes(vocabulary(derivation), functions), banner(head[:2])

@@ -4,8 +4,8 @@ Coefficients are normalised, ``a[k] = (d^k a / dt^k) / k!``. Moore, Interval Ana
 Experimental Mathematics 14 (2005), Proposition 2.1.
 
 A recurrence sees one order at a time (`Order`): the coefficients of order k and 0, and sums over the orders
-between. So it serves straight lines, where every order is printed, and compact code, where all orders share one
-text (`compact`).
+between. So it serves straight lines, where every order is printed, and compact code, where all orders share
+one text (`compact`).
 """
 
 from __future__ import annotations
@@ -119,7 +119,7 @@ class Order(ABC):
         """A constant factor, without its sign."""
 
     def weighted(self, a: Node, b: Series, first: Term) -> Term:
-        """``(1/k) sum_{j=1..k} j a[j] b[k-j]``: coefficient k of the primitive of a' b, with b[0] = `first`."""
+        """``(1/k) sum_{j=1..k} j a[j] b[k-j]``: coefficient k of the primitive of a' b; `first` is b[0]."""
         return self.per_order(total([*self.interior((a, Kind.SLOPE), b), self.slope(a) * first]))
 
     def combined(self, parts: tuple[tuple[Node, Factor], ...]) -> Term:

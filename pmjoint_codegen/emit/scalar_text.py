@@ -62,7 +62,9 @@ def sampled_header(functions: Mapping[str, ca.Function], sizes: Mapping[str, int
 def wrapper(function: ca.Function) -> str:
     """A function of ``sampled.h`` in CasADi's calling convention, for ``kernels.c``."""
     places = [*(f"arg[{i}]" for i in range(function.n_in())), *(f"res[{i}]" for i in range(function.n_out()))]
-    return _kernel(function, [f"pmj_{function.name()}({', '.join(places)});"])
+    return kernel(
+        function.name(), function.n_in(), function.n_out(), [f"pmj_{function.name()}({', '.join(places)});"]
+    )
 
 
 def straight_kernel(function: ca.Function) -> str:
@@ -90,12 +92,11 @@ def straight_kernel(function: ca.Function) -> str:
         )
     )
     comment = f"/* {function.name()}:({inputs})->({outputs}) */\n"
-    return comment + _kernel(function, [*results, *lines])
+    return comment + kernel(function.name(), function.n_in(), function.n_out(), [*results, *lines])
 
 
-def _kernel(function: ca.Function, body: Sequence[str]) -> str:
+def kernel(name: str, arguments: int, results: int, body: Sequence[str]) -> str:
     """A function of CasADi's convention around a body, and its ``_work``."""
-    name = function.name()
     lines = "\n".join(f"    {line}" for line in ["(void)iw;", "(void)w;", "(void)mem;", *body])
     return f"""\
 int {name}(const double **arg, double **res, long long int *iw, double *w, int mem)
@@ -106,8 +107,8 @@ int {name}(const double **arg, double **res, long long int *iw, double *w, int m
 
 int {name}_work(long long int *sz_arg, long long int *sz_res, long long int *sz_iw, long long int *sz_w)
 {{
-    *sz_arg = {function.n_in()};
-    *sz_res = {function.n_out()};
+    *sz_arg = {arguments};
+    *sz_res = {results};
     *sz_iw = 0;
     *sz_w = 0;
     return 0;
@@ -116,10 +117,11 @@ int {name}_work(long long int *sz_arg, long long int *sz_res, long long int *sz_
 
 def _definition(function: ca.Function) -> str:
     head = signature(function, f"static inline void pmj_{function.name()}(", "double")
-    return definition(function, head, _statements)
+    return definition(function, head, statements)
 
 
-def _statements(listing: Sequence[Instruction]) -> list[str]:
+def statements(listing: Sequence[Instruction]) -> list[str]:
+    """Instructions as lines of C on doubles, one each."""
     return [statement(item, _dialect()) for item in listing]
 
 

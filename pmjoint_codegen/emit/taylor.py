@@ -18,15 +18,12 @@ import casadi as ca
 
 from pmjoint_codegen.emit.affine import (
     PRIME,
-    Combination,
     Factor,
-    factor,
     inverse,
-    one,
     residue_named,
     residue_of,
-    shortest,
 )
+from pmjoint_codegen.emit.linear import shared, simplify
 from pmjoint_codegen.emit.recurrences import (
     Kind,
     Node,
@@ -36,7 +33,7 @@ from pmjoint_codegen.emit.recurrences import (
     constant_power,
     recurrences,
 )
-from pmjoint_codegen.emit.terms import Term, number, total
+from pmjoint_codegen.emit.terms import Term, total
 from pmjoint_codegen.errors import ModelError
 
 
@@ -130,63 +127,6 @@ def _residue(node: Node) -> int:
     return exact() % PRIME if exact else residue_named(node.operation, node.exponent, a, b)
 
 
-def _constant_factor(node: Node, *, inverted: bool = False) -> Factor:
-    if inverted:
-        return factor(inverse(node.residue), number(1.0) / node[0])
-    return factor(node.residue, node[0])
-
-
-def _parts(node: Node) -> list[tuple[Node, Factor]] | None:
-    """A linear operation as a sum of moving nodes with constant factors; None for any other operation."""
-    a, b = node.operands[0], node.operands[-1]
-    if node.operation == ca.OP_MUL and (a.constant or b.constant):
-        moving, fixed = (b, a) if a.constant else (a, b)
-        return [(moving, _constant_factor(fixed))]
-    if node.operation == ca.OP_DIV and b.constant:
-        return [(a, _constant_factor(b, inverted=True))]
-    plus = one()
-    signed = {
-        ca.OP_ASSIGN: [(a, plus)],
-        ca.OP_NEG: [(a, -plus)],
-        ca.OP_TWICE: [(a, factor(2, number(2.0)))],
-        ca.OP_ADD: [(a, plus), (b, plus)],
-        ca.OP_SUB: [(a, plus), (b, -plus)],
-    }.get(node.operation)
-    return None if signed is None else [(part, sign) for part, sign in signed if not part.constant]
-
-
-def _simplify(graph: Graph) -> None:
-    """Replace linear recurrences above order 0 by the shortest combinations."""
-    linear = {}
-    for node in graph.nodes:
-        parts = None if node.constant else _parts(node)
-        if parts is not None:
-            linear[node] = parts
-    known: list[Node] = []
-    place: dict[Node, int] = {}
-
-    def name(node: Node) -> int:
-        if node not in place:
-            place[node] = len(known)
-            known.append(node)
-        return place[node]
-
-    forms: dict[int, Combination] = {}
-    for node, parts in linear.items():
-        form: Combination = {}
-        for part, times in parts:
-            key = name(part)
-            form[key] = form[key] + times if key in form else times
-        forms[name(node)] = form
-    asked = [node for entries in graph.outputs for node in entries]
-    asked += [operand for node in graph.nodes if node not in linear for operand in node.operands]
-    kept = shortest(forms, [place[node] for node in asked if node in linear])
-    for key in forms:
-        known[key].absorbed = key not in kept
-    for key, form in kept.items():
-        known[key].sum = tuple((known[part], times) for part, times in form.items())
-
-
 @dataclass(frozen=True)
 class Expansion:
     """A right-hand side, ready for coefficients of any order: order 0 is computed, sums are simplified.
@@ -237,12 +177,13 @@ def expand(function: ca.Function, *, time: str = "t", state: str) -> Expansion:
         node.rate = rate
     for node in graph.nodes:
         node.begin()
-    _simplify(graph)
+    nodes, multiples = shared(graph.nodes)
+    simplify(nodes, multiples, [node for entries in graph.outputs for node in entries])
     channels = [*states, *(node for entries in graph.outputs[1:] for node in entries)]
     return Expansion(
         tuple(inputs),
         tuple(function.name_in()),
-        graph.nodes,
+        tuple(nodes),
         tuple(states),
         graph.outputs[0],
         tuple(channels),

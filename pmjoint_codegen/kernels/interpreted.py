@@ -100,9 +100,21 @@ class InterpretedEvaluator(Copied):
 
 
 def rebuild(tape: Tape) -> Any:
-    """The CasADi function that a tape was made from: the same operations in the same order."""
+    """The CasADi function that a tape was made from: the same operations in the same order.
+
+    CasADi's rules, such as ``x (1/y) = x/y``, are off meanwhile: they change bits.
+    """
     import casadi
 
+    rules = casadi.GlobalOptions.getSimplificationOnTheFly()
+    casadi.GlobalOptions.setSimplificationOnTheFly(False)
+    try:
+        return _rebuilt(casadi, tape)
+    finally:
+        casadi.GlobalOptions.setSimplificationOnTheFly(rules)
+
+
+def _rebuilt(casadi: Any, tape: Tape) -> Any:
     arguments = [casadi.SX.sym(label, size) for label, size in tape.inputs]
     results = [casadi.SX.zeros(size) for _, size in tape.outputs]
     apply = _operations(casadi)

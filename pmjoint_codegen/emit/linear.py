@@ -1,0 +1,154 @@
+"""What is linear above order 0, and products that differ by constant factors alone.
+
+Order 0 is computed as the right-hand side stands. Above it, constants fall out of sums, so that linear
+expressions can be multiplied out where that saves operations (`affine`), and one product of moving quantities
+can serve all its multiples.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Hashable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+
+from pmjoint_codegen.emit.affine import Combination, Factor, factor, inverse, one, shortest
+from pmjoint_codegen.emit.recurrences import Node, recurrences
+from pmjoint_codegen.emit.terms import number
+
+
+@dataclass(frozen=True)
+class Product:
+    """A product, square, quotient or inverse of moving nodes.
+
+    Attributes:
+        operation: CasADi's number of it.
+        operands: without their constant factors.
+    """
+
+    operation: int
+    operands: tuple[Node, ...]
+
+    @property
+    def key(self) -> Hashable:
+        """What equal products have in common: the factors of a product in any order."""
+        return self.operation, frozenset(self.operands) if self.operation == ca.OP_MUL else self.operands
+
+
+def _constant_factor(node: Node, *, inverted: bool = False) -> Factor:
+    if inverted:
+        return factor(inverse(node.residue), number(1.0) / node[0])
+    return factor(node.residue, node[0])
+
+
+def _parts(node: Node) -> list[tuple[Node, Factor]] | None:
+    """A linear operation as a sum of moving nodes with constant factors; None for any other operation."""
+    a, b = node.operands[0], node.operands[-1]
+    if node.operation == ca.OP_MUL and (a.constant or b.constant):
+        moving, fixed = (b, a) if a.constant else (a, b)
+        return [(moving, _constant_factor(fixed))]
+    if node.operation == ca.OP_DIV and b.constant:
+        return [(a, _constant_factor(b, inverted=True))]
+    plus = one()
+    signed = {
+        ca.OP_ASSIGN: [(a, plus)],
+        ca.OP_NEG: [(a, -plus)],
+        ca.OP_TWICE: [(a, factor(2, number(2.0)))],
+        ca.OP_ADD: [(a, plus), (b, plus)],
+        ca.OP_SUB: [(a, plus), (b, -plus)],
+    }.get(node.operation)
+    return None if signed is None else [(part, sign) for part, sign in signed if not part.constant]
+
+
+def _unscaled(node: Node) -> tuple[Node, Factor]:
+    """A node as a constant factor times another one, as far down as that goes."""
+    by = one()
+    while node.operands and not node.constant:
+        parts = _parts(node)
+        if parts is None or len(parts) != 1:
+            break
+        ((node, inner),) = parts
+        by = by * inner
+    return node, by
+
+
+def _product(node: Node) -> tuple[Product, Factor] | None:
+    """A product or quotient of moving nodes without constant factors, and these factors' product."""
+    a, b = node.operands[0], node.operands[-1]
+    if node.operation in (ca.OP_MUL, ca.OP_SQ) and not (a.constant or b.constant):
+        (left, by), (right, times) = _unscaled(a), _unscaled(b)
+        if left is right:
+            return Product(ca.OP_SQ, (left,)), by * times
+        return Product(ca.OP_MUL, (left, right)), by * times
+    if node.operation not in (ca.OP_DIV, ca.OP_INV) or b.constant:
+        return None
+    right, times = _unscaled(b)
+    if node.operation == ca.OP_INV:
+        return Product(ca.OP_INV, (right,)), times.inverted()
+    if a.constant:
+        return Product(ca.OP_INV, (right,)), _constant_factor(a) * times.inverted()
+    left, by = _unscaled(a)
+    return Product(ca.OP_DIV, (left, right)), by * times.inverted()
+
+
+def shared(nodes: Sequence[Node]) -> tuple[list[Node], dict[Node, list[tuple[Node, Factor]]]]:
+    """Let products and quotients that differ by constant factors alone be multiples of one.
+
+    Returns:
+        the nodes, with those that are new before their first multiple, and each multiple as a sum.
+    """
+    forms = {node: form for node in nodes if not node.constant and (form := _product(node))}
+    uses = Counter(product.key for product, _ in forms.values())
+    known = recurrences()
+    result: list[Node] = []
+    chosen: dict[Hashable, Node] = {}
+    multiples: dict[Node, list[tuple[Node, Factor]]] = {}
+    for node in nodes:
+        product, by = forms.get(node, (None, one()))
+        if product is not None and uses[product.key] > 1:
+            if product.key not in chosen:
+                chosen[product.key] = Node(
+                    known[product.operation], product.operands, operation=product.operation
+                )
+                chosen[product.key].begin()
+                result.append(chosen[product.key])
+            multiples[node] = [(chosen[product.key], by)]
+        result.append(node)
+    return result, multiples
+
+
+def simplify(
+    nodes: Sequence[Node], multiples: Mapping[Node, list[tuple[Node, Factor]]], asked: Iterable[Node]
+) -> None:
+    """Replace linear recurrences above order 0 by the shortest combinations of what is asked for."""
+    linear = dict(multiples)
+    for node in nodes:
+        parts = None if node.constant or node in linear else _parts(node)
+        if parts is not None:
+            linear[node] = parts
+    known: list[Node] = []
+    place: dict[Node, int] = {}
+
+    def name(node: Node) -> int:
+        if node not in place:
+            place[node] = len(known)
+            known.append(node)
+        return place[node]
+
+    forms: dict[int, Combination] = {}
+    for node in nodes:
+        parts = linear.get(node)
+        if parts is None:
+            continue
+        form: Combination = {}
+        for part, times in parts:
+            key = name(part)
+            form[key] = form[key] + times if key in form else times
+        forms[name(node)] = form
+    needed = [*asked, *(operand for node in nodes if node not in linear for operand in node.operands)]
+    kept = shortest(forms, [place[node] for node in needed if node in linear])
+    for key in forms:
+        known[key].absorbed = key not in kept
+    for key, form in kept.items():
+        known[key].sum = tuple((known[part], times) for part, times in form.items())
