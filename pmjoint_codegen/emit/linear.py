@@ -62,11 +62,11 @@ def _parts(node: Node) -> list[tuple[Node, Factor]] | None:
 
 
 def _unscaled(node: Node) -> tuple[Node, Factor]:
-    """A node as a constant factor times another one, as far down as that goes."""
+    """A node as a constant factor times another one, as far down as that goes; sums are no multiples."""
     by = one()
-    while node.operands and not node.constant:
+    while node.operands and not node.constant and node.operation not in (ca.OP_ADD, ca.OP_SUB):
         parts = _parts(node)
-        if parts is None or len(parts) != 1:
+        if parts is None:
             break
         ((node, inner),) = parts
         by = by * inner

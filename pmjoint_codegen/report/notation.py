@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import sympy as sp
 from sympy.printing.latex import LatexPrinter, tex_greek_dictionary
@@ -35,7 +35,7 @@ _SPECIAL = {
     "~": r"\textasciitilde{}",
     **{character: "\\" + character for character in "&%$#_{}"},
 }
-_PARTIAL = re.compile(r"d[A-Za-z]+\d+_d.+")
+_PARTIAL = re.compile(r"d\d*[A-Za-z]+\d*_d.+")
 _UNIT = r"(?:kg|rad|deg|bar|Pa|kPa|MPa|Hz|mm|cm|ms|[NVAWJKms])(?:\^-?\d+)?"
 _QUANTITY = re.compile(rf"(?<=\d)([ /]\(?{_UNIT}(?:(?: |/\(?){_UNIT}\)?)*)(?!\w)")  # as in 2 rad/(s^2 V)
 _LATIN = 0x180  # LaTeX knows the letters below this code without being told
@@ -56,14 +56,21 @@ def _forms() -> tuple[tuple[str, Callable[..., str]], ...]:
     """Give the patterns of composite names, the most particular first, each with its LaTeX."""
     return (
         (
-            r"d([A-Za-z]+\d+)_d(.+)",
-            lambda of, by: rf"\frac{{\partial {latex_name(of)}}}{{\partial {latex_name(by)}}}",
+            r"d(\d*)([A-Za-z]+\d*)_d(.+)",
+            lambda order, of, by: _derivative(order, of, by.split("_d")),
         ),
         (r"(.+)_dot((?:_plant|_max)?)", lambda base, owner: _accented("dot", base + owner)),
         (r"(\w+?)_hat(\d*)", lambda stem, index: _accented("hat", stem + index)),
         (r"d(\d+)y_r", lambda order: f"y_r^{{({order})}}"),
         (r"ck(\d+)", lambda index: f"c_{{k{index}}}"),
     )
+
+
+def _derivative(order: str, of: str, by: Sequence[str]) -> str:
+    r"""Write a partial derivative, such as ``\frac{\partial^2 \alpha_1}{\partial y \partial \xi_2}``."""
+    power = f"^{order}" if order else ""
+    below = " ".join(rf"\partial {latex_name(signal)}" for signal in by)
+    return rf"\frac{{\partial{power} {latex_name(of)}}}{{{below}}}"
 
 
 def _accented(accent: str, name: str) -> str:

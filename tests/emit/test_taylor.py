@@ -10,16 +10,19 @@ import mpmath as mp
 import numpy as np
 import pytest
 
+from pmjoint_codegen.emit.compact import compact_function
 from pmjoint_codegen.emit.taylor import taylor_function
 from pmjoint_codegen.errors import ModelError
 
 ORDER = 14
 
 
-def scalar_ode(rate: Callable[[ca.SX, ca.SX, ca.SX], ca.SX]) -> ca.Function:
+def scalar_ode(rate: Callable[[ca.SX, ca.SX, ca.SX], ca.SX], *, compact: bool = False) -> ca.Function:
     """Coefficients of ``x' = rate(t, x, p)``."""
     t, x, p = ca.SX.sym("t"), ca.SX.sym("x"), ca.SX.sym("p")
     f = ca.Function("f", [t, x, p], [rate(t, x, p)], ["t", "x", "p"], ["x_dot"])
+    if compact:
+        return compact_function("taylor", f, ORDER, state="x").unrolled()
     return taylor_function("taylor", f, ORDER, state="x")
 
 
@@ -47,16 +50,32 @@ CLOSED_FORMS: dict[str, tuple[Callable[[ca.SX, ca.SX, ca.SX], ca.SX], Callable[[
         lambda t: 2 * mp.exp(-t) - 2 * t + 2,
         0.3,
     ),
+    "products that differ by factors, and one that does not": (
+        lambda t, x, p: (p * t) * t + 2 * (t * t) + (1 + t) * t,
+        lambda t: 5 * t**3 / 3 + t**2 / 2 + t**3 / 3,
+        0.3,
+    ),
+    "quotients that differ by factors": (
+        lambda t, x, p: p / (1 + t) + 2 / (1 + t) + (p * t) / (1 + t) - t / (2 * (1 + t)),
+        lambda t: 5 * mp.log(1 + t) + mp.mpf("2.5") * (t - mp.log(1 + t)),
+        0.3,
+    ),
+    "sine and cosine of one argument": (
+        lambda t, x, p: ca.sin(p * t) * ca.cos(p * t),
+        lambda t: mp.sin(3 * t) ** 2 / 6,
+        0.3,
+    ),
     "twice and negation": (lambda t, x, p: -(x + x), lambda t: mp.exp(-2 * t), 0.3),
 }
 
 
+@pytest.mark.parametrize("compact", [False, True], ids=["straight", "compact"])
 @pytest.mark.parametrize("name", CLOSED_FORMS)
-def test_coefficients_of_closed_form_solutions(name: str) -> None:
+def test_coefficients_of_closed_form_solutions(name: str, compact: bool) -> None:
     rate, solution, start = CLOSED_FORMS[name]
     with mp.workdps(50):
         expected = [float(value) for value in mp.taylor(solution, start, ORDER)]
-    found = np.array(scalar_ode(rate)(start, expected[0], 3.0)).ravel()
+    found = np.array(scalar_ode(rate, compact=compact)(start, expected[0], 3.0)).ravel()
     # every coefficient is a sum of at most ORDER products: ORDER^2 roundings; condition 10 for these
     bound = 10 * ORDER**2 * np.finfo(float).eps * np.maximum(np.abs(expected), 1e-3)
     assert np.all(np.abs(found - expected) <= bound)
