@@ -19,8 +19,8 @@ from pmjoint_codegen.kernels.evaluator import Array, PreparingEvaluator
 from pmjoint_codegen.kernels.law import Law
 from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.simulate.run import Run, run
-from pmjoint_codegen.simulate.settings import RunOptions, make_settings
+from pmjoint_codegen.simulate.run import Run, Simulator
+from pmjoint_codegen.simulate.settings import RunOptions
 
 if TYPE_CHECKING:
     from pmjoint_codegen.provision import Provided
@@ -145,8 +145,8 @@ class ClosedLoop:
             UsageError: a setting is unknown, of the wrong length, or out of range.
             SimulationError: the run ended early; ``error.run`` is the run so far.
         """
-        settings = make_settings(self.manifest, **asked)
-        result = run(self.evaluator, settings, progress)
+        simulator = self._simulator
+        result = simulator.run(simulator.defaults.settings(**asked), progress)
         if result.status != Status.DONE:
             raise SimulationError(result.message, where=self.manifest.name, run=result)
         return result
@@ -193,12 +193,15 @@ class ClosedLoop:
         return Law(self.evaluator, self._vector(parameters))
 
     def _vector(self, parameters: Mapping[str, float] | None) -> Array:
-        return make_settings(self.manifest, parameters=parameters).p if parameters else self._own
+        return self._simulator.defaults.settings(parameters=parameters).p
 
     @cached_property
-    def _own(self) -> Array:
-        """Parameters as the model file has them, in the kernels' order."""
-        return make_settings(self.manifest).p
+    def _simulator(self) -> Simulator:
+        return Simulator(self.evaluator)
+
+    def __reduce__(self) -> tuple[type[ClosedLoop], tuple[PreparingEvaluator]]:
+        """Pickle and copy without what is prepared for runs: it belongs to this process."""
+        return ClosedLoop, (self.evaluator,)
 
 
 def evaluator_of(

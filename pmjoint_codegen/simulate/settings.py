@@ -148,13 +148,14 @@ class Defaults:
         overrides, compensator, x0 = asked.get("parameters"), asked.get("compensator"), asked.get("x0")
         changed = overrides is not None or compensator is not None
         values = _values(self.manifest, overrides or {}, compensator) if changed else self.values
-        length = _positive("horizon", _given(asked.get("horizon"), simulation.horizon), "s")
-        wanted = asked.get("output_step")
-        step = _positive("output step", _given(wanted, simulation.output_step), "s")
-        # The horizon bounds a default; what was asked for is taken at its word.
-        step = min(step, length) if wanted is None else _at_most("output step", step, length, "the horizon")
+        horizon, output_step = asked.get("horizon"), asked.get("output_step")
+        length = simulation.horizon if horizon is None else _positive("horizon", horizon, "s")
+        step = simulation.output_step if output_step is None else _positive("output step", output_step, "s")
+        if step > length:  # the horizon bounds a default; what was asked for is taken at its word
+            step = length if output_step is None else _at_most("output step", step, length, "the horizon")
         controller = _controller(asked.get("controller", "continuous"))
-        period = _positive("sample time", _given(asked.get("sample_time"), simulation.sample_time), "s")
+        sample_time = asked.get("sample_time")
+        period = simulation.sample_time if sample_time is None else _positive("sample time", sample_time, "s")
         if controller == "sampled":  # without a second sample, nothing of a sampled controller is seen
             _at_most("sample time", period, length, "the horizon")
         start = self.x0 if x0 is None else _initial(self.manifest, x0)
@@ -170,10 +171,6 @@ class Defaults:
         _check_rows(length, step)
         p = _vector(values.values()) if changed else self.p
         return Settings(dict(values), p, start, length, step, controller, period, tolerance, max_step, limit)
-
-
-def _given(asked: float | None, default: float) -> float:
-    return default if asked is None else asked
 
 
 def _vector(values: Iterable[float]) -> Array:
@@ -243,6 +240,8 @@ def _number(name: str, value: object) -> float:
 
 
 def _positive(name: str, value: object, unit: str) -> float:
+    if type(value) is float and 0.0 < value < math.inf:  # nearly always
+        return value
     number = _number(name, value)
     if number <= 0:
         raise UsageError(f"is {number:g} {unit}", where=name, remedy="allowed: a number greater than 0")
