@@ -25,9 +25,10 @@ from pmjoint_codegen.loops.hold import hold_matrices
 from pmjoint_codegen.loops.modes import Actuator, make_actuator
 from pmjoint_codegen.loops.problem import Memory, Problem, Progress, make_memory
 from pmjoint_codegen.loops.select import Advance, CompiledLoop, make_loop
-from pmjoint_codegen.loops.status import Status, sentence
+from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.simulate.record import RATE, Record, reports_rate
+from pmjoint_codegen.simulate.outcome import figures_of, message_of, signals_of, switches_of
+from pmjoint_codegen.simulate.record import Record, reports_rate
 from pmjoint_codegen.simulate.settings import Defaults, Settings
 from pmjoint_codegen.simulate.summary import summarise
 from pmjoint_codegen.values import SETTLED
@@ -35,8 +36,6 @@ from pmjoint_codegen.values import SETTLED
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-INSTANTANEOUS: Final = ("y", "y_r", "e")  # of the signals, what a sampled controller does not hold
-LAGGED: Final = frozenset({"q1", "q2"})  # states of pressures that lag
 BUDGET: Final = 2000  # steps between two looks at progress and Ctrl-C
 FEW_SWITCHES: Final = 1000  # more begin the run again, with room for as many as the settings allow
 FEW_ROWS: Final = 10_001  # of a run that is copied out of memory that the next run uses again
@@ -115,12 +114,14 @@ class _Deferred(NamedTuple):
     memory: Memory
 
     def signals(self) -> dict[str, Array]:
-        """Everything that follows from the states, shape (rows, number of signals)."""
-        return {"signals": _signals(self.evaluator, self.problem, self.states, self.memory)}
+        """See `signals_of`."""
+        return {"signals": signals_of(self.evaluator, self.problem, self.states, self.memory)}
 
     def figures(self) -> dict[str, Any]:
         """Peaks, integral and settling time of a run that was made without them."""
-        return _figures(self.evaluator.manifest, *_integrate(self.evaluator, self.start, self.problem, None))
+        return figures_of(
+            self.evaluator.manifest, *_integrate(self.evaluator, self.start, self.problem, None)
+        )
 
 
 class Simulator:
@@ -174,7 +175,7 @@ class Simulator:
             problem = make_problem(self.evaluator, settings, actuator)
             problem.times.flags.writeable = False  # many runs give them out
             columns = _columns(settings)
-            done = _message(self.evaluator.manifest, settings, Status.DONE, problem.horizon)
+            done = message_of(self.evaluator.manifest, settings, Status.DONE, problem.horizon)
             prepared = self._last = _Preparation(key, problem, actuator, columns, done, deque())
         return prepared
 
@@ -203,8 +204,8 @@ class Simulator:
         memory, state = _integrate(self.evaluator, start, prepared.problem, progress)
         known = self._known(prepared, start, memory.rows[: state.row], memory, state)
         status = Status(state.status)
-        message = _message(manifest, settings, status, state.t, memory)
-        return {**known, **_figures(manifest, memory, state), "status": status, "message": message}
+        message = message_of(manifest, settings, status, state.t, memory)
+        return {**known, **figures_of(manifest, memory, state), "status": status, "message": message}
 
     def _known(
         self, prepared: _Preparation, start: Array, rows: Array, memory: Memory, state: Progress
@@ -217,7 +218,7 @@ class Simulator:
             "message": prepared.done,
             "t": problem.times[: state.row],
             "states": rows,
-            "switches": _switches(prepared.actuator, memory, state),
+            "switches": switches_of(prepared.actuator, memory, state),
             "initial_mode": prepared.actuator.labels[state.first_mode],
             "steps": state.steps,
             "_deferred": _Deferred(self.evaluator, problem, start, rows, memory),
@@ -341,73 +342,3 @@ def _drive(advance: Advance, problem: Problem, state: Progress, tell: Tell | Non
         advance(BUDGET)
         if tell is not None:
             tell(min(state.t / problem.horizon, 1.0))
-
-
-def _signals(evaluator: Evaluator, problem: Problem, states: Array, memory: Memory) -> Array:
-    rows = len(states)
-    times = problem.times[:rows, np.newaxis]
-    if not problem.sample_time:
-        return evaluator.call("signals", times, states, problem.p)[0]
-    # Held as of the last sample, but for what the plant and the reference do meanwhile.
-    (signals,) = evaluator.call(
-        "signals", memory.held_times[:rows, np.newaxis], memory.held[:rows], problem.p
-    )
-    y, y_r, e = (_index(evaluator.manifest, name) for name in INSTANTANEOUS)
-    signals[:, y] = states[:, 0]
-    signals[:, y_r] = evaluator.call("reference", times, problem.p)[0][:, 0]
-    signals[:, e] = signals[:, y] - signals[:, y_r]
-    moving = _moving(evaluator.manifest)
-    if moving:
-        (live,) = evaluator.call("signals", times, states, problem.p)
-        signals[:, moving] = live[:, moving]
-    return signals
-
-
-def _moving(manifest: Manifest) -> list[int]:
-    """A joint's physical signals that follow from the plant's states alone, and so move between samples."""
-    names = set(manifest.start.names)
-    if names >= LAGGED:  # pressures with states of their own; without, they are commands, which are held
-        names |= {"P1", "P2"}
-    return [i for i, item in enumerate(manifest.signals) if item.name in names]
-
-
-def _index(manifest: Manifest, name: str) -> int:
-    return next(i for i, item in enumerate(manifest.signals) if item.name == name)
-
-
-def _switches(actuator: Actuator, memory: Memory, state: Progress) -> tuple[tuple[float, int], ...]:
-    """The switches at which u enters or leaves a limit; those of other channels alone are left out."""
-    found = []
-    before = actuator.labels[state.first_mode]
-    for i in range(state.switches):
-        label = actuator.labels[int(memory.switch_modes[i])]
-        if label != before:
-            found.append((float(memory.switch_times[i]), label))
-        before = label
-    return tuple(found)
-
-
-def _figures(manifest: Manifest, memory: Memory, state: Progress) -> dict[str, Any]:
-    names = [*(item.name for item in manifest.states), "v", "e", *([RATE] if reports_rate(manifest) else [])]
-    pairs = zip(memory.peaks.tolist(), memory.peak_times.tolist(), strict=True)
-    return {
-        "peaks": dict(zip(names, pairs, strict=False)),  # the last place may be unused
-        "ise": state.integral,
-        "settling_s": state.settled if state.band > 0.0 else None,
-    }
-
-
-def _message(
-    manifest: Manifest, settings: Settings, status: Status, t: float, memory: Memory | None = None
-) -> str:
-    size, when = (memory.peaks, memory.peak_times) if memory else (np.empty(0), np.empty(0))
-    beyond = [i for i, peak in enumerate(size[: manifest.nX].tolist()) if peak > settings.divergence]
-    first = min(beyond, key=lambda i: (float(when[i]), -float(size[i])), default=None)
-    return sentence(
-        status,
-        t=t,
-        divergence=settings.divergence,
-        max_steps=settings.max_steps,
-        max_switches=settings.max_switches,
-        state="a state" if first is None else manifest.states[first].name,
-    )
