@@ -15,7 +15,7 @@ from benchmarks.paper import HORIZON, Array
 from benchmarks.peers import cvodes, heyoka_loop, jax_loop, numba_loop, ours, scipy_loop
 from benchmarks.peers.solver import Solver
 from benchmarks.reference import error
-from benchmarks.report import Row, Section, shown
+from benchmarks.report import Row, Section, processor, shown
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -228,7 +228,7 @@ def draw(curves: Sequence[Curve], path: Path) -> None:
     axes.invert_xaxis()
     axes.set_xlabel("largest error in any state")
     axes.set_ylabel("time of one run, ms")
-    axes.set_title("The paper's closed loop over 20 s, 2001 output instants")
+    axes.set_title(f"The paper's closed loop over 20 s, 2001 output instants; {processor()}")
     axes.grid(True, which="major", alpha=0.3)
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8, frameon=False)
     path.parent.mkdir(parents=True, exist_ok=True)
