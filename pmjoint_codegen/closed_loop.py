@@ -145,8 +145,7 @@ class ClosedLoop:
             UsageError: a setting is unknown, of the wrong length, or out of range.
             SimulationError: the run ended early; ``error.run`` is the run so far.
         """
-        simulator = self._simulator
-        result = simulator.run(simulator.defaults.settings(**asked), progress)
+        result = self._simulator.run(self._simulator.settings(**asked), progress)
         if result.status != Status.DONE:
             raise SimulationError(result.message, where=self.manifest.name, run=result)
         return result
@@ -193,7 +192,7 @@ class ClosedLoop:
         return Law(self.evaluator, self._vector(parameters))
 
     def _vector(self, parameters: Mapping[str, float] | None) -> Array:
-        return self._simulator.defaults.settings(parameters=parameters).p
+        return self._simulator.settings(parameters=parameters).p
 
     @cached_property
     def _simulator(self) -> Simulator:

@@ -37,18 +37,6 @@ def whole() -> Solver:
     return Solver("ours, ClosedLoop.simulate", SETTINGS, make)
 
 
-def read(tolerance: float, grid: Array) -> Callable[[], Array]:
-    """Return the same with all that a run has: every signal, peaks, the integral of e^2, the summary."""
-    loop = ClosedLoop.load("paper", evaluator="compiled")
-    step = float(grid[1])
-
-    def call() -> Array:
-        run = loop.simulate(tolerance=tolerance, output_step=step)
-        return run.states if run.summary["ise"] > 0.0 else run.signals
-
-    return call
-
-
 def _bare(loop: ClosedLoop, tolerance: float, grid: Array) -> Callable[[], Array]:
     settings = make_settings(loop.manifest, tolerance=tolerance, output_step=float(grid[1]))
     problem, x0 = constants(loop, settings), initial_state(loop.manifest, settings)

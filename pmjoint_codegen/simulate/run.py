@@ -1,8 +1,7 @@
 """One simulation: settings in, `Run` out.
 
 The stages of `Simulator.run`: actuator modes from the model and a `Problem` from the settings, or those of
-the run before; the loop until it ends; and, when somebody reads them, the derived columns by the ``signals``
-kernel over all rows at once, and the summary.
+the run before; the loop until it ends; and, once they are read, the derived columns and the summary.
 """
 
 from __future__ import annotations
@@ -13,8 +12,9 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, Final, Unpack, cast
 
 import numpy as np
 
@@ -25,19 +25,24 @@ from pmjoint_codegen.loops.hold import hold_matrices
 from pmjoint_codegen.loops.modes import Actuator, make_actuator
 from pmjoint_codegen.loops.problem import Memory, Problem, Progress, make_memory
 from pmjoint_codegen.loops.select import Advance, CompiledLoop, make_loop
-from pmjoint_codegen.loops.status import Status
+from pmjoint_codegen.loops.status import Status, sentence
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.simulate.outcome import figures_of, message_of, signals_of, switches_of
-from pmjoint_codegen.simulate.record import Record, reports_rate
-from pmjoint_codegen.simulate.settings import Defaults, Settings
+from pmjoint_codegen.simulate.record import RATE, Record, reports_rate
+from pmjoint_codegen.simulate.settings import RunOptions, Settings, make_settings
 from pmjoint_codegen.simulate.summary import summarise
 from pmjoint_codegen.values import SETTLED
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+INSTANTANEOUS: Final = ("y", "y_r", "e")  # of the signals, what a sampled controller does not hold
+LAGGED: Final = frozenset({"q1", "q2"})  # states of pressures that lag
 BUDGET: Final = 2000  # steps between two looks at progress and Ctrl-C
 FEW_SWITCHES: Final = 1000  # more begin the run again, with room for as many as the settings allow
+SHARED: Final = attrgetter(  # settings, besides p, that a `Problem` depends on
+    *("controller", "horizon", "output_step", "sample_time", "tolerance", "max_step", "divergence"),
+    *("max_steps", "max_switches"),
+)
 FEW_ROWS: Final = 10_001  # of a run that is copied out of memory that the next run uses again
 
 Tell = Callable[[float], None]
@@ -55,10 +60,9 @@ class Run(Record):
 
         def __getattr__(self, name: str) -> Any:
             """Work out a field that is read for the first time."""
-            deferred = self.__dict__.get("_deferred")
-            if deferred is None or name not in {field.name for field in fields(self)}:
+            if name not in {field.name for field in fields(self)} or "_deferred" not in self.__dict__:
                 raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-            self.__dict__.update(deferred.signals() if name == "signals" else deferred.figures())
+            self.__dict__.update(self._deferred(name))
             return self.__dict__[name]
 
     def __getstate__(self) -> dict[str, Any]:
@@ -104,38 +108,24 @@ class _Preparation:
     spare: deque[tuple[CompiledLoop, Progress, Memory]]
 
 
-class _Deferred(NamedTuple):
-    """What a run's remaining fields are worked out from."""
-
-    evaluator: Evaluator
-    problem: Problem
-    start: Array
-    states: Array
-    memory: Memory
-
-    def signals(self) -> dict[str, Array]:
-        """See `signals_of`."""
-        return {"signals": signals_of(self.evaluator, self.problem, self.states, self.memory)}
-
-    def figures(self) -> dict[str, Any]:
-        """Peaks, integral and settling time of a run that was made without them."""
-        return figures_of(
-            self.evaluator.manifest, *_integrate(self.evaluator, self.start, self.problem, None)
-        )
-
-
 class Simulator:
     """Runs of one model, which share what does not change between them. Threads may share it, too.
 
     Attributes:
         evaluator: of the model's kernels.
-        defaults: of the model's settings.
     """
 
     def __init__(self, evaluator: Evaluator) -> None:
         self.evaluator = evaluator
-        self.defaults = Defaults(evaluator.manifest)
         self._last: _Preparation | None = None
+
+    @cached_property
+    def _own(self) -> Settings:
+        return make_settings(self.evaluator.manifest)
+
+    def settings(self, **asked: Unpack[RunOptions]) -> Settings:
+        """Complete a run's settings; see `make_settings`."""
+        return make_settings(self.evaluator.manifest, self._own, **asked)
 
     def run(self, settings: Settings, progress: Tell | None = None) -> Run:
         """Simulate the closed loop; see `run`."""
@@ -157,25 +147,14 @@ class Simulator:
 
     def _prepared(self, settings: Settings) -> _Preparation:
         """What the last run had, if this one differs in x0 alone; else made anew."""
-        key = (
-            settings.p.tobytes(),
-            settings.controller,
-            settings.horizon,
-            settings.output_step,
-            settings.sample_time,
-            settings.tolerance,
-            settings.max_step,
-            settings.divergence,
-            settings.max_steps,
-            settings.max_switches,
-        )
+        key = (settings.p.tobytes(), *SHARED(settings))
         prepared = self._last
         if prepared is None or prepared.key != key:
             actuator = make_actuator(self.evaluator.call("actuation", settings.p)[0])
             problem = make_problem(self.evaluator, settings, actuator)
             problem.times.flags.writeable = False  # many runs give them out
             columns = _columns(settings)
-            done = message_of(self.evaluator.manifest, settings, Status.DONE, problem.horizon)
+            done = _message(self.evaluator.manifest, settings, Status.DONE, problem.horizon)
             prepared = self._last = _Preparation(key, problem, actuator, columns, done, deque())
         return prepared
 
@@ -204,24 +183,30 @@ class Simulator:
         memory, state = _integrate(self.evaluator, start, prepared.problem, progress)
         known = self._known(prepared, start, memory.rows[: state.row], memory, state)
         status = Status(state.status)
-        message = message_of(manifest, settings, status, state.t, memory)
-        return {**known, **figures_of(manifest, memory, state), "status": status, "message": message}
+        message = _message(manifest, settings, status, state.t, memory)
+        return {**known, **_figures(manifest, memory, state), "status": status, "message": message}
 
     def _known(
         self, prepared: _Preparation, start: Array, rows: Array, memory: Memory, state: Progress
     ) -> dict[str, Any]:
-        """What a run that reached its horizon has at once."""
+        """What a run that reached its horizon has at once, and what gives the rest."""
         rows.flags.writeable = False  # signals follow from them, perhaps later
-        problem = prepared.problem
+        evaluator, problem = self.evaluator, prepared.problem
+
+        def deferred(name: str) -> dict[str, Any]:
+            if name == "signals":
+                return {name: _signals(evaluator, problem, rows, memory)}
+            return _figures(evaluator.manifest, *_integrate(evaluator, start, problem, None))
+
         return {
             "status": Status.DONE,
             "message": prepared.done,
             "t": problem.times[: state.row],
             "states": rows,
-            "switches": switches_of(prepared.actuator, memory, state),
+            "switches": _switches(prepared.actuator, memory, state),
             "initial_mode": prepared.actuator.labels[state.first_mode],
             "steps": state.steps,
-            "_deferred": _Deferred(self.evaluator, problem, start, rows, memory),
+            "_deferred": deferred,
         }
 
 
@@ -342,3 +327,73 @@ def _drive(advance: Advance, problem: Problem, state: Progress, tell: Tell | Non
         advance(BUDGET)
         if tell is not None:
             tell(min(state.t / problem.horizon, 1.0))
+
+
+def _signals(evaluator: Evaluator, problem: Problem, states: Array, memory: Memory) -> Array:
+    rows = len(states)
+    times = problem.times[:rows, np.newaxis]
+    if not problem.sample_time:
+        return evaluator.call("signals", times, states, problem.p)[0]
+    # Held as of the last sample, but for what the plant and the reference do meanwhile.
+    (signals,) = evaluator.call(
+        "signals", memory.held_times[:rows, np.newaxis], memory.held[:rows], problem.p
+    )
+    y, y_r, e = (_index(evaluator.manifest, name) for name in INSTANTANEOUS)
+    signals[:, y] = states[:, 0]
+    signals[:, y_r] = evaluator.call("reference", times, problem.p)[0][:, 0]
+    signals[:, e] = signals[:, y] - signals[:, y_r]
+    moving = _moving(evaluator.manifest)
+    if moving:
+        (live,) = evaluator.call("signals", times, states, problem.p)
+        signals[:, moving] = live[:, moving]
+    return signals
+
+
+def _moving(manifest: Manifest) -> list[int]:
+    """A joint's physical signals that follow from the plant's states alone, and so move between samples."""
+    names = set(manifest.start.names)
+    if names >= LAGGED:  # pressures with states of their own; without, they are commands, which are held
+        names |= {"P1", "P2"}
+    return [i for i, item in enumerate(manifest.signals) if item.name in names]
+
+
+def _index(manifest: Manifest, name: str) -> int:
+    return next(i for i, item in enumerate(manifest.signals) if item.name == name)
+
+
+def _switches(actuator: Actuator, memory: Memory, state: Progress) -> tuple[tuple[float, int], ...]:
+    """The switches at which u enters or leaves a limit; those of other channels alone are left out."""
+    found = []
+    before = actuator.labels[state.first_mode]
+    for i in range(state.switches):
+        label = actuator.labels[int(memory.switch_modes[i])]
+        if label != before:
+            found.append((float(memory.switch_times[i]), label))
+        before = label
+    return tuple(found)
+
+
+def _figures(manifest: Manifest, memory: Memory, state: Progress) -> dict[str, Any]:
+    names = [*(item.name for item in manifest.states), "v", "e", *([RATE] if reports_rate(manifest) else [])]
+    pairs = zip(memory.peaks.tolist(), memory.peak_times.tolist(), strict=True)
+    return {
+        "peaks": dict(zip(names, pairs, strict=False)),  # the last place may be unused
+        "ise": state.integral,
+        "settling_s": state.settled if state.band > 0.0 else None,
+    }
+
+
+def _message(
+    manifest: Manifest, settings: Settings, status: Status, t: float, memory: Memory | None = None
+) -> str:
+    size, when = (memory.peaks, memory.peak_times) if memory else (np.empty(0), np.empty(0))
+    beyond = [i for i, peak in enumerate(size[: manifest.nX].tolist()) if peak > settings.divergence]
+    first = min(beyond, key=lambda i: (float(when[i]), -float(size[i])), default=None)
+    return sentence(
+        status,
+        t=t,
+        divergence=settings.divergence,
+        max_steps=settings.max_steps,
+        max_switches=settings.max_switches,
+        state="a state" if first is None else manifest.states[first].name,
+    )

@@ -6,7 +6,6 @@ import difflib
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Final, Literal, TypedDict, Unpack
 
 import numpy as np
@@ -95,82 +94,50 @@ def instants(horizon: float, step: float) -> Array:
     return times
 
 
-def make_settings(manifest: Manifest, **asked: Unpack[RunOptions]) -> Settings:
+def make_settings(
+    manifest: Manifest, own: Settings | None = None, /, **asked: Unpack[RunOptions]
+) -> Settings:
     """Complete a run's settings from the model's defaults and check them.
 
     Args:
         manifest: the model.
+        own: what this gave for the model where nothing was asked for: it is shared, and not checked again.
         asked: see `ClosedLoop.simulate`.
 
     Raises:
         UsageError: for the first setting that is unknown, of the wrong length, or out of its range.
         TypeError: for a keyword that no run has.
     """
-    return Defaults(manifest).settings(**asked)
-
-
-class Defaults:
-    """What the runs of a model have where nothing else is asked for: checked once, then shared by all.
-
-    Attributes:
-        manifest: the model.
-    """
-
-    def __init__(self, manifest: Manifest) -> None:
-        self.manifest = manifest
-
-    @cached_property
-    def values(self) -> Mapping[str, float]:
-        """Parameters by name, in the kernels' order and units."""
-        return _values(self.manifest, {}, None)
-
-    @cached_property
-    def p(self) -> Array:
-        """The same as a vector, to read."""
-        return _vector(self.values.values())
-
-    @cached_property
-    def x0(self) -> Array:
-        """Initial states, to read."""
-        return _initial(self.manifest, None)
-
-    @cached_property
-    def divergence(self) -> float:
-        """The limit on every |X_i| for these values from there."""
-        return default_divergence(self.manifest, self.values, self.x0)
-
-    def settings(self, **asked: Unpack[RunOptions]) -> Settings:
-        """Complete a run's settings; see `make_settings`."""
-        if not asked.keys() <= RunOptions.__optional_keys__:
-            unknown = min(asked.keys() - RunOptions.__optional_keys__)
-            raise TypeError(f"a run got an unexpected keyword argument {unknown!r}")
-        simulation = self.manifest.simulation
-        overrides, compensator, x0 = asked.get("parameters"), asked.get("compensator"), asked.get("x0")
-        changed = overrides is not None or compensator is not None
-        values = _values(self.manifest, overrides or {}, compensator) if changed else self.values
-        horizon, output_step = asked.get("horizon"), asked.get("output_step")
-        length = simulation.horizon if horizon is None else _positive("horizon", horizon, "s")
-        step = simulation.output_step if output_step is None else _positive("output step", output_step, "s")
-        if step > length:  # the horizon bounds a default; what was asked for is taken at its word
-            step = length if output_step is None else _at_most("output step", step, length, "the horizon")
-        controller = _controller(asked.get("controller", "continuous"))
-        sample_time = asked.get("sample_time")
-        period = simulation.sample_time if sample_time is None else _positive("sample time", sample_time, "s")
-        if controller == "sampled":  # without a second sample, nothing of a sampled controller is seen
-            _at_most("sample time", period, length, "the horizon")
-        start = self.x0 if x0 is None else _initial(self.manifest, x0)
-        tolerance = _tolerance(asked.get("tolerance", DEFAULT_TOLERANCE))
-        longest, limit = asked.get("max_step"), asked.get("divergence")
-        max_step = math.inf if longest is None else _positive("max step", longest, "s")
-        if limit is not None:
-            limit = _limit(limit)
-        elif changed or x0 is not None:
-            limit = default_divergence(self.manifest, values, start)
-        else:
-            limit = self.divergence
-        _check_rows(length, step)
-        p = _vector(values.values()) if changed else self.p
-        return Settings(dict(values), p, start, length, step, controller, period, tolerance, max_step, limit)
+    if not asked.keys() <= RunOptions.__optional_keys__:
+        unknown = min(asked.keys() - RunOptions.__optional_keys__)
+        raise TypeError(f"a run got an unexpected keyword argument {unknown!r}")
+    simulation = manifest.simulation
+    overrides, compensator, x0 = asked.get("parameters"), asked.get("compensator"), asked.get("x0")
+    known = own if overrides is None and compensator is None else None
+    values = dict(known.parameters) if known else _values(manifest, overrides or {}, compensator)
+    horizon, output_step = asked.get("horizon"), asked.get("output_step")
+    length = simulation.horizon if horizon is None else _positive("horizon", horizon, "s")
+    step = simulation.output_step if output_step is None else _positive("output step", output_step, "s")
+    if step > length:  # the horizon bounds a default; what was asked for is taken at its word
+        step = length if output_step is None else _at_most("output step", step, length, "the horizon")
+    controller = _controller(asked.get("controller", "continuous"))
+    sample_time = asked.get("sample_time")
+    period = simulation.sample_time if sample_time is None else _positive("sample time", sample_time, "s")
+    if controller == "sampled":  # without a second sample, nothing of a sampled controller is seen
+        _at_most("sample time", period, length, "the horizon")
+    start = own.x0 if own and x0 is None else _initial(manifest, x0)
+    tolerance = _tolerance(asked.get("tolerance", DEFAULT_TOLERANCE))
+    max_step, divergence = asked.get("max_step"), asked.get("divergence")
+    longest = math.inf if max_step is None else _positive("max step", max_step, "s")
+    if divergence is not None:
+        limit = _positive("--divergence", divergence, "")
+    elif known and x0 is None:
+        limit = known.divergence
+    else:
+        limit = default_divergence(manifest, values, start)
+    _check_rows(length, step)
+    p = known.p if known else _vector(values.values())
+    return Settings(values, p, start, length, step, controller, period, tolerance, longest, limit)
 
 
 def _vector(values: Iterable[float]) -> Array:
@@ -244,7 +211,9 @@ def _positive(name: str, value: object, unit: str) -> float:
         return value
     number = _number(name, value)
     if number <= 0:
-        raise UsageError(f"is {number:g} {unit}", where=name, remedy="allowed: a number greater than 0")
+        raise UsageError(
+            f"is {number:g} {unit}".rstrip(), where=name, remedy="allowed: a number greater than 0"
+        )
     return number
 
 
@@ -292,13 +261,6 @@ def default_divergence(manifest: Manifest, values: Mapping[str, float], x0: Arra
     start = 100.0 * max(map(abs, x0.tolist()), default=0.0)
     supply = 4.0 * of_plant(values, "P_max") if pressures and "P_max" in values else 0.0
     return min(max(DIVERGENCE, start, supply), float(np.finfo(np.float64).max))
-
-
-def _limit(divergence: object) -> float:
-    number = _number("--divergence", divergence)
-    if number <= 0:
-        raise UsageError(f"is {number:g}", where="--divergence", remedy="allowed: a number greater than 0")
-    return number
 
 
 def _controller(name: str) -> Controller:

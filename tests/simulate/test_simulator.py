@@ -131,7 +131,7 @@ def test_progress_is_told_of_short_and_long_runs(loop: ClosedLoop) -> None:
 
 def test_a_simulator_prepares_again_what_differs(loop: ClosedLoop) -> None:
     simulator = Simulator(loop.evaluator)
-    settings = [simulator.defaults.settings(**asked) for asked in ASKED]
+    settings = [simulator.settings(**asked) for asked in ASKED]
     prepared = [simulator._prepared(item) for item in settings]
     same = [one is other for one, other in pairwise(prepared)]
     assert same == [True, *[False] * (len(ASKED) - 2)]
