@@ -40,8 +40,8 @@ def parts(quick: bool, folder: Path, figure: Path | None) -> Parts:
 
 
 def against_heyoka(quick: bool) -> list[Section]:
-    """The two ratios that step control must keep, alone; the whole benchmark has them among others."""
-    return [continuous.against_heyoka(quick), sweeps.run(quick, sweeps.AGAINST_HEYOKA)]
+    """The ratios to heyoka that must hold, alone; the whole benchmark has them among others."""
+    return [*continuous.against_heyoka(quick), sweeps.run(quick, sweeps.AGAINST_HEYOKA)]
 
 
 def main(arguments: list[str]) -> int:

@@ -15,7 +15,8 @@ from benchmarks.paper import HORIZON, Array
 from benchmarks.peers import cvodes, heyoka_loop, jax_loop, numba_loop, ours, scipy_loop
 from benchmarks.peers.solver import Solver
 from benchmarks.reference import error
-from benchmarks.report import Row, Section, shown
+from benchmarks.report import Row, Section, processor, shown
+from pmjoint_codegen import ClosedLoop
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,6 +29,12 @@ FLOOR: Final = 1e-12  # the reference's own accuracy: points below it tell nothi
 COLOURS: Final = ("black", "C0", "C1", "C2", "C3", "C4", "C5", "C6", "C7", "C8", "C9", "navy")
 BOUNDS: Final = {"heyoka": 1.0, "CasADi CVODES": 1 / 40, "SciPy LSODA": 1 / 200}
 BARE: Final = {**BOUNDS, "heyoka": 0.7}  # with no output but the end
+FRONT_DOOR: Final = {  # of heyoka's time, for `ClosedLoop.simulate`
+    "front door, output_step=1": (np.arange(0.0, HORIZON + 1.0), 0.9),
+    "front door, 2001 instants": (GRID, 1.0),
+    "front door, 2001 instants, all of it read": (GRID, None),
+}
+PAIR: Final = ("ours, ClosedLoop.simulate", "heyoka")
 
 
 @dataclass(frozen=True)
@@ -105,13 +112,13 @@ def run(quick: bool, figure: Path | None) -> list[Section]:
     if figure is not None:
         draw(curves, figure)
     sections = [_one_accuracy(curves, GRID, quick, absent), _one_accuracy(curves, ENDS, quick, absent)]
-    return [*sections, _precision(curves)]
+    return [*sections, _front_door(curves, quick), _precision(curves)]
 
 
-def against_heyoka(quick: bool) -> Section:
-    """Measure our bare loop and heyoka with events, no output but the end; heyoka chooses its own steps."""
-    curves = [curve(solver, quick) for solver in (ours.states_only(), heyoka_loop.solver())]
-    return _one_accuracy(curves, ENDS, quick, [])
+def against_heyoka(quick: bool) -> list[Section]:
+    """Measure our bare loop, our front door and heyoka with events; heyoka chooses its own steps."""
+    curves = [curve(solver, quick) for solver in (ours.states_only(), ours.whole(), heyoka_loop.solver())]
+    return [_one_accuracy([curves[0], curves[2]], ENDS, quick, []), _front_door(curves, quick)]
 
 
 def _one_accuracy(curves: Sequence[Curve], grid: Array, quick: bool, absent: list[str]) -> Section:
@@ -123,7 +130,7 @@ def _one_accuracy(curves: Sequence[Curve], grid: Array, quick: bool, absent: lis
         f"The paper's example; error at most {ACCURACY:g} in every state at every instant of "
         "tests/reference/paper_sin.csv, each solver in its fastest setting that reaches it. Ours is "
         "the C loop as the peers run theirs: prepared once, states and switches, called from Python. "
-        "`ClosedLoop.simulate` adds all signals, peaks, the integral of e^2 and checked settings.",
+        "`ClosedLoop.simulate` checks the settings and makes a new record for every run.",
         absent=list(absent),
     )
     fits = [(item, point) for item in curves if (point := item.fit()) is not None]
@@ -135,6 +142,33 @@ def _one_accuracy(curves: Sequence[Curve], grid: Array, quick: bool, absent: lis
         section.add(_row(what, times, fits[0], item, point, item.solver.label.split(",")[0], dense))
     missing = [item.solver.label for item in curves if item.fit() is None]
     section.notes += [f"{label} does not reach {ACCURACY:g} in any setting tried" for label in missing]
+    return section
+
+
+def _front_door(curves: Sequence[Curve], quick: bool) -> Section:
+    """Compare `ClosedLoop.simulate`, as scripts call it, with heyoka's bare integrator on the same grids."""
+    section = Section(
+        "One continuous run, 20 s, by ClosedLoop.simulate",
+        f"The same example and accuracy, {ACCURACY:g}, asked for in one call, all settings checked. In the"
+        " last row somebody reads every signal and figure of the run, which are worked out then.",
+    )
+    loop = ClosedLoop.load("paper", evaluator="compiled")
+    own, theirs = (
+        next((item for item in curves if item.solver.label.startswith(name)), None) for name in PAIR
+    )
+    if own is None or theirs is None or (point := own.fit()) is None or (peer := theirs.fit()) is None:
+        section.absent.append("heyoka")
+        return section
+    note = f"errors: ours {point.error:.1e} at {point.setting:.0e}, theirs {peer.error:.1e}"
+    for what, (grid, bound) in FRONT_DOOR.items():
+        calls: dict[str, Callable[[], object]] = {
+            "": own.solver.make(point.setting, grid),
+            "peer": theirs.solver.make(peer.setting, grid),
+        }
+        if bound is None:
+            calls[""] = lambda: loop.simulate(tolerance=point.setting).summary
+        times = interleaved(calls, 3 if quick else 31, burst=20)
+        section.add(Row(what, times[""], theirs.solver.label, times["peer"], bound, note))
     return section
 
 
@@ -200,7 +234,7 @@ def draw(curves: Sequence[Curve], path: Path) -> None:
     axes.invert_xaxis()
     axes.set_xlabel("largest error in any state")
     axes.set_ylabel("time of one run, ms")
-    axes.set_title("The paper's closed loop over 20 s, 2001 output instants")
+    axes.set_title(f"The paper's closed loop over 20 s, 2001 output instants; {processor()}")
     axes.grid(True, which="major", alpha=0.3)
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8, frameon=False)
     path.parent.mkdir(parents=True, exist_ok=True)

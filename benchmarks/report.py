@@ -110,14 +110,13 @@ class Section:
         ]
         return "\n".join([f"== {self.title}", *table, *self._below()])
 
-    def markdown(self) -> str:
-        """Return the section of the document."""
+    def markdown(self, processor: str) -> str:
+        """Return the section of the document, which says on what its figures were measured."""
         lines = [_row(self.header), _row(["---"] * len(self.header)), *map(_row, self.lines)]
         below = [f"- {line}" for line in self._below()]
         figure = [f"![{self.title}]({self.figure})", ""] if self.figure else []
-        return (
-            "\n".join([f"## {self.title}", "", self.about, "", *figure, *lines, "", *below]).rstrip() + "\n"
-        )
+        about = f"{self.about} Processor: {processor}."
+        return "\n".join([f"## {self.title}", "", about, "", *figure, *lines, "", *below]).rstrip() + "\n"
 
     def _below(self) -> list[str]:
         return [*(f"not run: {line}" for line in self.absent), *self.notes]
@@ -139,7 +138,7 @@ def shown(seconds: float) -> str:
 def machine() -> Mapping[str, str]:
     """Describe the machine and the software: no path, no clock, no name of the machine."""
     return {
-        "processor": _processor(),
+        "processor": processor(),
         "cores": str(os.cpu_count()),
         "memory": f"{os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES') / 2**30:.0f} GiB",
         "system": f"{platform.system()} {platform.machine()}, {' '.join(platform.libc_ver())}",
@@ -148,7 +147,8 @@ def machine() -> Mapping[str, str]:
     } | {name: _version(name) for name in PACKAGES}
 
 
-def _processor() -> str:
+def processor() -> str:
+    """Name the processor and its widest vector instructions."""
     try:
         text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
     except OSError:
@@ -191,7 +191,8 @@ demanded, compiled where it can be.
 def document(sections: Sequence[Section]) -> str:
     """Return ``docs/benchmarks.md``."""
     facts = [_row(("machine", "")), _row(("---", "---")), *(_row(item) for item in machine().items())]
-    return "\n".join([HEAD, *facts, "", *(section.markdown() for section in sections), _verdict(sections)])
+    tables = (section.markdown(processor()) for section in sections)
+    return "\n".join([HEAD, *facts, "", *tables, _verdict(sections)])
 
 
 # Why a promise may be missed, by (what, peer) of a row: the first whose beginnings both fit.

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 import numpy.typing as npt
@@ -19,8 +19,8 @@ from pmjoint_codegen.kernels.evaluator import Array, PreparingEvaluator
 from pmjoint_codegen.kernels.law import Law
 from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.simulate.run import Run, run
-from pmjoint_codegen.simulate.settings import DEFAULT_TOLERANCE, make_settings
+from pmjoint_codegen.simulate.run import Run, Simulator
+from pmjoint_codegen.simulate.settings import RunOptions
 
 if TYPE_CHECKING:
     from pmjoint_codegen.provision import Provided
@@ -122,31 +122,21 @@ class ClosedLoop:
         return self.evaluator.manifest
 
     def simulate(
-        self,
-        *,
-        horizon: float | None = None,
-        parameters: Mapping[str, float] | None = None,
-        x0: Sequence[float] | Array | None = None,
-        output_step: float | None = None,
-        controller: str = "continuous",
-        sample_time: float | None = None,
-        compensator: bool | None = None,
-        tolerance: float = DEFAULT_TOLERANCE,
-        max_step: float | None = None,
-        divergence: float | None = None,
-        progress: Callable[[float], None] | None = None,
+        self, *, progress: Callable[[float], None] | None = None, **asked: Unpack[RunOptions]
     ) -> Run:
         """Integrate the closed loop; what is not given is as the model file says.
 
         Args:
             horizon: s.
-            parameters: overrides of parameters and gains, by name.
-            x0: initial plant states.
-            output_step: s.
+            parameters: overrides of parameters and gains, by name, in the units of the model file; ``J`` sets
+                what the controller believes and, unless ``J_plant`` is given too, what the plant has.
+            x0: initial states: of a joint theta, theta_dot and, where pressures lag, q1 and q2, given or left
+                out together; of any other plant its own. The controller starts at 0.
+            output_step: s, at most the horizon.
             controller: ``continuous``, or ``sampled`` as on a microcontroller.
-            sample_time: s, of the sampled controller.
+            sample_time: s, of the sampled controller, at most the horizon.
             compensator: False: r = 0, plain clipping.
-            tolerance: local error, relative to max(1, |value|).
+            tolerance: local error, relative to max(1, |value|); by default 1e-10.
             max_step: s; no step of the integration is longer.
             divergence: a state beyond it ends the run; by default 1e4, more for pressures or a distant start.
             progress: told the fraction done now and then.
@@ -155,20 +145,7 @@ class ClosedLoop:
             UsageError: a setting is unknown, of the wrong length, or out of range.
             SimulationError: the run ended early; ``error.run`` is the run so far.
         """
-        settings = make_settings(
-            self.manifest,
-            parameters=parameters,
-            x0=x0,
-            horizon=horizon,
-            output_step=output_step,
-            controller=controller,
-            sample_time=sample_time,
-            compensator=compensator,
-            tolerance=tolerance,
-            max_step=max_step,
-            divergence=divergence,
-        )
-        result = run(self.evaluator, settings, progress)
+        result = self._simulator.run(self._simulator.settings(**asked), progress)
         if result.status != Status.DONE:
             raise SimulationError(result.message, where=self.manifest.name, run=result)
         return result
@@ -215,12 +192,15 @@ class ClosedLoop:
         return Law(self.evaluator, self._vector(parameters))
 
     def _vector(self, parameters: Mapping[str, float] | None) -> Array:
-        return make_settings(self.manifest, parameters=parameters).p if parameters else self._own
+        return self._simulator.settings(parameters=parameters).p
 
     @cached_property
-    def _own(self) -> Array:
-        """Parameters as the model file has them, in the kernels' order."""
-        return make_settings(self.manifest).p
+    def _simulator(self) -> Simulator:
+        return Simulator(self.evaluator)
+
+    def __reduce__(self) -> tuple[type[ClosedLoop], tuple[PreparingEvaluator]]:
+        """Pickle and copy without what is prepared for runs: it belongs to this process."""
+        return ClosedLoop, (self.evaluator,)
 
 
 def evaluator_of(

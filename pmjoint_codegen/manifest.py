@@ -162,7 +162,7 @@ class Start:
     required: int
     terms: tuple[str, ...]
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of the variables, in order."""
         return tuple(item.name for item in self.variables)

@@ -105,6 +105,12 @@ def provide_document(
         notify: the same.
         stage: the same.
     """
+    joint = document.get("joint")
+    for name, line in joint.items() if isinstance(joint, dict) else ():
+        if (
+            isinstance(line, dict) and "value" in line and "unit" not in line and name != "eps0"
+        ):  # no dimension
+            notify(f"{path}: joint.{name} has no unit: {line['value']} is taken in SI units")
     if reference is None and disturbance is None:
         committed = _committed(path, document, notify)
         if committed is not None:

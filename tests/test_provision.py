@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -76,3 +77,18 @@ def test_a_bad_expression_in_the_file_is_told_of_the_file(tmp_path: Path) -> Non
             environment={"PMJOINT_CACHE": str(tmp_path)},
             notify=lambda line: None,
         )
+
+
+def test_a_number_of_a_joint_without_unit_is_told_of(tmp_path: Path) -> None:
+    root = Path(__file__).resolve().parents[1]
+    text = (root / "models" / "joint.toml").read_text()
+    bare = re.sub(r"(?m)^r .*$", "r = { value = 15 }", re.sub(r"(?m)^J .*$", "J = 0.05", text))
+    (tmp_path / "mine.toml").write_text(bare)
+    lines: list[str] = []
+    environment = {"PMJOINT_CACHE": str(tmp_path)}
+    with pytest.raises(ModelError, match="unknown symbol"):
+        provision.provide(tmp_path / "mine.toml", reference="q", environment=environment, notify=lines.append)
+    assert lines == [f"{tmp_path / 'mine.toml'}: joint.r has no unit: 15 is taken in SI units"]
+    (tmp_path / "mine.toml").write_text(re.sub(r"(?ms)^\[joint\].*?(?=^\[)", "joint = 3\n", text))
+    with pytest.raises(ModelError, match="joint"):
+        provision.provide(tmp_path / "mine.toml", environment=environment, notify=lines.append)

@@ -27,7 +27,7 @@ def states_only(kind: str = "compiled") -> Solver:
 
 
 def whole() -> Solver:
-    """Return `ClosedLoop.simulate`: all signals, peaks, the integral of e^2, checked settings."""
+    """Return `ClosedLoop.simulate`: checked settings, and a record from which all else can be read."""
     loop = ClosedLoop.load("paper", evaluator="compiled")
 
     def make(tolerance: float, grid: Array) -> Callable[[], Array]:

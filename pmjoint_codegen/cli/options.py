@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
@@ -13,6 +13,8 @@ from pmjoint_codegen.cli.terminal import message
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
+
+    from pmjoint_codegen.simulate.settings import RunOptions
 
     _Kind = click.ParamType[Any]  # generic in newer releases of click, to the type checker alone
 else:
@@ -110,9 +112,9 @@ def assignments(
     return table
 
 
-def tell_idle_sample_time(settings: Mapping[str, Any]) -> None:
+def tell_idle_sample_time(asked: RunOptions) -> None:
     """Say that a sample time was given to the controller that has none."""
-    if settings["sample_time"] is not None and settings["controller"] != "sampled":
+    if asked["sample_time"] is not None and asked["controller"] != "sampled":
         message("pmjoint: --sample-time does nothing without --controller sampled")
 
 
@@ -121,18 +123,74 @@ def processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def step_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a command the options that bound every run alike: ``--max-step`` and ``--divergence``."""
-    for option in (
-        click.option(
-            "--divergence",
-            type=float,
-            metavar="X",
-            help="A state beyond it ends a run [default: 1e4, more for pressures in Pa or a distant start].",
-        ),
-        click.option(
-            "--max-step", type=float, metavar="S", help="No integration step is longer than this, in seconds."
-        ),
-    ):
-        command = option(command)
-    return command
+# One option for each keyword of a run, by the keyword; a command words its help anew where it means more.
+_OF_A_RUN: Final[Mapping[str, tuple[str, Mapping[str, Any]]]] = {
+    "parameters": ("--set", {"type": Assignment(), "multiple": True, "callback": assignments}),
+    "x0": ("--x0", {"type": Numbers(), "help": "Initial plant states."}),
+    "reference": ("--reference", {"metavar": "EXPR", "help": "Another y_r, a function of t and parameters."}),
+    "disturbance": (
+        "--disturbance",
+        {"metavar": "EXPR", "multiple": True, "help": "Another disturbance; repeat it, one a state."},
+    ),
+    "horizon": ("--horizon", {"type": float, "metavar": "S", "help": "Length of every run in seconds."}),
+    "output_step": (
+        "--output-step",
+        {"type": float, "metavar": "S", "help": "Distance of output instants in seconds."},
+    ),
+    "controller": (
+        "--controller",
+        {
+            "type": click.Choice(["continuous", "sampled"]),
+            "default": "continuous",
+            "show_default": True,
+            "help": "continuous: as in the paper; sampled: as on a microcontroller, "
+            "v held over the sample time.",
+        },
+    ),
+    "sample_time": (
+        "--sample-time",
+        {"type": float, "metavar": "S", "help": "Sample time of the sampled controller in seconds."},
+    ),
+    "compensator": (
+        "--no-compensator",
+        {
+            "is_flag": True,
+            "callback": lambda context, option, given: False if given else None,
+            "help": "Keep r = 0: plain clipping instead of (23).",
+        },
+    ),
+    "tolerance": (
+        "--tolerance",
+        {"type": float, "metavar": "TOL", "show_default": True, "help": "Local error."},
+    ),
+    "max_step": (
+        "--max-step",
+        {"type": float, "metavar": "S", "help": "No integration step is longer than this, in seconds."},
+    ),
+    "divergence": (
+        "--divergence",
+        {
+            "type": float,
+            "metavar": "X",
+            "help": "A state beyond it ends a run "
+            "[default: 1e4, more for pressures in Pa or a distant start].",
+        },
+    ),
+}
+
+
+def run_options(**changes: Mapping[str, Any]) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Give a command options of a run.
+
+    Args:
+        changes: keyword -> what its option has in this command, such as a default, in place of the common
+            one's; ``--help`` lists the options in this order.
+    """
+
+    def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
+        for keyword, changed in reversed(changes.items()):
+            option, common = _OF_A_RUN[keyword]
+            command = click.option(option, keyword, **{**common, **changed})(command)
+        return command
+
+    return decorate

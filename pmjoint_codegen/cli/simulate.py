@@ -2,22 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Unpack, cast
 
 import click
 
 from pmjoint_codegen.cli.drawing import ready_matplotlib
-from pmjoint_codegen.cli.options import (
-    Assignment,
-    ModelName,
-    Numbers,
-    Place,
-    assignments,
-    step_options,
-    tell_idle_sample_time,
-)
+from pmjoint_codegen.cli.options import ModelName, Place, run_options, tell_idle_sample_time
 from pmjoint_codegen.cli.summary_table import summary_table
 from pmjoint_codegen.cli.terminal import activity, as_json, document, message, result
 from pmjoint_codegen.errors import SimulationError
@@ -25,6 +17,7 @@ from pmjoint_codegen.errors import SimulationError
 if TYPE_CHECKING:
     from pmjoint_codegen.closed_loop import ClosedLoop
     from pmjoint_codegen.simulate.run import Run
+    from pmjoint_codegen.simulate.settings import RunOptions
 
 _DETAIL_ROWS = 500  # of the saturated transient in the figures
 
@@ -46,35 +39,23 @@ Examples
 
 @click.command(help=_ABOUT, epilog=_EXAMPLES)
 @click.argument("model", type=ModelName())
-@click.option(
-    "--set",
-    "parameters",
-    type=Assignment(),
-    multiple=True,
-    callback=assignments,
-    help="Another value for a parameter (d1, u_max, ...) or gain (c1, e1, ck1, k1, ...); d1_plant is the"
-    " plant's alone, which the controller does not know; repeatable.",
+@run_options(
+    parameters={
+        "help": "Another value for a parameter (d1, u_max, ...) or gain (c1, e1, ck1, k1, ...); d1_plant is"
+        " the plant's alone, which the controller does not know; repeatable."
+    },
+    x0={"help": "Initial plant states; filters and compensator start at 0."},
+    reference={},
+    disturbance={},
+    horizon={"help": "Length of the run in seconds."},
+    output_step={},
+    controller={},
+    sample_time={},
+    compensator={},
+    tolerance={"default": 1e-10},
+    max_step={},
+    divergence={},
 )
-@click.option("--x0", type=Numbers(), help="Initial plant states; filters and compensator start at 0.")
-@click.option("--reference", metavar="EXPR", help="Another y_r, a function of t and parameters.")
-@click.option(
-    "--disturbance", metavar="EXPR", multiple=True, help="Another disturbance; repeat it, one a state."
-)
-@click.option("--horizon", type=float, metavar="S", help="Length of the run in seconds.")
-@click.option("--output-step", type=float, metavar="S", help="Distance of output instants in seconds.")
-@click.option(
-    "--controller",
-    type=click.Choice(["continuous", "sampled"]),
-    default="continuous",
-    show_default=True,
-    help="continuous: as in the paper; sampled: as on a microcontroller, v held over the sample time.",
-)
-@click.option(
-    "--sample-time", type=float, metavar="S", help="Sample time of the sampled controller in seconds."
-)
-@click.option("--no-compensator", is_flag=True, help="Keep r = 0: plain clipping instead of (23).")
-@click.option("--tolerance", type=float, metavar="TOL", default=1e-10, show_default=True, help="Local error.")
-@step_options
 @click.option(
     "--evaluator",
     type=click.Choice(["compiled", "interpreted"]),
@@ -93,25 +74,23 @@ def command(
     out: Path | None,
     no_figures: bool,
     wants_json: bool,
-    no_compensator: bool,
-    **settings: Any,
+    **asked: Unpack[RunOptions],
 ) -> int:
     """Run ``pmjoint simulate``: click hands over what it has read."""
     from pmjoint_codegen.storage import ensure_folder
 
-    tell_idle_sample_time(settings)
-    settings["compensator"] = False if no_compensator else None
+    tell_idle_sample_time(asked)
     if out:
         ensure_folder(out)
     loop = _load(model, evaluator, reference, disturbance)
     folder = out or Path("runs") / loop.manifest.name
     ensure_folder(folder)
-    run, failure = _run(loop, settings)
+    run, failure = _run(loop, asked)
     notes = (f"disturbance = ({', '.join(disturbance)})",) if disturbance else ()
     files = write_results(run, folder)
     try:
         if not no_figures:
-            files += _draw(loop, run, settings, folder, notes)
+            files += _draw(loop, run, asked, folder, notes)
         elif any(folder.glob("figure*_*.png")):
             message(f"pmjoint: the figures in {folder} are of an earlier run")
     finally:  # figures that fail take no result with them
@@ -139,11 +118,11 @@ def _load(model: str, evaluator: str | None, reference: str | None, disturbance:
         )
 
 
-def _run(loop: ClosedLoop, settings: Mapping[str, Any]) -> tuple[Run, SimulationError | None]:
+def _run(loop: ClosedLoop, asked: RunOptions) -> tuple[Run, SimulationError | None]:
     """Simulate; a run that ended early comes with the error that says so."""
     with activity("simulating") as progress:
         try:
-            return loop.simulate(**settings, progress=progress), None
+            return loop.simulate(**asked, progress=progress), None
         except SimulationError as error:
             if error.run is None:
                 raise
@@ -165,7 +144,7 @@ def write_results(run: Run, folder: Path) -> tuple[Path, ...]:
 
 
 def _draw(
-    loop: ClosedLoop, run: Run, settings: Mapping[str, Any], folder: Path, notes: Sequence[str]
+    loop: ClosedLoop, run: Run, asked: RunOptions, folder: Path, notes: Sequence[str]
 ) -> tuple[Path, ...]:
     """Draw the figures, the saturated transient from a second, short run on a fine grid."""
     from pmjoint_codegen.simulate.figures import write_figures
@@ -174,7 +153,7 @@ def _draw(
     ready_matplotlib()
     window, detail = transient_window(run), None
     if window is not None:
-        finer = {"horizon": window, "output_step": min(window / _DETAIL_ROWS, run.settings.output_step)}
-        detail, _ = _run(loop, {**settings, **finer})
+        step = min(window / _DETAIL_ROWS, run.settings.output_step)
+        detail, _ = _run(loop, {**asked, "horizon": window, "output_step": step})
     with activity("drawing figures") as progress:
         return write_figures(run, folder, detail=detail, notes=notes, progress=progress)

@@ -6,25 +6,17 @@ import os
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import click
 
 from pmjoint_codegen.cli.drawing import ready_matplotlib
-from pmjoint_codegen.cli.options import (
-    Assignment,
-    ModelName,
-    Numbers,
-    Place,
-    assignments,
-    processors,
-    step_options,
-    tell_idle_sample_time,
-)
+from pmjoint_codegen.cli.options import ModelName, Place, processors, run_options, tell_idle_sample_time
 from pmjoint_codegen.cli.terminal import activity, document, message, result, table
 
 if TYPE_CHECKING:
     from pmjoint_codegen.provision import Provided
+    from pmjoint_codegen.simulate.settings import RunOptions
     from pmjoint_codegen.sweep.store import Store
 
 _SHOWN = 3  # damaged files that a message names
@@ -71,33 +63,19 @@ Examples
     show_default=True,
     help="How draws fill the space.",
 )
-@click.option(
-    "--set",
-    "parameters",
-    type=Assignment(),
-    multiple=True,
-    callback=assignments,
-    help="A fixed value for a parameter or gain; J_plant is the plant's alone; repeatable.",
+@run_options(
+    parameters={"help": "A fixed value for a parameter or gain; J_plant is the plant's alone; repeatable."},
+    x0={"help": "Initial plant states where they are not varied."},
+    reference={},
+    disturbance={},
+    horizon={},
+    controller={"help": "continuous: as in the paper; sampled: as on a microcontroller."},
+    sample_time={},
+    compensator={},
+    tolerance={"default": 1e-6},
+    max_step={},
+    divergence={},
 )
-@click.option("--x0", type=Numbers(), help="Initial plant states where they are not varied.")
-@click.option("--reference", metavar="EXPR", help="Another y_r, a function of t and parameters.")
-@click.option(
-    "--disturbance", metavar="EXPR", multiple=True, help="Another disturbance; repeat it, one a state."
-)
-@click.option("--horizon", type=float, metavar="S", help="Length of every run in seconds.")
-@click.option(
-    "--controller",
-    type=click.Choice(["continuous", "sampled"]),
-    default="continuous",
-    show_default=True,
-    help="continuous: as in the paper; sampled: as on a microcontroller.",
-)
-@click.option(
-    "--sample-time", type=float, metavar="S", help="Sample time of the sampled controller in seconds."
-)
-@click.option("--no-compensator", is_flag=True, help="Keep r = 0: plain clipping instead of (23).")
-@click.option("--tolerance", type=float, metavar="TOL", default=1e-6, show_default=True, help="Local error.")
-@step_options
 @click.option(
     "--trajectories",
     "output_step",
@@ -132,7 +110,6 @@ def command(
     method: str,
     reference: str | None,
     disturbance: tuple[str, ...],
-    no_compensator: bool,
     formats: tuple[str, ...],
     threads: int | None,
     scheduler: str | None,
@@ -140,7 +117,7 @@ def command(
     restart: bool,
     no_figures: bool,
     wants_json: bool,
-    **settings: Any,
+    **asked: Unpack[RunOptions],
 ) -> None:
     """Run ``pmjoint sweep``: click hands over what it has read."""
     from pmjoint_codegen.provision import provide
@@ -151,8 +128,7 @@ def command(
 
     require((*formats, *(["dask"] if scheduler is not None else [])))
     plan = make_plan(grid, sample, draws, seed, method)
-    tell_idle_sample_time(settings)
-    settings["compensator"] = False if no_compensator else None
+    tell_idle_sample_time(asked)
     provided = provide(
         model,
         reference=reference,
@@ -160,7 +136,7 @@ def command(
         environment=os.environ,
         notify=lambda line: message(f"pmjoint: {line}"),
     )
-    request = make_request(provided.manifest, plan, **settings)
+    request = make_request(provided.manifest, plan, **asked)
     folder = out or Path("runs") / f"{provided.manifest.name}-sweep"
     store = Store(folder, request, provided.manifest.nX)
     with store.alone():

@@ -6,19 +6,19 @@ import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import click
 
 from pmjoint_codegen.cli.drawing import ready_matplotlib
-from pmjoint_codegen.cli.options import ModelName, Numbers, Place, processors, tell_idle_sample_time
+from pmjoint_codegen.cli.options import ModelName, Place, processors, run_options, tell_idle_sample_time
 from pmjoint_codegen.cli.terminal import activity, document, message, result, table
 
 if TYPE_CHECKING:
     from pmjoint_codegen.provision import Provided
     from pmjoint_codegen.tune.comparison import Comparison
     from pmjoint_codegen.tune.cost import CostFunction
-    from pmjoint_codegen.tune.request import Request
+    from pmjoint_codegen.tune.request import Request, TuneOptions
     from pmjoint_codegen.tune.search import Found
 
 _ABOUT = """Choose gains of MODEL that minimise an objective.
@@ -76,18 +76,7 @@ _FILE_STEM = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
 @click.option(
     "--population", type=int, default=8, show_default=True, help="Designs in a generation, for each gain."
 )
-@click.option("--x0", type=Numbers(), help="Initial plant states.")
-@click.option("--horizon", type=float, metavar="S", help="Length of every run in seconds.")
-@click.option(
-    "--controller",
-    type=click.Choice(["continuous", "sampled"]),
-    default="continuous",
-    show_default=True,
-    help="continuous: as in the paper; sampled: as on a microcontroller, v held over the sample time.",
-)
-@click.option(
-    "--sample-time", type=float, metavar="S", help="Sample time of the sampled controller in seconds."
-)
+@run_options(x0={}, horizon={}, controller={}, sample_time={})
 @click.option("--threads", type=click.IntRange(1), help="To compute with [default: all processors].")
 @click.option(
     "--out",
@@ -103,7 +92,7 @@ def command(
     out: Path | None,
     no_figure: bool,
     wants_json: bool,
-    **settings: Any,
+    **asked: Unpack[TuneOptions],
 ) -> None:
     """Run ``pmjoint tune``: click hands over what it has read."""
     from pmjoint_codegen.errors import UsageError
@@ -113,7 +102,7 @@ def command(
     from pmjoint_codegen.tune.request import make_request
     from pmjoint_codegen.workspace import find_model, is_stream
 
-    tell_idle_sample_time(settings)
+    tell_idle_sample_time(asked)
     source = find_model(model)
     if is_stream(source):
         raise UsageError(
@@ -124,7 +113,7 @@ def command(
     file = out or _default_file(source)
     _check_target(file, source)
     provided = provide(source, environment=os.environ, notify=_notify)
-    request = make_request(provided.manifest, **settings)
+    request = make_request(provided.manifest, **asked)
     text = _text_of(source, file, request)
     ensure_folder(file.parent)
     costing = _costing(provided, request, threads or processors())

@@ -17,8 +17,7 @@ from pmjoint_codegen.errors import BuildError, SimulationError, StaleError
 from pmjoint_codegen.kernels.declarations import MODULE, declarations, load_library, to_module
 from pmjoint_codegen.kernels.evaluator import (
     Array,
-    Copied,
-    Kernel,
+    Kernels,
     Kind,
     Prepared,
     as_rows,
@@ -47,7 +46,7 @@ class BoundFunction(NamedTuple):
     library: Any
 
 
-class CompiledEvaluator(Copied):
+class CompiledEvaluator(Kernels):
     """One loaded library: `Evaluator`, and the C loops for `simulate`.
 
     Attributes:
@@ -74,27 +73,6 @@ class CompiledEvaluator(Copied):
         return BoundFunction(
             self.ffi.new("pmj_function *", {"call": call, "arg": arg, "res": res}), (arg, res), self.lib
         )
-
-    def kernel(self, name: str) -> Kernel:
-        """One kernel for one point: contiguous float64 vectors in, fresh vectors out; nothing is checked."""
-        bound = self.function(name)
-        function = bound.struct
-        sizes = [size for _, size in find_function(self.manifest, name).outputs]
-        from_buffer = self.ffi.from_buffer
-
-        def evaluate(*arrays: Array) -> tuple[Array, ...]:
-            results = tuple(np.empty(size) for size in sizes)
-            held = [from_buffer("double[]", array) for array in (*arrays, *results)]
-            for pointers, first, count in (
-                (bound.memory[0], 0, len(arrays)),
-                (bound.memory[1], len(arrays), len(results)),
-            ):
-                for i in range(count):
-                    pointers[i] = held[first + i]
-            _check(name, function.call(*bound.memory, function.iw, function.w, 0))
-            return results
-
-        return evaluate
 
     def prepare(self, name: str) -> Prepared:
         """One kernel for one point after another, its arguments and results in place; see `Evaluator`."""

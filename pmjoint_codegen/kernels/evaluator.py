@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
@@ -33,8 +34,10 @@ class Prepared:
     run: Callable[[], None]
 
 
-class Copied:
-    """Pickled and copied by its recipe: loaded code and C memory belong to one process.
+class Kernels(ABC):
+    """What both evaluators have in common.
+
+    They are pickled and copied by their recipe: loaded code and C memory belong to one process.
 
     Attributes:
         recipe: see `PreparingEvaluator`.
@@ -47,6 +50,22 @@ class Copied:
         if self.recipe is None:
             raise TypeError(f"{type(self).__name__} cannot be copied: ClosedLoop.load did not make it")
         return self.recipe
+
+    @abstractmethod
+    def prepare(self, name: str) -> Prepared:
+        """One kernel for one point after another, its arguments and results in place."""
+
+    def kernel(self, name: str) -> Kernel:
+        """One kernel for one point: contiguous float64 vectors in, fresh vectors out; nothing is checked."""
+        prepared = self.prepare(name)
+
+        def evaluate(*arrays: Array) -> tuple[Array, ...]:
+            for argument, array in zip(prepared.inputs, arrays, strict=True):
+                argument[:] = array
+            prepared.run()
+            return tuple(result.copy() for result in prepared.outputs)
+
+        return evaluate
 
 
 class Evaluator(Protocol):

@@ -18,8 +18,7 @@ from pmjoint_codegen.compile.compiler import INSTALL
 from pmjoint_codegen.errors import MissingToolError, StaleError, installing
 from pmjoint_codegen.kernels.evaluator import (
     Array,
-    Copied,
-    Kernel,
+    Kernels,
     Kind,
     Prepared,
     as_rows,
@@ -31,7 +30,7 @@ from pmjoint_codegen.kernels.tape import FILE_NAME, Tape, read_tapes
 from pmjoint_codegen.manifest import Function, Manifest
 
 
-class InterpretedEvaluator(Copied):
+class InterpretedEvaluator(Kernels):
     """One model's kernels in CasADi's virtual machine: `Evaluator`.
 
     Attributes:
@@ -45,18 +44,6 @@ class InterpretedEvaluator(Copied):
         self.manifest = manifest
         self._tapes = tapes
         self._functions: dict[str, Any] = {}
-
-    def kernel(self, name: str) -> Kernel:
-        """One kernel for one point: contiguous float64 vectors in, fresh vectors out; nothing is checked."""
-        prepared = self.prepare(name)
-
-        def evaluate(*arrays: Array) -> tuple[Array, ...]:
-            for argument, array in zip(prepared.inputs, arrays, strict=True):
-                argument[:] = array
-            prepared.run()
-            return tuple(result.copy() for result in prepared.outputs)
-
-        return evaluate
 
     def prepare(self, name: str) -> Prepared:
         """One kernel for one point after another, its arguments and results in place; see `Evaluator`."""

@@ -1,18 +1,20 @@
 """One simulation: settings in, `Run` out.
 
-The stages of `run`: actuator modes from the model, a `Problem` from the settings, the loop until it ends, the
-derived columns by the ``signals`` kernel over all rows at once, the summary.
+The stages of `Simulator.run`: actuator modes from the model and a `Problem` from the settings, or those of
+the run before; the loop until it ends; and, once they are read, the derived columns and the summary.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Unpack, cast
 
 import numpy as np
 
@@ -22,11 +24,11 @@ from pmjoint_codegen.loops.guard import HOLD_RATIOS, discs, hold_factors
 from pmjoint_codegen.loops.hold import hold_matrices
 from pmjoint_codegen.loops.modes import Actuator, make_actuator
 from pmjoint_codegen.loops.problem import Memory, Problem, Progress, make_memory
-from pmjoint_codegen.loops.select import Advance, make_loop
+from pmjoint_codegen.loops.select import Advance, CompiledLoop, make_loop
 from pmjoint_codegen.loops.status import Status, sentence
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.record import RATE, Record, reports_rate
-from pmjoint_codegen.simulate.settings import Settings
+from pmjoint_codegen.simulate.settings import RunOptions, Settings, make_settings
 from pmjoint_codegen.simulate.summary import summarise
 from pmjoint_codegen.values import SETTLED
 
@@ -37,13 +39,35 @@ INSTANTANEOUS: Final = ("y", "y_r", "e")  # of the signals, what a sampled contr
 LAGGED: Final = frozenset({"q1", "q2"})  # states of pressures that lag
 BUDGET: Final = 2000  # steps between two looks at progress and Ctrl-C
 FEW_SWITCHES: Final = 1000  # more begin the run again, with room for as many as the settings allow
+SHARED: Final = attrgetter(  # settings, besides p, that a `Problem` depends on
+    *("controller", "horizon", "output_step", "sample_time", "tolerance", "max_step", "divergence"),
+    *("max_steps", "max_switches"),
+)
+FEW_ROWS: Final = 10_001  # of a run that is copied out of memory that the next run uses again
 
 Tell = Callable[[float], None]
 
 
 @dataclass(frozen=True)
 class Run(Record):
-    """A simulated trajectory, and what users do with it."""
+    """A simulated trajectory, and what users do with it.
+
+    `signals` are worked out when they are first read. So are `peaks`, `ise` and `settling_s` of a short run,
+    from the same steps once more: most scripts ask for states alone, which take half the time.
+    """
+
+    if not TYPE_CHECKING:  # to the type checker, all fields are there
+
+        def __getattr__(self, name: str) -> Any:
+            """Work out a field that is read for the first time."""
+            if name not in {field.name for field in fields(self)} or "_deferred" not in self.__dict__:
+                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+            self.__dict__.update(self._deferred(name))
+            return self.__dict__[name]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Give every field: kernels belong to one process."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
     @cached_property
     def summary(self) -> dict[str, Any]:
@@ -63,6 +87,129 @@ class Run(Record):
         return overview(self)
 
 
+@dataclass(frozen=True)
+class _Preparation:
+    """What runs share that differ in nothing but x0.
+
+    Attributes:
+        key: what they have in common.
+        problem: constants of a run.
+        actuator: its modes.
+        columns: parameters by name, each of shape (1,).
+        done: says that the horizon is reached.
+        spare: loops of short runs that are not in use; a thread takes one out, or makes another.
+    """
+
+    key: tuple[object, ...]
+    problem: Problem
+    actuator: Actuator
+    columns: Mapping[str, Array]
+    done: str
+    spare: deque[tuple[CompiledLoop, Progress, Memory]]
+
+
+class Simulator:
+    """Runs of one model, which share what does not change between them. Threads may share it, too.
+
+    Attributes:
+        evaluator: of the model's kernels.
+    """
+
+    def __init__(self, evaluator: Evaluator) -> None:
+        self.evaluator = evaluator
+        self._last: _Preparation | None = None
+
+    @cached_property
+    def _own(self) -> Settings:
+        return make_settings(self.evaluator.manifest)
+
+    def settings(self, **asked: Unpack[RunOptions]) -> Settings:
+        """Complete a run's settings; see `make_settings`."""
+        return make_settings(self.evaluator.manifest, self._own, **asked)
+
+    def run(self, settings: Settings, progress: Tell | None = None) -> Run:
+        """Simulate the closed loop; see `run`."""
+        begun = time.perf_counter()
+        prepared = self._prepared(settings)
+        start = _start(self.evaluator.manifest, settings, prepared.columns)
+        known = self._short(prepared, start) or self._whole(prepared, start, settings, progress)
+        if progress is not None and "peaks" not in known:
+            progress(1.0)
+        made = Run.__new__(Run)  # its other fields follow where they are read
+        made.__dict__.update(
+            known,
+            manifest=self.evaluator.manifest,
+            settings=settings,
+            evaluator=self.evaluator.kind,
+            wall_s=time.perf_counter() - begun,
+        )
+        return made
+
+    def _prepared(self, settings: Settings) -> _Preparation:
+        """What the last run had, if this one differs in x0 alone; else made anew."""
+        key = (settings.p.tobytes(), *SHARED(settings))
+        prepared = self._last
+        if prepared is None or prepared.key != key:
+            actuator = make_actuator(self.evaluator.call("actuation", settings.p)[0])
+            problem = make_problem(self.evaluator, settings, actuator)
+            problem.times.flags.writeable = False  # many runs give them out
+            columns = _columns(settings)
+            done = _message(self.evaluator.manifest, settings, Status.DONE, problem.horizon)
+            prepared = self._last = _Preparation(key, problem, actuator, columns, done, deque())
+        return prepared
+
+    def _short(self, prepared: _Preparation, start: Array) -> dict[str, Any] | None:
+        """A continuous run of few steps and rows, with states and switches alone; None where it is none."""
+        problem = prepared.problem
+        if problem.n_rows > FEW_ROWS or problem.sample_time or self.evaluator.kind != "compiled":
+            return None
+        try:
+            loop, state, memory = prepared.spare.pop()
+        except IndexError:
+            loop, state, memory = _bare_loop(self.evaluator, problem)
+        loop.restart(start)
+        loop(BUDGET)
+        known = None  # what it may be other than done, the whole run says
+        if state.status == Status.DONE:
+            known = self._known(prepared, start, memory.rows.copy(), memory, state)
+        prepared.spare.append((loop, state, memory))
+        return known
+
+    def _whole(
+        self, prepared: _Preparation, start: Array, settings: Settings, progress: Tell | None
+    ) -> dict[str, Any]:
+        """Any run, with its figures."""
+        manifest = self.evaluator.manifest
+        memory, state = _integrate(self.evaluator, start, prepared.problem, progress)
+        known = self._known(prepared, start, memory.rows[: state.row], memory, state)
+        status = Status(state.status)
+        message = _message(manifest, settings, status, state.t, memory)
+        return {**known, **_figures(manifest, memory, state), "status": status, "message": message}
+
+    def _known(
+        self, prepared: _Preparation, start: Array, rows: Array, memory: Memory, state: Progress
+    ) -> dict[str, Any]:
+        """What a run that reached its horizon has at once, and what gives the rest."""
+        rows.flags.writeable = False  # signals follow from them, perhaps later
+        evaluator, problem = self.evaluator, prepared.problem
+
+        def deferred(name: str) -> dict[str, Any]:
+            if name == "signals":
+                return {name: _signals(evaluator, problem, rows, memory)}
+            return _figures(evaluator.manifest, *_integrate(evaluator, start, problem, None))
+
+        return {
+            "status": Status.DONE,
+            "message": prepared.done,
+            "t": problem.times[: state.row],
+            "states": rows,
+            "switches": _switches(prepared.actuator, memory, state),
+            "initial_mode": prepared.actuator.labels[state.first_mode],
+            "steps": state.steps,
+            "_deferred": deferred,
+        }
+
+
 def run(evaluator: Evaluator, settings: Settings, progress: Tell | None = None) -> Run:
     """Simulate the closed loop.
 
@@ -74,28 +221,7 @@ def run(evaluator: Evaluator, settings: Settings, progress: Tell | None = None) 
     Returns:
         The run, whether it reached its horizon or not: see `Run.status`.
     """
-    begun = time.perf_counter()
-    actuator = make_actuator(evaluator.call("actuation", settings.p)[0])
-    problem = make_problem(evaluator, settings, actuator)
-    memory, state = _integrate(evaluator, settings, problem, progress)
-    signals = _signals(evaluator, problem, memory, state.row)
-    return Run(
-        manifest=evaluator.manifest,
-        settings=settings,
-        evaluator=evaluator.kind,
-        status=Status(state.status),
-        message=_message(evaluator.manifest, settings, memory, state),
-        t=problem.times[: state.row],
-        states=memory.rows[: state.row],
-        signals=signals,
-        switches=_switches(actuator, memory, state),
-        initial_mode=actuator.labels[state.first_mode],
-        peaks=_peaks(evaluator.manifest, memory),
-        ise=state.integral,
-        settling_s=state.settled if state.band > 0.0 else None,
-        steps=state.steps,
-        wall_s=time.perf_counter() - begun,
-    )
+    return Simulator(evaluator).run(settings, progress)
 
 
 def make_problem(evaluator: Evaluator, settings: Settings, actuator: Actuator) -> Problem:
@@ -160,10 +286,9 @@ def _hold_reach(order: int, tolerance: float) -> float:
 
 
 def _integrate(
-    evaluator: Evaluator, settings: Settings, problem: Problem, progress: Tell | None
+    evaluator: Evaluator, start: Array, problem: Problem, progress: Tell | None
 ) -> tuple[Memory, Progress]:
     """Drive the loop to its end, with room for few switches first: large arrays cost more than a run."""
-    start = initial_state(evaluator.manifest, settings)
     few = replace(problem, max_switches=min(problem.max_switches, FEW_SWITCHES))
     for given in (few, problem):
         memory, state = make_memory(given, start), Progress()
@@ -175,10 +300,25 @@ def _integrate(
 
 def initial_state(manifest: Manifest, settings: Settings) -> Array:
     """X(0): the plant as x0 has it, the controller at 0; shape (nX,)."""
+    return _start(manifest, settings, _columns(settings))
+
+
+def _columns(settings: Settings) -> dict[str, Array]:
+    return {name: np.array([value]) for name, value in settings.parameters.items()}
+
+
+def _start(manifest: Manifest, settings: Settings, columns: Mapping[str, Array]) -> Array:
     state = np.zeros(manifest.nX)
-    values = {name: np.array([value]) for name, value in settings.parameters.items()}
-    state[: manifest.nx] = manifest.start.states(settings.x0[np.newaxis], values)[0]
+    state[: manifest.nx] = manifest.start.states(settings.x0[np.newaxis], columns)[0]
     return state
+
+
+def _bare_loop(evaluator: Evaluator, problem: Problem) -> tuple[CompiledLoop, Progress, Memory]:
+    """A loop of states and switches alone, with room for few of them: large arrays cost more than a run."""
+    few = min(problem.max_switches, FEW_SWITCHES)
+    bare = replace(problem, n_nodes=0, n_searched=0, notes_rate=0, max_switches=few)
+    memory, state = make_memory(bare, np.zeros(problem.n_states)), Progress()
+    return cast(CompiledLoop, make_loop(evaluator, bare, state, memory)), state, memory
 
 
 def _drive(advance: Advance, problem: Problem, state: Progress, tell: Tell | None) -> None:
@@ -189,22 +329,22 @@ def _drive(advance: Advance, problem: Problem, state: Progress, tell: Tell | Non
             tell(min(state.t / problem.horizon, 1.0))
 
 
-def _signals(evaluator: Evaluator, problem: Problem, memory: Memory, rows: int) -> Array:
-    """Everything that follows from the states, shape (rows, number of signals)."""
+def _signals(evaluator: Evaluator, problem: Problem, states: Array, memory: Memory) -> Array:
+    rows = len(states)
     times = problem.times[:rows, np.newaxis]
     if not problem.sample_time:
-        return evaluator.call("signals", times, memory.rows[:rows], problem.p)[0]
+        return evaluator.call("signals", times, states, problem.p)[0]
     # Held as of the last sample, but for what the plant and the reference do meanwhile.
     (signals,) = evaluator.call(
         "signals", memory.held_times[:rows, np.newaxis], memory.held[:rows], problem.p
     )
     y, y_r, e = (_index(evaluator.manifest, name) for name in INSTANTANEOUS)
-    signals[:, y] = memory.rows[:rows, 0]
+    signals[:, y] = states[:, 0]
     signals[:, y_r] = evaluator.call("reference", times, problem.p)[0][:, 0]
     signals[:, e] = signals[:, y] - signals[:, y_r]
     moving = _moving(evaluator.manifest)
     if moving:
-        (live,) = evaluator.call("signals", times, memory.rows[:rows], problem.p)
+        (live,) = evaluator.call("signals", times, states, problem.p)
         signals[:, moving] = live[:, moving]
     return signals
 
@@ -233,18 +373,25 @@ def _switches(actuator: Actuator, memory: Memory, state: Progress) -> tuple[tupl
     return tuple(found)
 
 
-def _peaks(manifest: Manifest, memory: Memory) -> dict[str, tuple[float, float]]:
+def _figures(manifest: Manifest, memory: Memory, state: Progress) -> dict[str, Any]:
     names = [*(item.name for item in manifest.states), "v", "e", *([RATE] if reports_rate(manifest) else [])]
     pairs = zip(memory.peaks.tolist(), memory.peak_times.tolist(), strict=True)
-    return dict(zip(names, pairs, strict=False))  # the last place may be unused
+    return {
+        "peaks": dict(zip(names, pairs, strict=False)),  # the last place may be unused
+        "ise": state.integral,
+        "settling_s": state.settled if state.band > 0.0 else None,
+    }
 
 
-def _message(manifest: Manifest, settings: Settings, memory: Memory, state: Progress) -> str:
-    beyond = [i for i in range(manifest.nX) if memory.peaks[i] > settings.divergence]
-    first = min(beyond, key=lambda i: (float(memory.peak_times[i]), -float(memory.peaks[i])), default=None)
+def _message(
+    manifest: Manifest, settings: Settings, status: Status, t: float, memory: Memory | None = None
+) -> str:
+    size, when = (memory.peaks, memory.peak_times) if memory else (np.empty(0), np.empty(0))
+    beyond = [i for i, peak in enumerate(size[: manifest.nX].tolist()) if peak > settings.divergence]
+    first = min(beyond, key=lambda i: (float(when[i]), -float(size[i])), default=None)
     return sentence(
-        Status(state.status),
-        t=state.t,
+        status,
+        t=t,
         divergence=settings.divergence,
         max_steps=settings.max_steps,
         max_switches=settings.max_switches,

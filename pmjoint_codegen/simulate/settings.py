@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal, get_args
+from typing import Final, Literal, TypedDict, Unpack
 
 import numpy as np
 
@@ -16,6 +16,22 @@ from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.values import COMPENSATOR, OWN_SUFFIX, SI, check_rules, check_values, of_plant, to_si
 
 Controller = Literal["continuous", "sampled"]
+
+
+class RunOptions(TypedDict, total=False):
+    """Keywords of a run; `ClosedLoop.simulate` says what they are."""
+
+    horizon: float | None
+    parameters: Mapping[str, float] | None
+    x0: Sequence[float] | Array | None
+    output_step: float | None
+    controller: str
+    sample_time: float | None
+    compensator: bool | None
+    tolerance: float
+    max_step: float | None
+    divergence: float | None
+
 
 DEFAULT_TOLERANCE: Final = 1e-10
 TOLERANCES: Final = (1e-14, 1e-3)
@@ -79,73 +95,71 @@ def instants(horizon: float, step: float) -> Array:
 
 
 def make_settings(
-    manifest: Manifest,
-    *,
-    parameters: Mapping[str, float] | None = None,
-    x0: Sequence[float] | Array | None = None,
-    horizon: float | None = None,
-    output_step: float | None = None,
-    controller: str = "continuous",
-    sample_time: float | None = None,
-    compensator: bool | None = None,
-    tolerance: float = DEFAULT_TOLERANCE,
-    max_step: float | None = None,
-    divergence: float | None = None,
+    manifest: Manifest, own: Settings | None = None, /, **asked: Unpack[RunOptions]
 ) -> Settings:
     """Complete a run's settings from the model's defaults and check them.
 
     Args:
         manifest: the model.
-        parameters: overrides of parameters and gains, by name, in the units of the model file; ``J`` sets
-            what the controller believes and, unless ``J_plant`` is given too, what the plant has.
-        x0: initial states: of a joint theta, theta_dot and, where pressures lag, q1 and q2, given or left out
-            together; of any other plant its own. The controller starts at 0.
-        horizon: s.
-        output_step: s, at most the horizon.
-        controller: ``continuous`` or ``sampled``.
-        sample_time: s; of the sampled controller, at most the horizon.
-        compensator: False: r = 0, plain clipping.
-        tolerance: local error.
-        max_step: s; no step of the integration is longer.
-        divergence: |X_i| above it ends the run; by default see `default_divergence`.
+        own: what this gave for the model where nothing was asked for: it is shared, and not checked again.
+        asked: see `ClosedLoop.simulate`.
 
     Raises:
         UsageError: for the first setting that is unknown, of the wrong length, or out of its range.
+        TypeError: for a keyword that no run has.
     """
-    defaults = manifest.simulation
-    values = _values(manifest, parameters or {}, compensator)
-    length = _positive("horizon", defaults.horizon if horizon is None else horizon, "s")
-    step = _positive("output step", defaults.output_step if output_step is None else output_step, "s")
-    # The horizon bounds a default; what was asked for is taken at its word.
-    step = min(step, length) if output_step is None else _at_most("output step", step, length, "the horizon")
-    chosen = _controller(controller)
-    period = _positive("sample time", defaults.sample_time if sample_time is None else sample_time, "s")
-    if chosen == "sampled":  # without a second sample, nothing of a sampled controller is seen
+    if not asked.keys() <= RunOptions.__optional_keys__:
+        unknown = min(asked.keys() - RunOptions.__optional_keys__)
+        raise TypeError(f"a run got an unexpected keyword argument {unknown!r}")
+    simulation = manifest.simulation
+    overrides, compensator, x0 = asked.get("parameters"), asked.get("compensator"), asked.get("x0")
+    known = own if overrides is None and compensator is None else None
+    values = dict(known.parameters) if known else _values(manifest, overrides or {}, compensator)
+    horizon, output_step = asked.get("horizon"), asked.get("output_step")
+    length = simulation.horizon if horizon is None else _positive("horizon", horizon, "s")
+    step = simulation.output_step if output_step is None else _positive("output step", output_step, "s")
+    if step > length:  # the horizon bounds a default; what was asked for is taken at its word
+        step = length if output_step is None else _at_most("output step", step, length, "the horizon")
+    controller = _controller(asked.get("controller", "continuous"))
+    sample_time = asked.get("sample_time")
+    period = simulation.sample_time if sample_time is None else _positive("sample time", sample_time, "s")
+    if controller == "sampled":  # without a second sample, nothing of a sampled controller is seen
         _at_most("sample time", period, length, "the horizon")
-    start = _initial(manifest, x0)
-    settings = Settings(
-        parameters=values,
-        p=np.array(list(values.values())),
-        x0=start,
-        horizon=length,
-        output_step=step,
-        controller=chosen,
-        sample_time=period,
-        tolerance=_tolerance(tolerance),
-        max_step=math.inf if max_step is None else _positive("max step", max_step, "s"),
-        divergence=default_divergence(manifest, values, start) if divergence is None else _limit(divergence),
-    )
-    wanted = length / step + 1  # infinite where the quotient is beyond floating point
-    if wanted > MAX_ROWS + 1 or settings.rows > MAX_ROWS:
+    start = own.x0 if own and x0 is None else _initial(manifest, x0)
+    tolerance = _tolerance(asked.get("tolerance", DEFAULT_TOLERANCE))
+    max_step, divergence = asked.get("max_step"), asked.get("divergence")
+    longest = math.inf if max_step is None else _positive("max step", max_step, "s")
+    if divergence is not None:
+        limit = _positive("--divergence", divergence, "")
+    elif known and x0 is None:
+        limit = known.divergence
+    else:
+        limit = default_divergence(manifest, values, start)
+    _check_rows(length, step)
+    p = known.p if known else _vector(values.values())
+    return Settings(values, p, start, length, step, controller, period, tolerance, longest, limit)
+
+
+def _vector(values: Iterable[float]) -> Array:
+    """Numbers that several runs share."""
+    vector = np.array(list(values), dtype=np.float64)
+    vector.flags.writeable = False
+    return vector
+
+
+def _check_rows(horizon: float, step: float) -> None:
+    wanted = horizon / step + 1  # infinite where the quotient is beyond floating point
+    if wanted > MAX_ROWS + 1 or count_instants(horizon, step) > MAX_ROWS:
         raise UsageError(
             f"asks for {wanted:.9g} rows",
             where="output step",
             remedy=f"at most {MAX_ROWS}: a longer step or a shorter horizon",
         )
-    return settings
 
 
 def _values(manifest: Manifest, overrides: Mapping[str, float], compensator: bool | None) -> dict[str, float]:
+    if not isinstance(overrides, Mapping):
+        raise UsageError(f"is {overrides!r}", where="parameters", remedy="allowed: numbers by name")
     values = {item.name: float(item.value) for item in manifest.parameters}
     for name, value in overrides.items():
         if name.removesuffix(OWN_SUFFIX) in values and name not in values:
@@ -193,9 +207,13 @@ def _number(name: str, value: object) -> float:
 
 
 def _positive(name: str, value: object, unit: str) -> float:
+    if type(value) is float and 0.0 < value < math.inf:  # nearly always
+        return value
     number = _number(name, value)
     if number <= 0:
-        raise UsageError(f"is {number:g} {unit}", where=name, remedy="allowed: a number greater than 0")
+        raise UsageError(
+            f"is {number:g} {unit}".rstrip(), where=name, remedy="allowed: a number greater than 0"
+        )
     return number
 
 
@@ -221,7 +239,7 @@ def _initial(manifest: Manifest, x0: Sequence[float] | Array | None) -> Array:
             where="x0",
             remedy=_initial_rule(manifest),
         )
-    return np.array([_number(f"x0, entry {i}", entry) for i, entry in enumerate(entries, start=1)])
+    return _vector(_number(f"x0, entry {i}", entry) for i, entry in enumerate(entries, start=1))
 
 
 def _initial_rule(manifest: Manifest) -> str:
@@ -240,23 +258,17 @@ def default_divergence(manifest: Manifest, values: Mapping[str, float], x0: Arra
     A pressure is at most P_max from P_0, a difference of two 2 P_max, both in Pa. A start is no divergence.
     """
     pressures = [item for item in manifest.states[: manifest.nx] if item.unit == "Pa"]
-    start = 100.0 * float(np.max(np.abs(x0), initial=0.0))
+    start = 100.0 * max(map(abs, x0.tolist()), default=0.0)
     supply = 4.0 * of_plant(values, "P_max") if pressures and "P_max" in values else 0.0
     return min(max(DIVERGENCE, start, supply), float(np.finfo(np.float64).max))
 
 
-def _limit(divergence: object) -> float:
-    number = _number("--divergence", divergence)
-    if number <= 0:
-        raise UsageError(f"is {number:g}", where="--divergence", remedy="allowed: a number greater than 0")
-    return number
-
-
 def _controller(name: str) -> Controller:
-    for known in get_args(Controller):
-        if name == known:
-            return known  # type: ignore[no-any-return]  # get_args is untyped
-    raise UsageError(f"is {name!r}", where="controller", remedy=f"allowed: {', '.join(get_args(Controller))}")
+    if name == "continuous":
+        return "continuous"
+    if name == "sampled":
+        return "sampled"
+    raise UsageError(f"is {name!r}", where="controller", remedy="allowed: continuous, sampled")
 
 
 def _tolerance(value: object) -> float:

@@ -156,7 +156,7 @@ def make_plan(
         raise UsageError(
             "nothing is varied",
             where="sweep",
-            remedy="give --grid x1=-100:100:201, or --sample 'b0~normal(2,0.1)'",
+            remedy="give --grid c1=5:25:21, or --sample 'c1~uniform(5,25)'",
         )
     if bool(plan.samples) != (draws is not None):
         raise UsageError(
@@ -199,7 +199,7 @@ def read_axis(text: str) -> Axis:
         raise UsageError(
             f"is {text!r}",
             where="--grid",
-            remedy="allowed: NAME=FIRST:LAST:COUNT or NAME=A,B,C, such as x1=-100:100:201",
+            remedy="allowed: NAME=FIRST:LAST:COUNT or NAME=A,B,C, such as c1=5:25:21",
         )
     if len(set(values)) < len(values):
         raise UsageError(

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Final, Literal
+from typing import Final, Literal, Unpack
 
 import numpy as np
 
 from pmjoint_codegen.errors import UsageError
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
+from pmjoint_codegen.simulate.settings import RunOptions
 from pmjoint_codegen.sweep.chunks import fill_in
 from pmjoint_codegen.sweep.plan import Plan, Sample, read_sample
 from pmjoint_codegen.sweep.request import Request as Runs
@@ -80,6 +81,20 @@ class Request:
         return max(5, self.population * self.space.size)
 
 
+class TuneOptions(RunOptions, total=False):
+    """Keywords of a tuning, beside those of its runs; `make_request` says what they are."""
+
+    gains: tuple[str, ...]
+    objective: str
+    over: str
+    max_v: float | None
+    perturb: tuple[str, ...]
+    plants: int | None
+    seed: int
+    generations: int
+    population: int
+
+
 def make_request(
     manifest: Manifest,
     *,
@@ -92,10 +107,7 @@ def make_request(
     seed: int = 0,
     generations: int = 60,
     population: int = 8,
-    x0: Sequence[float] | None = None,
-    horizon: float | None = None,
-    controller: str = "continuous",
-    sample_time: float | None = None,
+    **asked: Unpack[RunOptions],
 ) -> Request:
     """Complete a tuning from the model's defaults and check it.
 
@@ -111,19 +123,14 @@ def make_request(
         seed: not negative.
         generations: at least 1.
         population: at least 1.
-        x0: initial plant states.
-        horizon: s.
-        controller: ``continuous`` or ``sampled``.
-        sample_time: s.
+        asked: of every run; see `ClosedLoop.simulate`.
 
     Raises:
         UsageError: for the first setting that is unknown or out of range.
     """
     space = make_space(manifest, gains)
     drawn = _drawn(manifest, space, perturb, plants, seed)
-    runs = make_runs(
-        manifest, Plan(()), x0=x0, horizon=horizon, controller=controller, sample_time=sample_time
-    )
+    runs = make_runs(manifest, Plan(()), **asked)
     if max_v is not None and not 0 < max_v < math.inf:
         raise UsageError(f"is {max_v:g}", where="--max-v", remedy="allowed: a number greater than 0")
     if min(generations, population) < 1:

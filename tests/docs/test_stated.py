@@ -8,6 +8,8 @@ from typing import Any
 
 import pytest
 
+from benchmarks.report import Section
+
 pytest.importorskip("xarray")
 
 DOCS = Path(__file__).resolve().parent.parent.parent / "docs"
@@ -35,3 +37,10 @@ def test_filling_changes_the_number_and_nothing_else(stated: dict[str, Any]) -> 
     assert stated["filled"](page, {"a.b": "82.8 %"}) == page.replace("77", "82.8")
     with pytest.raises(KeyError):
         stated["filled"](page, {"a.c": "1"})
+
+
+def test_every_benchmark_names_its_processor() -> None:
+    _, *sections = (DOCS / "benchmarks.md").read_text(encoding="utf-8").split("\n## ")
+    assert [text.partition("\n")[0] for text in sections if " Processor: " not in text] == ["Promises missed"]
+    section = Section("Title", "About.", lines=[("",) * 6]).markdown("Abacus, beads")
+    assert "\nAbout. Processor: Abacus, beads.\n" in section

@@ -96,15 +96,23 @@ def test_a_law_called_from_threads_mixes_nothing_up(
     states = np.random.default_rng(8).normal(size=(8, 8))
     expected = loop.control(states, 0.5, np.zeros(3)).tolist()
     law = loop.law()
-    evaluate = law._run
+    law(states[0], 0.5, np.zeros(3))
+    with ThreadPoolExecutor(max_workers=1) as pool:  # makes the law of the other threads
+        assert pool.submit(law, states[1], 0.5, np.zeros(3)).result() == expected[1]
+    assert law.evaluate() == expected[0]  # what stands in the arrays is the owner's
+    shared = law._other
+    assert shared is not None
+    evaluate = shared._run
 
     def slow() -> None:
         time.sleep(0.005)  # lets the other threads write their arguments, if they may
         evaluate()
 
-    monkeypatch.setattr(law, "_run", slow)
+    monkeypatch.setattr(shared, "_run", slow)
     with ThreadPoolExecutor(max_workers=4) as pool:
-        assert list(pool.map(lambda s: law(s, 0.5, np.zeros(3)), states)) == expected
+        found = pool.map(lambda s: law(s, 0.5, np.zeros(3)), states)
+        here = [law(s, 0.5, np.zeros(3)) for s in states]
+        assert list(found) == here == expected
 
 
 def test_a_law_is_evaluated_in_place_by_its_own_thread_alone(loop: ClosedLoop) -> None:

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import inspect
+import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from pmjoint_codegen.closed_loop import ClosedLoop
 from pmjoint_codegen.errors import ModelError, UsageError
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.modelfile import model_of
 from pmjoint_codegen.modelfile.reader import read_document
-from pmjoint_codegen.simulate.settings import make_settings
+from pmjoint_codegen.simulate.settings import RunOptions, make_settings
 from pmjoint_codegen.values import of_plant
 
 
@@ -80,6 +83,7 @@ def test_the_plant_is_as_believed_unless_it_is_set(
         ({"parameters": {"b0": 0.0}}, ("b0", "b_m = 0")),
         ({"parameters": {"k1": -6.0}}, ("k", "unstable")),
         ({"parameters": {"compensator": 0.5}}, ("compensator", "1 (on) or 0 (off)")),
+        ({"parameters": [1.0]}, ("parameters: is [1.0]", "numbers by name")),
         ({"x0": [1.0]}, ("x0: has 1 entry; paper has 2 states: x1, x2",)),
         ({"x0": [1.0, 2.0, 3.0]}, ("x0", "3 entries")),
         ({"x0": [1.0, float("nan")]}, ("x0, entry 2", "finite")),
@@ -110,6 +114,18 @@ def test_what_cannot_be_is_refused(manifest: Manifest, asked: dict[str, Any], pa
     assert "\n" not in line
     for part in parts:
         assert part in line
+
+
+def test_a_keyword_that_no_run_has_is_an_error(manifest: Manifest) -> None:
+    with pytest.raises(TypeError, match="unexpected keyword argument 'horizn'"):
+        make_settings(manifest, horizn=1.0)  # type: ignore[call-arg]
+
+
+def test_the_front_door_explains_every_keyword_of_a_run() -> None:
+    text = inspect.getdoc(ClosedLoop.simulate) or ""
+    explained = re.findall(r"^    (\w+): ", text, re.MULTILINE)
+    assert {*explained} >= {*RunOptions.__optional_keys__, "progress"}
+    assert len({*explained}) == len(explained)
 
 
 @pytest.mark.parametrize(

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from pmjoint_codegen.errors import UsageError
+from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.sweep.plan import Plan, make_plan, read_axis, read_sample
+from pmjoint_codegen.sweep.request import varied_names
 
 GRID = ("x1=-1:1:3", "c1=5,10")
 SAMPLE = ("J~normal(2,0.5)", "r~uniform(1,3)", "b~loguniform(0.1,10)")
@@ -130,3 +135,14 @@ def test_what_does_not_fit_is_refused_at_once_with_what_does() -> None:
         make_plan((), ("a~uniform(0,1)", "b~uniform(0,1)"), 10_000_001, 0, "sobol")
     with pytest.raises(UsageError, match="allowed: 1 to 100000000"):
         make_plan(("x1=0:1:1000000", "x2=0:1:101"), (), None, 0, "sobol")
+
+
+@pytest.mark.parametrize("grid", [(), ("x1",)])
+def test_what_a_refusal_advises_can_be_done_with_every_model(grid: tuple[str, ...], root: Path) -> None:
+    with pytest.raises(UsageError) as caught:
+        make_plan(grid, (), None, 0, "sobol")
+    advised = set(re.findall(r"([a-z]\w*)[=~][-a-z\d]", caught.value.remedy))
+    manifests = [Manifest.read(path.parent) for path in sorted(root.glob("generated/*/model.json"))]
+    assert advised and len(manifests) > 3
+    for manifest in manifests:
+        assert advised <= set(varied_names(manifest)), manifest.name
