@@ -25,7 +25,7 @@ from typing import Final
 import numpy as np
 
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator, Kernel
-from pmjoint_codegen.loops.polynomial import note_extremum, note_rate, note_value
+from pmjoint_codegen.loops.polynomial import note_extremum, note_rate, note_value, passes
 from pmjoint_codegen.loops.problem import Memory, Problem, Progress
 from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.loops.stepper import DEFECT, GROWTH, ROUNDED_UP, Stepper
@@ -194,8 +194,8 @@ class _Loop:
                 index = progress.mode + (-1 if side < 0 else 0)
                 if 0 <= index < problem.n_thresholds:
                     level = float(problem.thresholds[index])
-                    when = self.stepper.passes(
-                        self.c, self.v, level, int(progress.touching == index), side, tau
+                    when = passes(
+                        self.c[:, self.v].tolist(), level, int(progress.touching == index), side, tau
                     )
                     found, tau = (found, tau) if when is None else (index, when)
         touching = progress.touching - problem.n_thresholds

@@ -111,15 +111,10 @@ def crossings(q: Sequence[float], h: float) -> Iterator[float]:
         yield root * h
 
 
-def on_level(q: list[float], h: float, touching: int) -> float:
-    """The value of q at the start of a step of size h: 0 where the run stands on q's zero.
+def _on_level(q: list[float], h: float, touching: int) -> float:
+    """The value of q at the start of a step: 0 where the run stands on q's zero; arguments as of `passes`.
 
     With a kink's side the argument of another may jump: it has then passed its zero without standing on it.
-
-    Args:
-        q: coefficients, the level taken off.
-        h: size of the step, s.
-        touching: 0; 1 on a threshold of v; `ON_KINK` on a kink.
     """
     rest, power = 0.0, 1.0
     for coefficient in q[1:]:
@@ -127,6 +122,27 @@ def on_level(q: list[float], h: float, touching: int) -> float:
         rest += abs(coefficient) * power
     jumped = touching == ON_KINK and abs(q[0]) > JUMPED * rest
     return q[0] if touching == 0 or jumped else 0.0
+
+
+def passes(q: list[float], level: float, touching: int, outward: int, h: float) -> float | None:
+    """When a polynomial passes a level, upwards (+1) or downwards (-1), from 0 to before h, or None.
+
+    On the level, to rounding, the first derivative that does not vanish decides, and the zero at the start is
+    divided out before the search.
+
+    Args:
+        q: coefficients.
+        level: value to pass.
+        touching: 0; 1 where the run stands on a threshold of v; `ON_KINK` where it stands on a kink.
+        outward: direction.
+        h: size of the step, s.
+    """
+    q = [q[0] - level, *q[1:]]
+    q[0] = _on_level(q, h, touching)
+    zeros = leading_zeros(q, h)
+    if q[zeros] * outward > 0.0:
+        return 0.0
+    return first_crossing(q[zeros:], h)
 
 
 def note_peaks(c: Array, t: float, tau: float, end: Array, peaks: Array, peak_times: Array) -> None:

@@ -20,7 +20,7 @@ from pmjoint_codegen.loops import batch
 COMPILER = find_compiler(os.environ)
 pytestmark = pytest.mark.skipif(COMPILER is None, reason="the batch loops are compiled")
 
-EXTREMUM, NOISE = 1e-10, 1e-12  # of metrics.c: relative error of an extremum; rounding relative to sum |a_k|
+EXTREMUM, NOISE = 1e-10, 1e-12  # of metrics.c: relative error of a peak; rounding relative to sum |a_k|
 START, SIZE, SQUARE = 3.0, 0.5, 2.0  # of the steps: s, s, mean of e^2
 DECLARED = """
 void note_error(long long n, int degree, const double *a, double *most, const double *band, double *settling,
@@ -135,7 +135,15 @@ def degree(request: pytest.FixtureRequest) -> int:
 def metrics(root: Path, cache: Path) -> Metrics:
     assert COMPILER is not None
     sources = batch.batch_sources(root / "generated" / "paper")
-    wanted = ("metrics.c", "metrics.h", "lanes.c", "lanes.h", "pmjoint_lanes.h")
+    wanted = (
+        "metrics.c",
+        "metrics.h",
+        "polynomial.c",
+        "pmjoint_runtime.h",
+        "lanes.c",
+        "lanes.h",
+        "pmjoint_lanes.h",
+    )
     source = f"#define START {START}\n#define SIZE {SIZE}\n#define SQUARE {SQUARE}\n{SOURCE}"
     files = {name: sources[name] for name in wanted} | {"each.c": source.encode()}
     folder = build(files, COMPILER, cache)

@@ -22,8 +22,8 @@ EPSILON = np.finfo(float).eps
 def c_first_crossing(evaluator: CompiledEvaluator) -> Find:
     def find(q: Sequence[float], h: float) -> float | None:
         root = evaluator.ffi.new("double *")
-        found = evaluator.lib.pmj_first_crossing(evaluator.ffi.new("double[]", list(q)), len(q) - 1, h, root)
-        return float(root[0]) if found else None
+        q_c = evaluator.ffi.new("double[]", list(q))
+        return float(root[0]) if evaluator.lib.pmj_crossings(q_c, len(q) - 1, h, root, 1) else None
 
     return find
 

@@ -106,7 +106,8 @@ static long long first_passage(const pmj_problem *problem, const pmj_progress *p
         for (int side = -1; side <= 1; side += 2) {
             const long long index = progress->mode + (side < 0 ? -1 : 0);
             if (index >= 0 && index < problem->n_thresholds
-                && pmj_passes(problem, c, v, problem->thresholds[index], progress->touching == index, side, *tau, &when)) {
+                && pmj_channel_passes(problem, c, v, problem->thresholds[index], progress->touching == index, side, *tau,
+                                      &when)) {
                 found = index;
                 *tau = when;
             }

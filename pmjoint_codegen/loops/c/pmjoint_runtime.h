@@ -144,8 +144,7 @@ void pmj_evaluate(const double *c, long long width, long long order, double tau,
 double pmj_step_size(const double *c, long long width, long long order, double tolerance, double safety);
 long long pmj_leading_zeros(const double *q, long long degree, double h);
 long long pmj_crossings(const double *q, long long degree, double h, double *roots, long long most);
-int pmj_first_crossing(const double *q, long long degree, double h, double *root);
-double pmj_on_level(const double *q, long long degree, double h, int touching);
+int pmj_passes(double *q, long long degree, double level, int touching, int outward, double h, double *tau);
 void pmj_note_value(double value, double t, double *peak, double *peak_time);
 void pmj_note_extremum(const double *c, long long width, long long order, double t, double tau, double *peak,
                        double *peak_time);
@@ -184,8 +183,8 @@ double pmj_defect(const pmj_problem *problem, const pmj_function *rates, double 
                   const double *actuation, const double *c, double at, double tau);
 int pmj_stays(const pmj_problem *problem, const pmj_memory *memory, const double *c, long long channel, double low,
               double high, double h);
-int pmj_passes(const pmj_problem *problem, const double *c, long long channel, double level, int touching, int outward,
-               double h, double *tau);
+int pmj_channel_passes(const pmj_problem *problem, const double *c, long long channel, double level, int touching,
+                       int outward, double h, double *tau);
 long long pmj_first_kink(const pmj_problem *problem, const pmj_memory *memory, const double *c, long long touching,
                          double h, double *tau);
 void pmj_note_settled(pmj_progress *progress, const double *c, long long width, long long order, double last, double tau,

@@ -237,15 +237,9 @@ long long pmj_crossings(const double *q, long long degree, double h, double *roo
     return found;
 }
 
-/* The first of them: 1 and the root, or 0. */
-int pmj_first_crossing(const double *q, long long degree, double h, double *root)
-{
-    return pmj_crossings(q, degree, h, root, 1) > 0;
-}
-
 /* The value of q at the start of a step of size h: 0 where the run stands on q's zero. With a kink's side the argument of
  * another may jump: it has then passed its zero without standing on it. */
-double pmj_on_level(const double *q, long long degree, double h, int touching)
+static double on_level(const double *q, long long degree, double h, int touching)
 {
     double rest = 0.0;
     double power = 1.0;
@@ -254,6 +248,21 @@ double pmj_on_level(const double *q, long long degree, double h, int touching)
         rest += fabs(q[k]) * power;
     }
     return touching == 0 || (touching == PMJ_ON_KINK && fabs(q[0]) > PMJ_JUMPED * rest) ? q[0] : 0.0;
+}
+
+/* When a polynomial passes `level` in a direction (`outward` is +1 upwards, -1 downwards), from 0 to before h.
+ * 1 and the time after the step's start; 0 if it does not. On the level, to rounding, the first derivative that does not
+ * vanish decides, and the zero at the start is divided out before the search. `q` is used up. */
+int pmj_passes(double *q, long long degree, double level, int touching, int outward, double h, double *tau)
+{
+    q[0] -= level;
+    q[0] = on_level(q, degree, h, touching);
+    const long long zeros = pmj_leading_zeros(q, degree, h);
+    if (q[zeros] * outward > 0.0) {
+        *tau = 0.0;
+        return 1;
+    }
+    return pmj_crossings(q + zeros, degree - zeros, h, tau, 1) > 0;
 }
 
 /* Keep the largest magnitude and its time; NaN counts as larger than anything. */

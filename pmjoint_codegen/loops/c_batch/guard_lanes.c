@@ -83,12 +83,5 @@ int pmj_passes_lane(const pmj_flow *flow, const pmj_lanes *c, int w, int channel
     for (int k = 0; k <= flow->order; ++k) {
         q[k] = c[k * flow->channels + channel][w];
     }
-    q[0] -= level;
-    q[0] = pmj_on_level(q, flow->order, h, touching);
-    const long long zeros = pmj_leading_zeros(q, flow->order, h);
-    if (q[zeros] * outward > 0.0) {
-        *tau = 0.0;
-        return 1;
-    }
-    return pmj_first_crossing(q + zeros, flow->order - zeros, h, tau);
+    return pmj_passes(q, flow->order, level, touching, outward, h, tau);
 }
