@@ -213,7 +213,7 @@ def loops_hash() -> str:
 
 def _loops() -> list[Path]:
     own = Path(__file__).parent
-    shared = [own / "c" / name for name in ("polynomial.c", "pmjoint_runtime.h")]
+    shared = [own / "c" / name for name in ("polynomial.c", "pmjoint_constants.h", "pmjoint_runtime.h")]
     return [*sorted((own / "c_batch").glob("*.[ch]")), *shared]
 
 

@@ -20,20 +20,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Final
 
 import numpy as np
 
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator, Kernel
+from pmjoint_codegen.loops.constants import DEFECT, GROWTH, ROUNDED_UP, SMALLEST_STEP, UNDECIDED_STEP
 from pmjoint_codegen.loops.polynomial import note_extremum, note_rate, note_value, passes
 from pmjoint_codegen.loops.problem import Memory, Problem, Progress
 from pmjoint_codegen.loops.status import Status
-from pmjoint_codegen.loops.stepper import DEFECT, GROWTH, ROUNDED_UP, Stepper
+from pmjoint_codegen.loops.stepper import Stepper
 from pmjoint_codegen.loops.steps import allowed_step, arrive, bounds, scales, shrink
 from pmjoint_codegen.loops.steps import values as values_at
-
-SMALLEST_STEP: Final = 1e-14  # relative to max(1 s, t): below it, time does not move
-UNDECIDED_STEP: Final = 1e-7  # s; the step that leaves the thresholds alone
 
 
 def continuous_loop(

@@ -15,15 +15,9 @@ from typing import Final
 import numpy as np
 
 from pmjoint_codegen.kernels.evaluator import Array
+from pmjoint_codegen.loops.constants import CLOSE, JUMPED, MAX_DEPTH, MAX_REFINEMENTS, ON_KINK
 
-# Halvings of a step in the search for a root: below it, an interval is narrower than the rounding of its
-# ends.
-MAX_DEPTH: Final = 48
-MAX_REFINEMENTS: Final = 100
-CLOSE: Final = 1e-9
 EPSILON: Final = sys.float_info.epsilon
-ON_KINK: Final = 2  # what `touching` is on a kink
-JUMPED: Final = 1e-6  # part of what an argument moves in a step: one on its zero is within rounding of it
 
 
 def evaluate(c: Array, tau: float | Array) -> Array:

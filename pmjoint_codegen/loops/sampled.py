@@ -11,23 +11,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Final
 
 import numpy as np
 
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator
-from pmjoint_codegen.loops.continuous import SMALLEST_STEP
+from pmjoint_codegen.loops.constants import DEFECT, GROWTH, SAME_INSTANT, SMALLEST_STEP, WINDOW
 from pmjoint_codegen.loops.polynomial import evaluate, note_peaks, note_rate, note_value, step_size
 from pmjoint_codegen.loops.problem import Memory, Problem, Progress
 from pmjoint_codegen.loops.quadrature import short_steps
 from pmjoint_codegen.loops.status import Status
-from pmjoint_codegen.loops.stepper import DEFECT, GROWTH, Stepper
+from pmjoint_codegen.loops.stepper import Stepper
 from pmjoint_codegen.loops.steps import bounds, scales, shrink
-
-SAME_INSTANT: Final = (
-    1e-9  # output instants closer to a sample than this fraction of the sample time are the sample
-)
-WINDOW: Final = 4.0  # a window's reach in x, as a multiple of what a hold needs of it
 
 
 def sampled_loop(

@@ -7,18 +7,14 @@ first channels have rates and whose others are values; see `guard`.
 from __future__ import annotations
 
 import math
-from typing import Final
 
 import numpy as np
 
 from pmjoint_codegen.kernels.evaluator import Array, Kernel
-from pmjoint_codegen.loops.polynomial import ON_KINK, last_outside, passes
+from pmjoint_codegen.loops.constants import DEFECT, ON_KINK, ROUNDED_UP
+from pmjoint_codegen.loops.polynomial import last_outside, passes
 from pmjoint_codegen.loops.problem import Memory, Problem, Progress
 from pmjoint_codegen.loops.steps import arrive, bounds, shrink
-
-DEFECT: Final = 10.0  # a step may miss the right-hand side by this multiple of the tolerance, anywhere
-GROWTH: Final = 2.5  # after a step that the guard has cut, the next is at most so much longer
-ROUNDED_UP: Final = 1.0 + 1e-12  # factor that covers the rounding of a sum of magnitudes, generously
 
 
 class Stepper:

@@ -139,6 +139,7 @@ def metrics(root: Path, cache: Path) -> Metrics:
         "metrics.c",
         "metrics.h",
         "polynomial.c",
+        "pmjoint_constants.h",
         "pmjoint_runtime.h",
         "lanes.c",
         "lanes.h",

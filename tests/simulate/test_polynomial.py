@@ -212,7 +212,7 @@ def test_step_size_is_the_largest_that_keeps_the_last_terms_small(compiled_paper
     assert polynomial.step_size(np.ones((9, 3)) * (np.arange(9) < 7)[:, np.newaxis], 1e-10, 1.0) == math.inf
 
 
-@pytest.mark.parametrize("rule", [quadrature.long_steps(), quadrature.short_steps()])
+@pytest.mark.parametrize("rule", [quadrature.long_steps(), quadrature.lane_steps(), quadrature.short_steps()])
 def test_quadrature_rules_are_gauss_legendre(rule: quadrature.Rule) -> None:
     nodes, weights = np.polynomial.legendre.leggauss(len(rule.nodes))
     np.testing.assert_allclose(rule.nodes, (1 + nodes) / 2, rtol=0, atol=4 * EPSILON)

@@ -3,9 +3,6 @@
 #include <float.h>
 #include <math.h>
 
-/* A threshold on which rounding alone decides the side is left alone for this long, s. */
-#define UNDECIDED_STEP 1e-7
-
 /* The kernels of a run. */
 typedef struct {
     const pmj_function *taylor;
@@ -15,7 +12,7 @@ typedef struct {
 
 static double *coefficients(const pmj_problem *problem, const pmj_memory *memory, long long buffer)
 {
-    return memory->coefficients + buffer * ((problem->order + 1) * problem->n_channels + 3);
+    return memory->coefficients + buffer * ((problem->order + 1) * problem->n_channels + PMJ_PADDING);
 }
 
 /* A mode and the present sides, as the kernels take them. */
@@ -283,7 +280,7 @@ static double first_step(const pmj_problem *problem, const pmj_progress *progres
                                 problem->safety);
     h = h < PMJ_GROWTH * progress->last_cut ? h : PMJ_GROWTH * progress->last_cut;
     h = h < problem->max_step ? h : problem->max_step;
-    h = progress->idle > problem->n_thresholds && h > UNDECIDED_STEP ? UNDECIDED_STEP : h;
+    h = progress->idle > problem->n_thresholds && h > PMJ_UNDECIDED_STEP ? PMJ_UNDECIDED_STEP : h;
     return h < remaining ? h : remaining;
 }
 

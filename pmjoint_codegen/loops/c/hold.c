@@ -5,9 +5,6 @@
 #include <math.h>
 #include <string.h>
 
-/* A window's reach in x, as a multiple of what a hold needs of it. */
-#define WINDOW 4.0
-
 /* Integral of e^2 over a step of a hold that takes several. */
 static double long_integral(const pmj_problem *problem, const double *c, double size)
 {
@@ -258,7 +255,7 @@ static int shown(const pmj_problem *problem, const kernels *plant, const pmj_pro
         window[1] = 2.0 * R;
         for (int i = 0; i < PMJ_NX; ++i) {
             window[2 + i] = c[i];
-            window[2 + PMJ_NX + i] = WINDOW * spread(c, i, R);
+            window[2 + PMJ_NX + i] = PMJ_WINDOW * spread(c, i, R);
         }
         if (2.0 * hold_miss(problem, plant, memory, window[0], window + 2, window[1], window + 2 + PMJ_NX,
                             problem->sample_time, 0) <= 1.0) {

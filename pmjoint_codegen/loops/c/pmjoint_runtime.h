@@ -10,32 +10,7 @@
 #ifndef PMJOINT_RUNTIME_H
 #define PMJOINT_RUNTIME_H
 
-/* The highest Taylor order that the root isolation holds on its stack. */
-#define PMJ_MAX_ORDER 40
-/* The most nodes of a quadrature rule. */
-#define PMJ_MAX_NODES 16
-/* Below this step, relative to max(1 s, t), time does not move any more. */
-#define PMJ_SMALLEST_STEP 1e-14
-
-/* A step may miss the right-hand side by this multiple of the tolerance, anywhere. */
-#define PMJ_DEFECT 10.0
-/* After a step that the guard has cut, the next is at most so much longer. */
-#define PMJ_GROWTH 2.5
-/* Rounding of a sum of terms, generously, relative to their magnitudes. */
-#define PMJ_ROUNDED_UP (1.0 + 1e-12)
-#define PMJ_ON_KINK 2   /* what `touching` is on a kink; on a threshold of v it is 1 */
-#define PMJ_JUMPED 1e-6 /* part of what an argument moves in a step: one that stands on its zero is within rounding */
-
-/* Values of `pmj_progress.status`; loops/status.py puts them into words. */
-#define PMJ_RUNNING 0
-#define PMJ_DONE 1
-#define PMJ_DIVERGED 2
-#define PMJ_NON_FINITE 3
-#define PMJ_STALLED 4
-#define PMJ_TOO_MANY_STEPS 5
-#define PMJ_TOO_MANY_SWITCHES 6
-#define PMJ_KERNEL_FAILED 7
-#define PMJ_SLIDING 9 /* 8 is a sweep's word for runs that are not made */
+#include "pmjoint_constants.h"
 
 /* A generated kernel in CasADi's calling convention: 0 is success. */
 typedef int (*pmj_kernel)(const double **arg, double **res, long long *iw, double *w, int mem);

@@ -5,10 +5,6 @@
 
 /* Channels evaluated side by side; coefficient memory is padded by one less, so that a block may read past a row. */
 #define BLOCK 4
-/* Halvings of a step in the search for a root: below it, an interval is narrower than the rounding of its ends. */
-#define MAX_DEPTH 48
-#define MAX_REFINEMENTS 100
-#define CLOSE 1e-9
 
 /* out[i] = sum_k c[k*width + i] tau^k, by Horner, for i < n. */
 void pmj_evaluate(const double *c, long long width, long long order, double tau, double *out, long long n)
@@ -112,12 +108,12 @@ static double guess(const double *b, long long degree, double low, double width,
 }
 
 /* The root of sum_k a_k s^k in (low, high), where the sign `before` ends: Newton, kept inside by bisection. Its last
- * step is not taken again: the error that it leaves is the square of a relative error below CLOSE. */
+ * step is not taken again: the error that it leaves is the square of a relative error below PMJ_CLOSE. */
 static double refine(const double *a, long long degree, double start, double low, double high, int before,
                      double noise)
 {
     double s = start > low && start < high ? start : 0.5 * (low + high);
-    for (int round = 0; round < MAX_REFINEMENTS; ++round) {
+    for (int round = 0; round < PMJ_MAX_REFINEMENTS; ++round) {
         double value = a[degree];
         double slope = 0.0;
         for (long long k = degree - 1; k >= 0; --k) {
@@ -134,7 +130,7 @@ static double refine(const double *a, long long degree, double start, double low
             high = s;
         }
         const int inside = newton > low && newton < high;
-        if (fabs(newton - s) <= CLOSE * s) {
+        if (fabs(newton - s) <= PMJ_CLOSE * s) {
             return inside ? newton : s;
         }
         s = inside ? newton : 0.5 * (low + high);
@@ -151,9 +147,9 @@ static double noise_of(long long degree, double size)
 /* Descartes' rule on [0, 1], halving where it leaves a doubt, from left to right: the first roots, at most `most`. */
 static long long isolate(const double *a, long long degree, double size, double *roots, long long most)
 {
-    double stack[MAX_DEPTH + 2][PMJ_MAX_ORDER + 1];
-    double low[MAX_DEPTH + 2];
-    double width[MAX_DEPTH + 2];
+    double stack[PMJ_MAX_DEPTH + 2][PMJ_MAX_ORDER + 1];
+    double low[PMJ_MAX_DEPTH + 2];
+    double width[PMJ_MAX_DEPTH + 2];
     const double noise = noise_of(degree, size);
     long long found = 0;
     int top = 0;
@@ -170,7 +166,7 @@ static long long isolate(const double *a, long long degree, double size, double 
             before = first;
             continue;
         }
-        if (changes <= 1 || width[top] <= ldexp(1.0, -MAX_DEPTH)) {
+        if (changes <= 1 || width[top] <= ldexp(1.0, -PMJ_MAX_DEPTH)) {
             if (changes == 1) {
                 roots[found++] = refine(a, degree, guess(stack[top], degree, low[top], width[top], first, noise),
                                         low[top], low[top] + width[top], first, 0.25 * DBL_EPSILON * size);

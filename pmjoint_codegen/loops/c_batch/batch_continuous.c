@@ -5,9 +5,6 @@
 #include <float.h>
 #include <string.h>
 
-/* A threshold on which rounding alone decides the side is left alone for this long, s. */
-#define UNDECIDED_STEP 1e-7
-
 /* The long way for lane w: the step to the first threshold or kink within h. 0 where it is passed without a step. */
 static int search(pmj_group *all, const pmj_flow *flow, const pmj_lanes *c, int w, double h)
 {
@@ -17,7 +14,7 @@ static int search(pmj_group *all, const pmj_flow *flow, const pmj_lanes *c, int 
     one->crossing = -1;
     one->next_mode = one->mode;
     if (one->undecided > one->actuator.thresholds) {
-        all->h[w] = h < UNDECIDED_STEP ? h : UNDECIDED_STEP;
+        all->h[w] = h < PMJ_UNDECIDED_STEP ? h : PMJ_UNDECIDED_STEP;
         return 1;
     }
     if (one->mode > 0

@@ -185,7 +185,7 @@ static void advance(const pmj_sweep *sweep, const pmj_results *results, pmj_samp
 {
     all->t = all->sample * sweep->sample_time;
     const pmj_lanes end = (all->sample + 1.0) * sweep->sample_time;
-    const double slack = SAME_INSTANT * sweep->sample_time;
+    const double slack = PMJ_SAME_INSTANT * sweep->sample_time;
     const pmj_mask last = end + slack >= sweep->horizon;
     const pmj_mask whole_hold = end - slack <= sweep->horizon;
     take(sweep, all, all->live);

@@ -3,8 +3,8 @@
 
 pmj_lanes pmj_shrink_lanes(pmj_lanes miss, int order)
 {
-    const pmj_lanes factor = 0.95 * pmj_rough_exp2(pmj_rough_log2(miss) * (-1.0 / (double)order));
-    return pmj_max(pmj_min(factor, pmj_all(0.95)), pmj_all(0.55));
+    const pmj_lanes factor = PMJ_MOST_SHRINK * pmj_rough_exp2(pmj_rough_log2(miss) * (-1.0 / (double)order));
+    return pmj_max(pmj_min(factor, pmj_all(PMJ_MOST_SHRINK)), pmj_all(PMJ_LEAST_SHRINK));
 }
 
 /* Each lane's disc at a trial: the one of its last step first. */

@@ -4,9 +4,6 @@
 
 #include <float.h>
 
-/* A window's reach in x, as a multiple of what a hold needs of it. */
-#define WINDOW 4.0
-
 /* Output rows of lane w within [t, t + h], or up to but not at its end: x and e go on inside the hold, all else is held. */
 static void write_rows(const pmj_sweep *sweep, const pmj_results *results, pmj_sampled_group *all, int w, double t, double until)
 {
@@ -99,7 +96,7 @@ static pmj_mask shown(const pmj_sweep *sweep, pmj_sampled_group *all, pmj_mask a
     }
     if (PMJ_WINDOWS) {
         for (int i = 0; i < PMJ_NX; ++i) {
-            P[i] = WINDOW * pmj_spread(all->c, CHANNELS, PMJ_HOLD_ORDER, i, pmj_all(R));
+            P[i] = PMJ_WINDOW * pmj_spread(all->c, CHANNELS, PMJ_HOLD_ORDER, i, pmj_all(R));
         }
         const pmj_lanes miss = 2.0 * hold_miss(sweep, all, t, all->c, reach, P, pmj_all(sweep->sample_time), 0);
         const pmj_mask anew = asked & ~good;
@@ -238,7 +235,7 @@ pmj_lanes pmj_hold_lanes(const pmj_sweep *sweep, const pmj_results *results, pmj
         all->tried = all->tried + pmj_select(going, pmj_all(1.0), pmj_all(0.0));
         for (int w = 0; results->trajectories && w < PMJ_WIDTH; ++w) {
             if (going[w]) {
-                const double slack = h[w] < left[w] ? 0.0 : SAME_INSTANT * sweep->sample_time;
+                const double slack = h[w] < left[w] ? 0.0 : PMJ_SAME_INSTANT * sweep->sample_time;
                 write_rows(sweep, results, all, w, t[w], t[w] + h[w] - slack);
             }
         }

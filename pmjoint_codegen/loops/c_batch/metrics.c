@@ -27,8 +27,8 @@ pmj_lanes pmj_reach(const pmj_lanes *a, int degree)
 
 pmj_lanes pmj_mean_square(const pmj_lanes *a, int degree)
 {
-    static const double nodes[3] = {0.11270166537925831, 0.5, 0.8872983346207417};
-    static const double weights[3] = {0.2777777777777778, 0.4444444444444444, 0.2777777777777778};
+    static const double nodes[3] = PMJ_SHORT_NODES;
+    static const double weights[3] = PMJ_SHORT_WEIGHTS;
     pmj_lanes sum = pmj_all(0.0);
     for (int i = 0; i < 3; ++i) {
         pmj_lanes value = a[degree];

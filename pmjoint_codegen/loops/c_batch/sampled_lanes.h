@@ -11,8 +11,6 @@
 #define E PMJ_NX
 #define CHANNELS (PMJ_NX + 1 + PMJ_NK)
 #define S (PMJ_NS - PMJ_NX)
-/* Output instants closer to a sample than this fraction of the sample time are the sample itself. */
-#define SAME_INSTANT 1e-9
 
 typedef struct {
     long long run; /* -1: the lane is empty */
