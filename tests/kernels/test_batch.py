@@ -17,9 +17,9 @@ from pmjoint_codegen.kernels.processor import known_levels, usable_levels
 from pmjoint_codegen.loops import batch
 from pmjoint_codegen.loops.batch import BatchLibrary, Runs
 from pmjoint_codegen.loops.constants import DEFECT
+from pmjoint_codegen.loops.metrics import Column
 from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.provision import provide
-from pmjoint_codegen.sweep.metrics import Column
 
 from .conftest import designed, library, make_runs, sampled
 

@@ -6,6 +6,23 @@
 /* Rounding of Bernstein coefficients, relative to the sum of |a_k|: degree^2 additions, generously. */
 #define NOISE 1e-12
 
+void pmj_clear_metrics(pmj_metrics *metrics, int w)
+{
+    metrics->max_e[w] = 0.0;
+    metrics->max_v[w] = 0.0;
+    metrics->settling[w] = 0.0;
+    for (int i = 0; i < PMJ_METRICS; ++i) {
+        metrics->sums[i][w] = 0.0;
+    }
+}
+
+void pmj_start_metrics(pmj_metrics *metrics, int w, double e, double v, double settled)
+{
+    metrics->band[w] = settled * fabs(e);
+    metrics->max_e[w] = fabs(e);
+    metrics->max_v[w] = fabs(v);
+}
+
 void pmj_scale(const pmj_lanes *c, int width, int degree, pmj_lanes h, pmj_lanes *a)
 {
     pmj_lanes power = h;
@@ -16,7 +33,8 @@ void pmj_scale(const pmj_lanes *c, int width, int degree, pmj_lanes h, pmj_lanes
     }
 }
 
-pmj_lanes pmj_reach(const pmj_lanes *a, int degree)
+/* Sum of |a_k|, k >= 2: how far the polynomial can go from the line a_0 + a_1 s. */
+static pmj_lanes bend(const pmj_lanes *a, int degree)
 {
     pmj_lanes sum = pmj_abs(a[2]);
     for (int k = 3; k <= degree; ++k) {
@@ -109,17 +127,18 @@ static pmj_lanes total(const pmj_lanes *a, int degree)
     return sum;
 }
 
-void pmj_note_error(pmj_metrics *metrics, const pmj_lanes *a, int degree, pmj_lanes square, pmj_lanes t, pmj_lanes h,
-                    pmj_mask taken)
+/* The largest |e| and when it settles. */
+static void note_error(pmj_metrics *metrics, const pmj_span *step)
 {
+    const pmj_lanes *a = step->e;
+    const int degree = step->e_degree;
     const pmj_lanes end = total(a, degree);
-    const pmj_lanes bound = pmj_max(pmj_abs(a[0]), pmj_abs(a[0] + a[1])) + pmj_reach(a, degree);
-    const pmj_mask at_end = (pmj_abs(end) > metrics->band) & taken;
-    const pmj_mask outside = (bound > metrics->band) & taken & ~at_end;
-    metrics->ise = metrics->ise + pmj_select(taken, h * square, pmj_all(0.0));
-    metrics->settling = pmj_select(at_end, t + h, metrics->settling);
-    metrics->max_e = raised(metrics->max_e, a[0], end, taken);
-    const pmj_mask larger = (bound > metrics->max_e) & taken;
+    const pmj_lanes bound = pmj_max(pmj_abs(a[0]), pmj_abs(a[0] + a[1])) + bend(a, degree);
+    const pmj_mask at_end = (pmj_abs(end) > metrics->band) & step->taken;
+    const pmj_mask outside = (bound > metrics->band) & step->taken & ~at_end;
+    metrics->settling = pmj_select(at_end, step->t + step->h, metrics->settling);
+    metrics->max_e = raised(metrics->max_e, a[0], end, step->taken);
+    const pmj_mask larger = (bound > metrics->max_e) & step->taken;
     if (pmj_any(larger | outside)) {
         pmj_lanes b[PMJ_MAX_ORDER + 1];
         bernstein(a, degree, b);
@@ -130,16 +149,24 @@ void pmj_note_error(pmj_metrics *metrics, const pmj_lanes *a, int degree, pmj_la
                 double one[PMJ_MAX_ORDER + 1];
                 take_lane(a, degree, w, one);
                 const double s = pmj_last_outside(one, 1, degree, 1.0, metrics->band[w]);
-                metrics->settling[w] = s >= 0.0 ? t[w] + s * h[w] : metrics->settling[w];
+                metrics->settling[w] = s >= 0.0 ? step->t[w] + s * step->h[w] : metrics->settling[w];
             }
         }
     }
 }
 
+void pmj_note_step(pmj_metrics *metrics, const pmj_span *step)
+{
+#define ADD(column, value) metrics->sums[column] = metrics->sums[column] + pmj_select(step->taken, value, pmj_all(0.0));
+    PMJ_ADDED(ADD)
+#undef ADD
+    note_error(metrics, step);
+}
+
 void pmj_note_control(pmj_metrics *metrics, const pmj_lanes *a, int degree, pmj_mask taken)
 {
     metrics->max_v = raised(metrics->max_v, a[0], total(a, degree), taken);
-    const pmj_lanes bound = pmj_max(pmj_abs(a[0]), pmj_abs(a[0] + a[1])) + pmj_reach(a, degree);
+    const pmj_lanes bound = pmj_max(pmj_abs(a[0]), pmj_abs(a[0] + a[1])) + bend(a, degree);
     const pmj_mask larger = (bound > metrics->max_v) & taken;
     if (pmj_any(larger)) {
         pmj_lanes b[PMJ_MAX_ORDER + 1];
@@ -151,13 +178,13 @@ void pmj_note_control(pmj_metrics *metrics, const pmj_lanes *a, int degree, pmj_
 pmj_mask pmj_may_leave(const pmj_lanes *a, int degree, pmj_lanes low, pmj_lanes high, pmj_mask among,
                        pmj_mask touching)
 {
-    const pmj_lanes reach = pmj_reach(a, degree);
+    const pmj_lanes beside = bend(a, degree);
     const pmj_lanes line = a[0] + a[1];
-    const pmj_mask clear = (pmj_min(a[0], line) - reach > low) & (pmj_max(a[0], line) + reach < high);
+    const pmj_mask clear = (pmj_min(a[0], line) - beside > low) & (pmj_max(a[0], line) + beside < high);
     pmj_mask near = (~clear | touching) & among;
     if (pmj_any(near)) {
         pmj_lanes b[PMJ_MAX_ORDER + 1];
-        const pmj_lanes size = pmj_abs(a[0]) + pmj_abs(a[1]) + reach;
+        const pmj_lanes size = pmj_abs(a[0]) + pmj_abs(a[1]) + beside;
         pmj_mask within = touching | ((a[0] > low) & (a[0] < high));
         bernstein(a, degree, b);
         for (int j = 1; j <= degree; ++j) {
