@@ -187,6 +187,36 @@ def note_rate(c: list[float], t: float, tau: float, i: int, peaks: Array, peak_t
     note_extremum(rate, t, tau, i, peaks, peak_times)
 
 
+def exceeds(c: Sequence[float], limit: float, tau: float) -> float | None:
+    """When a channel's magnitude passes `limit` inside a step of size tau, or None."""
+    power, bound = 1.0, 0.0
+    for coefficient in c:
+        bound += abs(coefficient) * power
+        power *= tau
+    if not bound > limit:
+        return None
+    found = None
+    for side in (-1.0, 1.0):
+        when = first_crossing([c[0] + side * limit, *c[1:]], tau)
+        found, tau = (found, tau) if when is None else (when, when)
+    return found
+
+
+def first_beyond(c: Array, limit: float, tau: float) -> tuple[bool, float]:
+    """Whether any channel's magnitude passes `limit` inside a step of size tau; when the first does, or tau.
+
+    Args:
+        c: shape (N + 1, channels).
+        limit: on all of them.
+        tau: s.
+    """
+    found = False
+    for column in c.T.tolist():
+        when = exceeds(column, limit, tau)
+        found, tau = (found, tau) if when is None else (True, when)
+    return found, tau
+
+
 def last_outside(c: Sequence[float], tau: float, band: float) -> float | None:
     """The last time in [0, tau) at which a channel's magnitude falls below `band`, or None."""
     power, reach = 1.0, 0.0

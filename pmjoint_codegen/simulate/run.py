@@ -240,13 +240,11 @@ def _peaks(manifest: Manifest, memory: Memory) -> dict[str, tuple[float, float]]
 
 
 def _message(manifest: Manifest, settings: Settings, memory: Memory, state: Progress) -> str:
-    beyond = [i for i in range(manifest.nX) if memory.peaks[i] > settings.divergence]
-    first = min(beyond, key=lambda i: (float(memory.peak_times[i]), -float(memory.peaks[i])), default=None)
     return sentence(
         Status(state.status),
         t=state.t,
         divergence=settings.divergence,
         max_steps=settings.max_steps,
         max_switches=settings.max_switches,
-        state="a state" if first is None else manifest.states[first].name,
+        state=manifest.states[int(np.argmax(memory.peaks[: manifest.nX]))].name,  # the one that passed
     )

@@ -128,6 +128,7 @@ void pmj_note_peaks(const double *c, long long width, long long order, long long
 void pmj_note_rate(const double *c, long long width, long long order, double t, double tau, double *peak,
                    double *peak_time);
 
+int pmj_exceeds(const double *c, long long width, long long order, double limit, double *tau);
 double pmj_last_outside(const double *c, long long width, long long order, double tau, double band);
 
 /* steps.c: results have room for whole blocks of four channels, but `out`, which takes n */

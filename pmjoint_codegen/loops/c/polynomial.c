@@ -318,6 +318,28 @@ void pmj_note_rate(const double *c, long long width, long long order, double t, 
     pmj_note_peaks(rate, 1, order - 1, 1, t, tau, &end, peak, peak_time);
 }
 
+/* Whether the magnitude of one channel passes `limit` inside a step of size *tau, which then becomes the time until that. */
+int pmj_exceeds(const double *c, long long width, long long order, double limit, double *tau)
+{
+    double q[PMJ_MAX_ORDER + 1];
+    double power = 1.0;
+    double bound = 0.0;
+    int found = 0;
+    for (long long k = 0; k <= order; ++k) {
+        q[k] = c[k * width];
+        bound += fabs(q[k]) * power;
+        power *= *tau;
+    }
+    if (!(bound > limit)) {
+        return 0;
+    }
+    for (int side = -1; side <= 1; side += 2) {
+        q[0] = c[0] + (double)side * limit;
+        found |= pmj_crossings(q, order, *tau, tau, 1) > 0;
+    }
+    return found;
+}
+
 /* The last time in [0, tau) at which the magnitude of one channel goes from above `band` to below it, or -1. */
 double pmj_last_outside(const double *c, long long width, long long order, double tau, double band)
 {
