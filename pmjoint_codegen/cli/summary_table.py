@@ -36,7 +36,9 @@ def _head(run: Run, notes: Sequence[str]) -> Iterator[tuple[str, ...]]:
     from pmjoint_codegen.simulate.assumptions import assumed, changes, stated
 
     yield "run", f"{run.settings.controller} controller, {run.evaluator} kernels"
-    yield "status", f"{run.summary['status']}: {run.message} ({run.steps} steps in {run.wall_s * 1e3:.3g} ms)"
+    status = run.summary["status"]
+    ended = run.message if run.message.startswith(status) else f"{status}: {run.message}"
+    yield "status", f"{ended} ({run.steps} steps in {run.wall_s * 1e3:.3g} ms)"
     assumptions = assumed(run)
     if assumptions:
         yield "assumed", f"{', '.join(assumptions)} (not stated in the paper)"

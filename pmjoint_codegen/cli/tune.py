@@ -13,6 +13,7 @@ import click
 from pmjoint_codegen.cli.drawing import ready_matplotlib
 from pmjoint_codegen.cli.options import ModelName, Place, processors, run_options, tell_idle_sample_time
 from pmjoint_codegen.cli.terminal import activity, document, message, result, table
+from pmjoint_codegen.loops.metrics import REPORTED
 
 if TYPE_CHECKING:
     from pmjoint_codegen.provision import Provided
@@ -53,7 +54,7 @@ _FILE_STEM = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
     default="ise",
     show_default=True,
     metavar="EXPR",
-    help="To be minimised: a weighted sum of ise, max_abs_e, settling_s, saturated_s, max_abs_v.",
+    help=f"To be minimised: a weighted sum of {', '.join(REPORTED)}.",
 )
 @click.option("--max-v", type=float, metavar="V", help="Limit of |v| in every run.")
 @click.option(

@@ -18,6 +18,7 @@ from pmjoint_codegen.emit.guard import bent
 from pmjoint_codegen.emit.sampling import HOLD_ORDER, sampled_sizes, symbols_of
 from pmjoint_codegen.emit.table import Vocabulary
 from pmjoint_codegen.emit.taylor import taylor_function
+from pmjoint_codegen.loops.quadrature import lane_steps
 
 LANE_ORDER = 12  # continuous: least time a run from 1e-5 to 1e-8
 
@@ -101,16 +102,9 @@ def _arrive(states: int, channels: int, order: int) -> ca.Function:
 
 def _mean_square(a: list[ca.SX]) -> ca.SX:
     """Integral over s in [0, 1] of the square of ``sum_k a_k s^k``, by Gauss and Legendre."""
-    nodes = (0.04691007703066802, 0.23076534494715845, 0.5, 0.7692346550528415, 0.953089922969332)
-    weights = (
-        0.11846344252809454,
-        0.23931433524968324,
-        0.28444444444444444,
-        0.23931433524968324,
-        0.11846344252809454,
-    )
+    rule = lane_steps()
     total = ca.SX(0)
-    for node, weight in zip(nodes, weights, strict=True):
+    for node, weight in zip(rule.nodes, rule.weights, strict=True):
         value = a[-1]
         for entry in reversed(a[:-1]):
             value = value * node + entry

@@ -18,13 +18,14 @@ from pmjoint_codegen.kernels.declarations import MODULE, declarations, load_libr
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.kernels.processor import Level
 from pmjoint_codegen.loops.guard import HOLD_RATIOS, discs, hold_factors
+from pmjoint_codegen.loops.metrics import Column, rows_header
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.storage import sha256_file
 from pmjoint_codegen.values import SETTLED
 
 HEADER: Final = "pmjoint_batch.h"
+ROWS: Final = "metric_rows.h"  # made from the table of metrics
 GENERATED: Final = ("lanes.c", "lanes.h")
-METRICS: Final = 11  # columns of `Outcome.metrics`: PMJ_METRICS
 
 Controller = Literal["continuous", "sampled"]
 
@@ -63,7 +64,7 @@ class Outcome:
     """What became of them.
 
     Attributes:
-        metrics: shape (runs, METRICS), columns as in ``pmjoint_batch.h``.
+        metrics: shape (runs, metrics), columns as in `Column`.
         final: shape (runs, nX), X at the horizon or where the run ended.
         trajectories: shape (runs, times, nX + 2): X, v, e; NaN after a run has ended.
     """
@@ -135,7 +136,7 @@ class BatchLibrary:
         count, size = runs.x0.shape
         rows = len(runs.times)
         outcome = Outcome(
-            metrics=np.empty((count, METRICS)),
+            metrics=np.empty((count, len(Column))),
             final=np.empty((count, size)),
             trajectories=np.empty((count, rows, size + 2)),
         )
@@ -199,7 +200,7 @@ def batch_sources(folder: Path) -> dict[str, bytes]:
     """
     paths = [*(folder / name for name in GENERATED), *_loops()]
     try:
-        return {path.name: path.read_bytes() for path in paths}
+        return {ROWS: rows_header().encode(), **{path.name: path.read_bytes() for path in paths}}
     except OSError as error:
         raise StaleError(
             f"{error.filename} cannot be read", where=str(folder), remedy="run pmjoint regenerate"
@@ -208,12 +209,12 @@ def batch_sources(folder: Path) -> dict[str, bytes]:
 
 def loops_hash() -> str:
     """Hash of the package's own loops and their flags: with a model's lanes, all that makes a result."""
-    return canonical_hash([FLAGS, {path.name: sha256_file(path) for path in _loops()}])
+    return canonical_hash([FLAGS, rows_header(), {path.name: sha256_file(path) for path in _loops()}])
 
 
 def _loops() -> list[Path]:
     own = Path(__file__).parent
-    shared = [own / "c" / name for name in ("polynomial.c", "pmjoint_runtime.h")]
+    shared = [own / "c" / name for name in ("polynomial.c", "pmjoint_constants.h", "pmjoint_runtime.h")]
     return [*sorted((own / "c_batch").glob("*.[ch]")), *shared]
 
 

@@ -20,20 +20,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Final
 
 import numpy as np
 
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator, Kernel
-from pmjoint_codegen.loops.polynomial import note_extremum, note_rate, note_value
+from pmjoint_codegen.loops.constants import DEFECT, GROWTH, ROUNDED_UP, SMALLEST_STEP, UNDECIDED_STEP
+from pmjoint_codegen.loops.polynomial import first_beyond, note_extremum, note_rate, note_value, passes
 from pmjoint_codegen.loops.problem import Memory, Problem, Progress
 from pmjoint_codegen.loops.status import Status
-from pmjoint_codegen.loops.stepper import DEFECT, GROWTH, ROUNDED_UP, Stepper
+from pmjoint_codegen.loops.stepper import Stepper
 from pmjoint_codegen.loops.steps import allowed_step, arrive, bounds, scales, shrink
 from pmjoint_codegen.loops.steps import values as values_at
-
-SMALLEST_STEP: Final = 1e-14  # relative to max(1 s, t): below it, time does not move
-UNDECIDED_STEP: Final = 1e-7  # s; the step that leaves the thresholds alone
 
 
 def continuous_loop(
@@ -113,11 +110,17 @@ class _Loop:
         self.c = self.expand(0.0, self.X, progress.mode)
         if not np.all(np.isfinite(self.c[:2])):
             progress.status = Status.NON_FINITE
+        elif self.beyond():
+            progress.status = Status.DIVERGED
         progress.band = problem.settled * abs(float(self.c[0, self.e]))
         for i, value in enumerate(self.c[0, : self.e + 1].tolist()):
             note_value(value, 0.0, i, self.memory.peaks, self.memory.peak_times)
         if problem.notes_rate:
             note_value(float(self.c[1, 0]), 0.0, self.e + 1, self.memory.peaks, self.memory.peak_times)
+
+    def beyond(self) -> bool:
+        """Whether any state is beyond the limit of divergence."""
+        return bool(np.any(np.abs(self.X) > self.problem.divergence))
 
     def step(self) -> None:
         """One step, to the first threshold or kink; cut until guard and points of comparison agree to it."""
@@ -140,6 +143,9 @@ class _Loop:
             if index >= 0 and tau == 0.0:
                 self.pass_at_once(index)
                 return
+            searched = self.c[:, : min(self.v, problem.n_searched)]
+            diverging, tau = first_beyond(searched, problem.divergence, tau)
+            index = -1 if diverging else index
             end = progress.t + tau if tau < remaining else problem.horizon
             threshold = 0 <= index < problem.n_thresholds
             mode = progress.mode + (0 if not threshold else 1 if index == progress.mode else -1)
@@ -148,6 +154,7 @@ class _Loop:
             miss = self.missed(values, slopes, following, tau)
             if miss <= 1.0:
                 self.accept(values, following, tau, end)
+                progress.status = Status.DIVERGED if diverging else progress.status
                 progress.last_cut = h if h < first else math.inf
                 progress.touching = -1
                 if index >= 0:
@@ -194,8 +201,8 @@ class _Loop:
                 index = progress.mode + (-1 if side < 0 else 0)
                 if 0 <= index < problem.n_thresholds:
                     level = float(problem.thresholds[index])
-                    when = self.stepper.passes(
-                        self.c, self.v, level, int(progress.touching == index), side, tau
+                    when = passes(
+                        self.c[:, self.v].tolist(), level, int(progress.touching == index), side, tau
                     )
                     found, tau = (found, tau) if when is None else (index, when)
         touching = progress.touching - problem.n_thresholds
@@ -226,7 +233,7 @@ class _Loop:
             self.note_error(float(values[self.e]), tau, end)
         self.note_peaks(following, tau)
         self.X, self.c = values[: self.v], following
-        if np.any(np.abs(self.X) > problem.divergence):
+        if self.beyond():
             progress.status = Status.DIVERGED
         moved = end > progress.t
         progress.idle = 0 if moved else progress.idle + 1

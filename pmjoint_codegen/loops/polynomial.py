@@ -15,15 +15,9 @@ from typing import Final
 import numpy as np
 
 from pmjoint_codegen.kernels.evaluator import Array
+from pmjoint_codegen.loops.constants import CLOSE, JUMPED, MAX_DEPTH, MAX_REFINEMENTS, ON_KINK
 
-# Halvings of a step in the search for a root: below it, an interval is narrower than the rounding of its
-# ends.
-MAX_DEPTH: Final = 48
-MAX_REFINEMENTS: Final = 100
-CLOSE: Final = 1e-9
 EPSILON: Final = sys.float_info.epsilon
-ON_KINK: Final = 2  # what `touching` is on a kink
-JUMPED: Final = 1e-6  # part of what an argument moves in a step: one on its zero is within rounding of it
 
 
 def evaluate(c: Array, tau: float | Array) -> Array:
@@ -111,15 +105,10 @@ def crossings(q: Sequence[float], h: float) -> Iterator[float]:
         yield root * h
 
 
-def on_level(q: list[float], h: float, touching: int) -> float:
-    """The value of q at the start of a step of size h: 0 where the run stands on q's zero.
+def _on_level(q: list[float], h: float, touching: int) -> float:
+    """The value of q at the start of a step: 0 where the run stands on q's zero; arguments as of `passes`.
 
     With a kink's side the argument of another may jump: it has then passed its zero without standing on it.
-
-    Args:
-        q: coefficients, the level taken off.
-        h: size of the step, s.
-        touching: 0; 1 on a threshold of v; `ON_KINK` on a kink.
     """
     rest, power = 0.0, 1.0
     for coefficient in q[1:]:
@@ -127,6 +116,27 @@ def on_level(q: list[float], h: float, touching: int) -> float:
         rest += abs(coefficient) * power
     jumped = touching == ON_KINK and abs(q[0]) > JUMPED * rest
     return q[0] if touching == 0 or jumped else 0.0
+
+
+def passes(q: list[float], level: float, touching: int, outward: int, h: float) -> float | None:
+    """When a polynomial passes a level, upwards (+1) or downwards (-1), from 0 to before h, or None.
+
+    On the level, to rounding, the first derivative that does not vanish decides, and the zero at the start is
+    divided out before the search.
+
+    Args:
+        q: coefficients.
+        level: value to pass.
+        touching: 0; 1 where the run stands on a threshold of v; `ON_KINK` where it stands on a kink.
+        outward: direction.
+        h: size of the step, s.
+    """
+    q = [q[0] - level, *q[1:]]
+    q[0] = _on_level(q, h, touching)
+    zeros = leading_zeros(q, h)
+    if q[zeros] * outward > 0.0:
+        return 0.0
+    return first_crossing(q[zeros:], h)
 
 
 def note_peaks(c: Array, t: float, tau: float, end: Array, peaks: Array, peak_times: Array) -> None:
@@ -175,6 +185,36 @@ def note_rate(c: list[float], t: float, tau: float, i: int, peaks: Array, peak_t
         end = end * tau + coefficient
     note_value(end, t + tau, i, peaks, peak_times)
     note_extremum(rate, t, tau, i, peaks, peak_times)
+
+
+def exceeds(c: Sequence[float], limit: float, tau: float) -> float | None:
+    """When a channel's magnitude passes `limit` inside a step of size tau, or None."""
+    power, bound = 1.0, 0.0
+    for coefficient in c:
+        bound += abs(coefficient) * power
+        power *= tau
+    if not bound > limit:
+        return None
+    found = None
+    for side in (-1.0, 1.0):
+        when = first_crossing([c[0] + side * limit, *c[1:]], tau)
+        found, tau = (found, tau) if when is None else (when, when)
+    return found
+
+
+def first_beyond(c: Array, limit: float, tau: float) -> tuple[bool, float]:
+    """Whether any channel's magnitude passes `limit` inside a step of size tau; when the first does, or tau.
+
+    Args:
+        c: shape (N + 1, channels).
+        limit: on all of them.
+        tau: s.
+    """
+    found = False
+    for column in c.T.tolist():
+        when = exceeds(column, limit, tau)
+        found, tau = (found, tau) if when is None else (True, when)
+    return found, tau
 
 
 def last_outside(c: Sequence[float], tau: float, band: float) -> float | None:

@@ -8,14 +8,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from pmjoint_codegen.kernels.evaluator import Array
-
-PADDING: Final = 3  # numbers behind a row of channels, so that blocks of four may read and write past it
+from pmjoint_codegen.loops.constants import PADDING
 
 
 @dataclass(frozen=True)

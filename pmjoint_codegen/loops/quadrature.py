@@ -42,6 +42,10 @@ _WEIGHTS: Final = (
     0.14776211235737644,
 )
 _LONG: Final = Rule((*_LOWER, *(1.0 - x for x in reversed(_LOWER))), (*_WEIGHTS, *reversed(_WEIGHTS)))
+_LANES: Final = Rule(
+    (0.04691007703066802, 0.23076534494715845, 0.5, 0.7692346550528415, 0.953089922969332),
+    (0.11846344252809454, 0.23931433524968324, 0.28444444444444444, 0.23931433524968324, 0.11846344252809454),
+)
 _SHORT: Final = Rule(
     (0.11270166537925831, 0.5, 0.8872983346207417),
     (0.2777777777777778, 0.4444444444444444, 0.2777777777777778),
@@ -51,6 +55,11 @@ _SHORT: Final = Rule(
 def long_steps() -> Rule:
     """Ten nodes, for the long steps of the continuous loop: exact to degree 19."""
     return _LONG
+
+
+def lane_steps() -> Rule:
+    """Five nodes, for the steps of the continuous lanes: exact to degree 9."""
+    return _LANES
 
 
 def short_steps() -> Rule:

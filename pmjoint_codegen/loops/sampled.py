@@ -11,23 +11,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Final
 
 import numpy as np
 
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator
-from pmjoint_codegen.loops.continuous import SMALLEST_STEP
-from pmjoint_codegen.loops.polynomial import evaluate, note_peaks, note_rate, note_value, step_size
+from pmjoint_codegen.loops.constants import DEFECT, GROWTH, SAME_INSTANT, SMALLEST_STEP, WINDOW
+from pmjoint_codegen.loops.polynomial import (
+    evaluate,
+    first_beyond,
+    note_peaks,
+    note_rate,
+    note_value,
+    step_size,
+)
 from pmjoint_codegen.loops.problem import Memory, Problem, Progress
 from pmjoint_codegen.loops.quadrature import short_steps
 from pmjoint_codegen.loops.status import Status
-from pmjoint_codegen.loops.stepper import DEFECT, GROWTH, Stepper
+from pmjoint_codegen.loops.stepper import Stepper
 from pmjoint_codegen.loops.steps import bounds, scales, shrink
-
-SAME_INSTANT: Final = (
-    1e-9  # output instants closer to a sample than this fraction of the sample time are the sample
-)
-WINDOW: Final = 4.0  # a window's reach in x, as a multiple of what a hold needs of it
 
 
 def sampled_loop(
@@ -154,10 +155,14 @@ class _Loop:
         if not (short and self.shown(c, w, length)):
             self.long_hold(w, end, rows_until)
             return
+        progress = self.progress
+        diverging, length = first_beyond(c[:, : self.e], self.problem.divergence, length)
         trial = self.try_step(c, length)
-        if self.progress.status == Status.RUNNING:
-            self.progress.integral += integral(c[:, self.e].tolist(), length)
-            self.accept(c, trial, length, end, rows_until, self.progress.t)
+        if progress.status == Status.RUNNING:
+            progress.integral += integral(c[:, self.e].tolist(), length)
+            until = progress.t + length if diverging else end
+            self.accept(c, trial, length, until, rows_until, progress.t)
+            progress.status = Status.DIVERGED if diverging else progress.status
 
     def actuation(self, w: Array) -> Array:
         """W and the present sides, as the kernels of the plant take them."""
@@ -237,6 +242,7 @@ class _Loop:
             if progress.status != Status.RUNNING:
                 return
             if tau > 0.0:
+                diverging, tau = first_beyond(c[:, : self.e], problem.divergence, tau)
                 trial = self.try_step(c, tau)
                 if progress.status != Status.RUNNING:
                     return
@@ -244,7 +250,8 @@ class _Loop:
                 until = progress.t + tau if tau < left else end
                 self.accept(c, trial, tau, until, rows_until, t_sample)
                 progress.touching, progress.flips = -1, 0
-            if kink >= 0:
+                progress.status = Status.DIVERGED if diverging else progress.status
+            if kink >= 0 and progress.status == Status.RUNNING:
                 self.flip(kink)
 
     def find_sides(self, w: Array) -> None:

@@ -7,18 +7,14 @@ first channels have rates and whose others are values; see `guard`.
 from __future__ import annotations
 
 import math
-from typing import Final
 
 import numpy as np
 
 from pmjoint_codegen.kernels.evaluator import Array, Kernel
-from pmjoint_codegen.loops.polynomial import ON_KINK, first_crossing, last_outside, leading_zeros, on_level
+from pmjoint_codegen.loops.constants import DEFECT, ON_KINK, ROUNDED_UP
+from pmjoint_codegen.loops.polynomial import last_outside, passes
 from pmjoint_codegen.loops.problem import Memory, Problem, Progress
 from pmjoint_codegen.loops.steps import arrive, bounds, shrink
-
-DEFECT: Final = 10.0  # a step may miss the right-hand side by this multiple of the tolerance, anywhere
-GROWTH: Final = 2.5  # after a step that the guard has cut, the next is at most so much longer
-ROUNDED_UP: Final = 1.0 + 1e-12  # factor that covers the rounding of a sum of magnitudes, generously
 
 
 class Stepper:
@@ -98,7 +94,7 @@ class Stepper:
             low, high = (0.0, math.inf) if side > 0.0 else (-math.inf, 0.0)
             on = ON_KINK if touching == j else 0
             if touching == j or not self.stays(c, reach, first + j, low, high, h):
-                when = self.passes(c, first + j, 0.0, on, -1 if side > 0.0 else 1, tau)
+                when = passes(c[:, first + j].tolist(), 0.0, on, -1 if side > 0.0 else 1, tau)
                 found, tau = (found, tau) if when is None else (j, when)
         return found, tau
 
@@ -129,19 +125,3 @@ class Stepper:
         least = start + (rise if rise < 0.0 else 0.0) - beside
         most = start + (rise if rise > 0.0 else 0.0) + beside
         return least > low and most < high
-
-    def passes(
-        self, c: Array, channel: int, level: float, touching: int, outward: int, h: float
-    ) -> float | None:
-        """When a channel passes a level, upwards (+1) or downwards (-1), from 0 to before h, or None.
-
-        On the level, to rounding, the first derivative that does not vanish decides, and the zero at the
-        start is divided out before the search.
-        """
-        q = c[:, channel].tolist()
-        q[0] -= level
-        q[0] = on_level(q, h, touching)
-        zeros = leading_zeros(q, h)
-        if q[zeros] * outward > 0.0:
-            return 0.0
-        return first_crossing(q[zeros:], h)

@@ -12,6 +12,7 @@ import struct
 import numpy as np
 
 from pmjoint_codegen.kernels.evaluator import Array
+from pmjoint_codegen.loops.constants import LEAST_SHRINK, MOST_SHRINK
 
 
 def arrive(c: Array, tau: float) -> tuple[Array, Array]:
@@ -85,8 +86,8 @@ def allowed_step(c: Array, relative: Array, tolerance: float, safety: float) -> 
 
 def shrink(miss: float, order: int) -> float:
     """Factor on a step that misses by `miss` times what is allowed, an error of an order: 0.55 to 0.95."""
-    factor = 0.95 * _rough_exp2(_rough_log2(miss) * (-1.0 / order))
-    return 0.95 if factor > 0.95 else factor if factor > 0.55 else 0.55
+    factor = MOST_SHRINK * _rough_exp2(_rough_log2(miss) * (-1.0 / order))
+    return MOST_SHRINK if factor > MOST_SHRINK else factor if factor > LEAST_SHRINK else LEAST_SHRINK
 
 
 def _norm(row: Array, relative: Array) -> float:

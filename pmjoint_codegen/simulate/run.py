@@ -386,14 +386,12 @@ def _figures(manifest: Manifest, memory: Memory, state: Progress) -> dict[str, A
 def _message(
     manifest: Manifest, settings: Settings, status: Status, t: float, memory: Memory | None = None
 ) -> str:
-    size, when = (memory.peaks, memory.peak_times) if memory else (np.empty(0), np.empty(0))
-    beyond = [i for i, peak in enumerate(size[: manifest.nX].tolist()) if peak > settings.divergence]
-    first = min(beyond, key=lambda i: (float(when[i]), -float(size[i])), default=None)
+    largest = int(np.argmax(memory.peaks[: manifest.nX])) if memory else 0  # the one that passed
     return sentence(
         status,
         t=t,
         divergence=settings.divergence,
         max_steps=settings.max_steps,
         max_switches=settings.max_switches,
-        state="a state" if first is None else manifest.states[first].name,
+        state=manifest.states[largest].name,
     )

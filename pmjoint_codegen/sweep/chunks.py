@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from pmjoint_codegen.kernels.evaluator import Array
-from pmjoint_codegen.loops.batch import METRICS, BatchLibrary, Runs
+from pmjoint_codegen.loops.batch import BatchLibrary, Runs
 from pmjoint_codegen.loops.hold import exponentials
-from pmjoint_codegen.loops.status import Status
+from pmjoint_codegen.loops.metrics import Column
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.sweep.metrics import INVALID, Column
+from pmjoint_codegen.sweep.metrics import INVALID
 from pmjoint_codegen.sweep.request import Request
 from pmjoint_codegen.sweep.validity import valid_rows
 from pmjoint_codegen.values import SI, all_to_si
@@ -24,7 +24,7 @@ class Result:
     """Some runs of a sweep.
 
     Attributes:
-        table: shape (runs, METRICS + nX), metrics and final states.
+        table: shape (runs, metrics + nX), metrics and final states.
         trajectories: shape (runs, instants, nX + 2), X, v, e.
     """
 
@@ -43,15 +43,14 @@ def simulate_chunk(library: BatchLibrary, request: Request, columns: Mapping[str
     manifest = library.manifest
     x0, p = fill_in(manifest, request, columns)
     count, rows = len(p), request.instants
-    table = np.full((count, METRICS + manifest.nX), np.nan)
+    table = np.full((count, len(Column) + manifest.nX), np.nan)
     trajectories = np.full((count, rows, manifest.nX + 2), np.nan)
     table[:, Column.STATUS] = INVALID
     valid = valid_rows(manifest, p, x0[:, : manifest.nx])
     outcome = library.simulate(_runs(library, request, x0[valid], p[valid]))
-    table[valid, :METRICS] = outcome.metrics
-    table[valid, METRICS:] = outcome.final
+    table[valid, : len(Column)] = outcome.metrics
+    table[valid, len(Column) :] = outcome.final
     trajectories[valid] = outcome.trajectories
-    _blank(table)
     return Result(table, trajectories)
 
 
@@ -106,9 +105,3 @@ def hold_matrices(library: BatchLibrary, p: Array, sample_time: float) -> Array:
     return np.concatenate(
         [exponentials(part, sample_time) for part in np.split(rows, [split], axis=1)], axis=1
     )
-
-
-def _blank(table: Array) -> None:
-    """What a run that did not reach the horizon did not measure: no settling, no final error."""
-    unfinished = table[:, Column.STATUS] != Status.DONE
-    table[unfinished, Column.SETTLING_S] = np.nan

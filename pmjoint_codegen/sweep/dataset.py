@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from threading import Thread
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,10 +19,11 @@ import numpy.typing as npt
 from pmjoint_codegen import __version__
 from pmjoint_codegen.errors import UsageError
 from pmjoint_codegen.kernels.evaluator import Array
+from pmjoint_codegen.loops.metrics import Column
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.storage import explained, settle, write_text
 from pmjoint_codegen.sweep.blocks import Block, block_shape, blocks
-from pmjoint_codegen.sweep.metrics import Column, quantities, status_meanings
+from pmjoint_codegen.sweep.metrics import quantities, status_meanings
 from pmjoint_codegen.sweep.plan import DRAW
 from pmjoint_codegen.sweep.request import Request
 from pmjoint_codegen.sweep.store import Store
@@ -31,8 +32,6 @@ from pmjoint_codegen.sweep.sums import as_text, sums_of
 if TYPE_CHECKING:
     import xarray as xr
     import zarr
-
-_INTEGERS: Final = (Column.STATUS, Column.STEPS, Column.SWITCHES, Column.FINAL_SATURATED)
 
 
 def import_ahead() -> None:
@@ -273,12 +272,12 @@ def _units(manifest: Manifest) -> dict[str, dict[str, str]]:
 
 def _metrics(request: Request, manifest: Manifest) -> Iterator[tuple[str, _Variable]]:
     """What is reported of every run, in the order of the tables."""
-    for index, item in enumerate(quantities(manifest)):
+    for item in quantities(manifest):
         attributes: dict[str, Any] = {"units": item.unit, "long_name": item.about}
-        if index == Column.STATUS:
+        if item.name == Column.STATUS.variable:
             meanings = status_meanings()
             attributes |= {"flag_values": list(meanings), "flag_meanings": " ".join(meanings.values())}
-        dtype = np.int64 if index in _INTEGERS else np.float64
+        dtype = np.int64 if item.integer else np.float64
         yield item.name, _Variable(request.plan.dimensions, attributes, dtype)
 
 

@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from pmjoint_codegen import storage
 from pmjoint_codegen.kernels.evaluator import Array
+from pmjoint_codegen.loops.metrics import REPORTED
 from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.figures import wrapped
@@ -41,13 +42,6 @@ FEW_DECADES: Final = 1e3
 ALIKE: Final = 1e-9  # of their size: values that differ by rounding or tolerance alone
 LOST: Final = "#c9c6c1"
 COLOURS: Final = ("#1f4e79", "#b5482a")
-METRICS: Final = {  # name -> words, whether a logarithmic scale suits it
-    "ise": ("integral of $e^2$", True),
-    "max_abs_e": ("largest $|e|$", False),
-    "settling_s": ("settling", False),
-    "max_abs_v": ("largest $|v|$", True),
-    "saturated_s": ("time at a limit", False),
-}
 MOST_CELLS: Final = 1024  # drawn along an axis: more than there are pixels
 FOUR: Final = ("ise", "settling_s", "max_abs_e", "max_abs_v")
 _STYLE: Final = {
@@ -103,8 +97,9 @@ def _figures(dataset: xr.Dataset, manifest: Manifest) -> dict[str, Figure]:
     sliced, note = _slice(dataset, names[2:])
     states = set(manifest.start.names)
     figures = {"region": region(sliced, manifest, x, y, note)} if {x, y} <= states else {}
-    for name in ("ise", "max_abs_v", "settling_s", "saturated_s"):
-        figures[f"map_{name}"] = metric_map(sliced, name, x, y, note)
+    for name, column in REPORTED.items():
+        if column.row.mapped:
+            figures[f"map_{name}"] = metric_map(sliced, name, x, y, note)
     return figures
 
 
@@ -168,17 +163,17 @@ def metric_map(dataset: xr.Dataset, name: str, x: str, y: str, note: str) -> Fig
     dataset, thinned = _thinned(dataset, x, y)
     columns = cases(dataset)
     figure, panels = _canvas(len(columns))
-    words, logarithmic = METRICS[name]
+    row = REPORTED[name].row
     shown = [case.data[name].where(held(case.data)) for case in columns]
     finite = np.concatenate([values.values[np.isfinite(values.values)] for values in shown])
     limits = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
-    steep = logarithmic and _decade(finite)
+    steep = row.logarithmic and _decade(finite)
     for case, values, panel in zip(columns, shown, panels, strict=True):
         image = _image(panel, values, x, y, limits, steep=steep)
         panel.set_title(case.title)
         _labels(panel, dataset, x, y)
     bar = figure.colorbar(
-        image, ax=panels, label=f"{words} ({_unit(dataset[name])})", fraction=0.05, pad=0.02
+        image, ax=panels, label=f"{row.words} ({_unit(dataset[name])})", fraction=0.05, pad=0.02
     )
     if steep:
         _plain_ticks(bar, limits)
@@ -214,16 +209,16 @@ def curves(dataset: xr.Dataset, x: str) -> Figure:
     """Metrics over one axis, a line for each case."""
     figure, panels = _canvas(2, 2)
     for name, panel in zip(FOUR, panels, strict=True):
-        words, logarithmic = METRICS[name]
+        row = REPORTED[name].row
         for case, colour in zip(cases(dataset), COLOURS, strict=False):
             places, values = case.data[x].values, case.data[name].where(held(case.data)).values
             panel.plot(places, values, color=colour, lw=1.0, label=case.title or None)
             alone = _alone(values)
             panel.plot(places[alone], values[alone], color=colour, ls="", marker=".", ms=4.0)
-        if logarithmic and _decade(dataset[name].where(held(dataset)).values):
+        if row.logarithmic and _decade(dataset[name].where(held(dataset)).values):
             panel.set_yscale("log")
         panel.set_xlabel(_label(dataset, x))
-        panel.set_ylabel(f"{words} ({_unit(dataset[name])})")
+        panel.set_ylabel(f"{row.words} ({_unit(dataset[name])})")
     if COMPENSATOR in dataset.dims:
         panels[0].legend()
     _caption(figure, dataset, f"Gaps: {_absence(dataset, *FOUR)}.", "")
@@ -248,7 +243,7 @@ def histograms(dataset: xr.Dataset) -> Figure:
     for name, panel in zip(FOUR, panels, strict=True):
         for case, colour in zip(cases(dataset), COLOURS, strict=False):
             _histogram(panel, case, name, colour)
-        panel.set_xlabel(f"{METRICS[name][0]} ({_unit(dataset[name])})")
+        panel.set_xlabel(f"{REPORTED[name].row.words} ({_unit(dataset[name])})")
         panel.set_yticks([])
     if COMPENSATOR in dataset.dims:
         panels[0].legend()

@@ -27,7 +27,7 @@ import numpy as np
 
 from pmjoint_codegen.errors import UsageError
 from pmjoint_codegen.kernels.evaluator import Array
-from pmjoint_codegen.loops.batch import METRICS
+from pmjoint_codegen.loops.metrics import REPORTED, Column
 from pmjoint_codegen.storage import ensure_folder, sha256_view, writing
 from pmjoint_codegen.sweep.chunks import Result
 from pmjoint_codegen.sweep.request import Request
@@ -38,8 +38,8 @@ DATASET: Final = "sweep.zarr"
 SUMS: Final = "sweep.sha256"
 CHUNKS: Final = "chunks"
 DERIVED_FILES: Final = (  # figures and exports beside the dataset, which would pass for a new sweep's
-    *("region.png", "map_ise.png", "map_max_abs_v.png", "map_settling_s.png", "map_saturated_s.png"),
-    *("curves.png", "histograms.png", "sweep.nc", "sweep.parquet"),
+    *("region.png", "curves.png", "histograms.png", "sweep.nc", "sweep.parquet"),
+    *(f"map_{name}.png" for name, column in REPORTED.items() if column.row.mapped),
 )
 CHUNK_RUNS: Final = 2048
 MOST_CHUNKS: Final = 4096
@@ -189,8 +189,8 @@ class Store:
         _write(self._record(start), as_text(sums).encode())
 
     def table(self, start: int, stop: int) -> Array:
-        """Tables of the runs start..stop-1, shape (stop - start, METRICS + nX)."""
-        return self._rows(self._table, 1, METRICS + self.size, start, stop)
+        """Tables of the runs start..stop-1, shape (stop - start, metrics + nX)."""
+        return self._rows(self._table, 1, len(Column) + self.size, start, stop)
 
     def trajectories(self, start: int, stop: int) -> Array:
         """Some rows of all trajectories, one after another: run i has rows i*instants..(i+1)*instants-1.
@@ -237,7 +237,7 @@ class Store:
         """
         sums = recorded(self._record(start)) or {}
         bad = tuple(path for path in self._files(start) if not is_sound(path, sums.get(path.name)))
-        wanted = (self.length(start), METRICS + self.size)
+        wanted = (self.length(start), len(Column) + self.size)
         if not bad and np.load(self._table(start), mmap_mode="r").shape != wanted:
             return self._files(start)
         return bad

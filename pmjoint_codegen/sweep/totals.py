@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from pmjoint_codegen.loops.metrics import REPORTED
 from pmjoint_codegen.loops.status import holds
 from pmjoint_codegen.sweep.blocks import blocks
 from pmjoint_codegen.sweep.metrics import status_meanings
@@ -19,7 +20,6 @@ from pmjoint_codegen.sweep.validity import Mask
 if TYPE_CHECKING:
     import zarr
 
-REPORTED: Final = ("ise", "max_abs_e", "settling_s", "saturated_s", "max_abs_v")
 PERCENTS: Final = {"p5": 5.0, "median": 50.0, "p95": 95.0}
 
 

@@ -9,12 +9,12 @@ from typing import Any, Final
 import numpy as np
 
 from pmjoint_codegen.kernels.evaluator import Array
+from pmjoint_codegen.loops.metrics import REPORTED, Column
 from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.sweep.chunks import simulate_chunk
-from pmjoint_codegen.sweep.metrics import Column, quantities
+from pmjoint_codegen.sweep.metrics import quantities
 from pmjoint_codegen.tune.cost import CostFunction, cross
-from pmjoint_codegen.tune.objective import METRICS
 from pmjoint_codegen.tune.request import Request
 from pmjoint_codegen.tune.search import Found, own_gains
 
@@ -113,7 +113,7 @@ def summary_table(comparison: Comparison) -> dict[str, Any]:
         "nominal": _side(comparison.metrics[:, :1], comparison),
         "mean": _side(comparison.metrics, comparison, np.mean),
         "worst": _side(comparison.metrics, comparison),
-        "units": {item.name: item.unit for item in quantities(comparison.manifest) if item.name in METRICS},
+        "units": {item.name: item.unit for item in quantities(comparison.manifest) if item.name in REPORTED},
         "lost": dict(zip(("before", "after"), _lost(comparison.metrics), strict=True)),
     }
 
@@ -124,7 +124,7 @@ def _side(
     """Largest value, or mean, of the objective and of every metric over some plants, before and after."""
     done = metrics[..., Column.STATUS] == Status.DONE
     values = {"objective": comparison.request.objective(metrics)}
-    values |= {name: metrics[..., column] for name, column in METRICS.items()}
+    values |= {name: metrics[..., column] for name, column in REPORTED.items()}
     both = {name: reduced(np.where(done, value, np.nan), axis=1) for name, value in values.items()}
     return {name: {"before": float(pair[0]), "after": float(pair[1])} for name, pair in both.items()}
 

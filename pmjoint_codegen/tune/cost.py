@@ -17,9 +17,10 @@ import numpy as np
 from pmjoint_codegen.errors import UsageError
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.loops.batch import BatchLibrary
+from pmjoint_codegen.loops.metrics import Column
 from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.sweep.chunks import simulate_chunk
-from pmjoint_codegen.sweep.metrics import INVALID, Column
+from pmjoint_codegen.sweep.metrics import INVALID
 from pmjoint_codegen.tune.request import Request
 
 BEYOND: Final = 1e12  # cost from which on v passes its limit; no objective is larger

@@ -9,9 +9,9 @@ import numpy as np
 
 from pmjoint_codegen import storage
 from pmjoint_codegen.kernels.evaluator import Array
+from pmjoint_codegen.loops.metrics import Column
 from pmjoint_codegen.simulate.figures import wrapped
 from pmjoint_codegen.simulate.style import png, styled
-from pmjoint_codegen.sweep.metrics import Column
 from pmjoint_codegen.tune.comparison import Comparison, Traces, traces, transient
 from pmjoint_codegen.tune.cost import CostFunction
 

@@ -12,15 +12,8 @@ import numpy as np
 
 from pmjoint_codegen.errors import UsageError, quoted
 from pmjoint_codegen.kernels.evaluator import Array
-from pmjoint_codegen.sweep.metrics import Column
+from pmjoint_codegen.loops.metrics import REPORTED
 
-METRICS: Final = {
-    "ise": Column.ISE,
-    "max_abs_e": Column.MAX_ABS_E,
-    "settling_s": Column.SETTLING_S,
-    "saturated_s": Column.SATURATED_S,
-    "max_abs_v": Column.MAX_ABS_V,
-}
 _LONGEST: Final = 200  # characters: such a sum has five terms
 _CONSTANT: Final = ""  # key of the part of a linear form that multiplies no metric
 
@@ -46,7 +39,7 @@ class Objective:
         """
         total = np.zeros(metrics.shape[:-1])
         for name, weight in self.weights:
-            total += weight * metrics[..., METRICS[name]]
+            total += weight * metrics[..., REPORTED[name]]
         return total
 
 
@@ -67,7 +60,7 @@ def read_objective(text: str) -> Objective:
         raise _refused(text, "cannot be read") from None
     except ValueError as error:
         raise _refused(text, str(error)) from None
-    weights = tuple((name, form[name]) for name in METRICS if name in form)
+    weights = tuple((name, form[name]) for name in REPORTED if name in form)
     if form.get(_CONSTANT) or not weights:
         raise _refused(text, "is not a sum of metrics alone")
     if not all(0 < weight < math.inf for _, weight in weights):
@@ -79,7 +72,7 @@ def _refused(text: str, what: str) -> UsageError:
     return UsageError(
         f"{quoted(text)} {what}",
         where="--objective",
-        remedy=f"allowed: a sum of {', '.join(METRICS)} with positive weights, such as ise + 0.01*max_abs_v",
+        remedy=f"allowed: a sum of {', '.join(REPORTED)} with positive weights, such as ise + 0.01*max_abs_v",
     )
 
 
@@ -88,7 +81,7 @@ def _form(node: ast.expr) -> Form:
     match node:
         case ast.Constant(value=int() | float() as number) if not isinstance(number, bool):
             return {_CONSTANT: float(number)}
-        case ast.Name(id=name) if name in METRICS:
+        case ast.Name(id=name) if name in REPORTED:
             return {name: 1.0}
         case ast.Name(id=name):
             raise ValueError(f"names {name!r}, which is no metric")

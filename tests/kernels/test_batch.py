@@ -16,13 +16,13 @@ from pmjoint_codegen.kernels.declarations import load_module, to_module
 from pmjoint_codegen.kernels.processor import known_levels, usable_levels
 from pmjoint_codegen.loops import batch
 from pmjoint_codegen.loops.batch import BatchLibrary, Runs
+from pmjoint_codegen.loops.constants import DEFECT
+from pmjoint_codegen.loops.metrics import Column
 from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.provision import provide
-from pmjoint_codegen.sweep.metrics import Column
 
 from .conftest import designed, library, make_runs, sampled
 
-DEFECT = 10.0  # the loops' own: what a step may miss, in multiples of the tolerance
 COMPILER = find_compiler(os.environ)
 pytestmark = pytest.mark.skipif(COMPILER is None, reason="the batch loops are compiled")
 

@@ -16,12 +16,14 @@ from pmjoint_codegen.compile.library import LIBRARY, build
 from pmjoint_codegen.kernels.declarations import load_module, to_module
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.loops import batch
+from pmjoint_codegen.loops.metrics import Column
 
 COMPILER = find_compiler(os.environ)
 pytestmark = pytest.mark.skipif(COMPILER is None, reason="the batch loops are compiled")
 
-EXTREMUM, NOISE = 1e-10, 1e-12  # of metrics.c: relative error of an extremum; rounding relative to sum |a_k|
+EXTREMUM, NOISE = 1e-10, 1e-12  # of metrics.c: relative error of a peak; rounding relative to sum |a_k|
 START, SIZE, SQUARE = 3.0, 0.5, 2.0  # of the steps: s, s, mean of e^2
+DEFINED = {"START": START, "SIZE": SIZE, "SQUARE": SQUARE, "ISE": int(Column.ISE)}
 DECLARED = """
 void note_error(long long n, int degree, const double *a, double *most, const double *band, double *settling,
                 double *ise);
@@ -66,11 +68,15 @@ void note_error(long long n, int degree, const double *a, double *most, const do
         LOAD(&metrics.settling, settling, 1)
         for (int w = 0; w < PMJ_WIDTH; ++w) {
             others_larger(lanes, degree, w, now);
-            pmj_note_error(&metrics, now, degree, pmj_all(SQUARE), pmj_all(START), pmj_all(SIZE), only(w));
+            const pmj_span step = {
+                only(w), pmj_all(START), pmj_all(SIZE), now, degree, now, degree, pmj_all(SQUARE),
+                pmj_all(0.0),
+            };
+            pmj_note_step(&metrics, &step);
         }
         STORE(most, metrics.max_e)
         STORE(settling, metrics.settling)
-        STORE(ise, metrics.ise)
+        STORE(ise, metrics.sums[ISE])
     }
 }
 
@@ -135,8 +141,18 @@ def degree(request: pytest.FixtureRequest) -> int:
 def metrics(root: Path, cache: Path) -> Metrics:
     assert COMPILER is not None
     sources = batch.batch_sources(root / "generated" / "paper")
-    wanted = ("metrics.c", "metrics.h", "lanes.c", "lanes.h", "pmjoint_lanes.h")
-    source = f"#define START {START}\n#define SIZE {SIZE}\n#define SQUARE {SQUARE}\n{SOURCE}"
+    wanted = (
+        "metrics.c",
+        "metrics.h",
+        "metric_rows.h",
+        "polynomial.c",
+        "pmjoint_constants.h",
+        "pmjoint_runtime.h",
+        "lanes.c",
+        "lanes.h",
+        "pmjoint_lanes.h",
+    )
+    source = "\n".join([*(f"#define {name} {value}" for name, value in DEFINED.items()), SOURCE])
     files = {name: sources[name] for name in wanted} | {"each.c": source.encode()}
     folder = build(files, COMPILER, cache)
     ffi = load_module(to_module(DECLARED))

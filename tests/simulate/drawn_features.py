@@ -15,9 +15,9 @@ from pmjoint_codegen import ClosedLoop
 from pmjoint_codegen.errors import SimulationError
 from pmjoint_codegen.loops.batch import BatchLibrary, Runs
 from pmjoint_codegen.loops.hold import hold_matrices
+from pmjoint_codegen.loops.metrics import Column
 from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.simulate.settings import DEFAULT_TOLERANCE, make_settings
-from pmjoint_codegen.sweep.metrics import Column
 
 from .small_steps import Array, Equations, Feature, SlidingError
 

@@ -10,8 +10,8 @@ import pytest
 from pmjoint_codegen import ClosedLoop
 from pmjoint_codegen.errors import SimulationError
 from pmjoint_codegen.loops import continuous
+from pmjoint_codegen.loops.constants import DEFECT
 from pmjoint_codegen.loops.status import Status
-from pmjoint_codegen.loops.stepper import DEFECT
 from pmjoint_codegen.simulate.run import Run
 
 WINDOW = "0.25*(tanh(50*(t-5)) - tanh(50*(t-7)))"

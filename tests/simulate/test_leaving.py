@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from pmjoint_codegen import ClosedLoop
@@ -11,6 +13,8 @@ from pmjoint_codegen.simulate.run import Run
 from pmjoint_codegen.simulate.settings import DIVERGENCE, make_settings
 from pmjoint_codegen.sweep.plan import make_plan
 from pmjoint_codegen.sweep.request import make_request
+
+SLOW = {"c1": 2.0, "c2": 2.0}  # gains with which x2 goes further than any state of the controller
 
 
 @pytest.fixture(scope="module")
@@ -28,6 +32,9 @@ def test_a_lost_joint_ends_soon_and_names_its_state(evaluator: str, controller: 
     assert isinstance(run, Run)
     assert run.steps < 10_000  # a million without the limit
     assert run.summary["held"] is False
+    assert (
+        "diverged: r2 passed" in (table := summary_table(run, (), ())) and "diverged: diverged" not in table
+    )
 
 
 def test_the_limit_is_an_option(paper: ClosedLoop) -> None:
@@ -35,6 +42,40 @@ def test_the_limit_is_an_option(paper: ClosedLoop) -> None:
         paper.simulate(parameters={"d1": 10.0}, divergence=50.0)
     with pytest.raises(UsageError, match=r"^--divergence: is 0; allowed: a number greater than 0$"):
         paper.simulate(divergence=0.0)
+
+
+@pytest.mark.parametrize("evaluator", ["compiled", "interpreted"])
+@pytest.mark.parametrize(
+    ("name", "more"),
+    [
+        ("r2", {}),
+        ("x2", {"controller": "sampled", "sample_time": 1e-3, "parameters": SLOW}),
+        ("x2", {"controller": "sampled", "sample_time": 0.2, "parameters": SLOW}),
+    ],
+    ids=["continuous", "short holds", "long holds"],
+)
+def test_a_peak_inside_a_step_passes_the_limit_when_it_does(
+    evaluator: str, name: str, more: dict[str, Any]
+) -> None:
+    """Judged at the ends of steps alone, the run would go on."""
+    loop = ClosedLoop.load("paper", evaluator)
+    peak, when = loop.simulate(horizon=1.0, **more).peaks[name]
+    assert loop.simulate(horizon=1.0, **more, divergence=peak * (1.0 + 1e-9)).summary["status"] == "done"
+    limit = peak * (1.0 - 1e-9)
+    with pytest.raises(SimulationError, match=f"diverged: {name} passed") as caught:
+        loop.simulate(horizon=1.0, **more, divergence=limit)
+    run = caught.value.run
+    assert isinstance(run, Run)
+    assert run.peaks[name][0] == pytest.approx(limit, rel=1e-14)  # the run ends there
+    assert run.peaks[name][1] < when  # and not after it
+    assert when - run.peaks[name][1] < 1e-3
+    assert run.t[-1] <= run.peaks[name][1]
+
+
+@pytest.mark.parametrize("controller", ["continuous", "sampled"])
+def test_a_start_beyond_the_limit_is_the_end(controller: str, paper: ClosedLoop) -> None:
+    with pytest.raises(SimulationError, match=r"diverged: x2 passed 1\.6 at t = 0 s"):
+        paper.simulate(x0=[1.5, 50.0], divergence=1.6, controller=controller)
 
 
 def test_single_runs_and_sweeps_have_one_limit(paper: ClosedLoop) -> None:

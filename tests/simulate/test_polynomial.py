@@ -22,8 +22,8 @@ EPSILON = np.finfo(float).eps
 def c_first_crossing(evaluator: CompiledEvaluator) -> Find:
     def find(q: Sequence[float], h: float) -> float | None:
         root = evaluator.ffi.new("double *")
-        found = evaluator.lib.pmj_first_crossing(evaluator.ffi.new("double[]", list(q)), len(q) - 1, h, root)
-        return float(root[0]) if found else None
+        q_c = evaluator.ffi.new("double[]", list(q))
+        return float(root[0]) if evaluator.lib.pmj_crossings(q_c, len(q) - 1, h, root, 1) else None
 
     return find
 
@@ -212,7 +212,7 @@ def test_step_size_is_the_largest_that_keeps_the_last_terms_small(compiled_paper
     assert polynomial.step_size(np.ones((9, 3)) * (np.arange(9) < 7)[:, np.newaxis], 1e-10, 1.0) == math.inf
 
 
-@pytest.mark.parametrize("rule", [quadrature.long_steps(), quadrature.short_steps()])
+@pytest.mark.parametrize("rule", [quadrature.long_steps(), quadrature.lane_steps(), quadrature.short_steps()])
 def test_quadrature_rules_are_gauss_legendre(rule: quadrature.Rule) -> None:
     nodes, weights = np.polynomial.legendre.leggauss(len(rule.nodes))
     np.testing.assert_allclose(rule.nodes, (1 + nodes) / 2, rtol=0, atol=4 * EPSILON)
@@ -243,3 +243,25 @@ def test_leading_zeros_are_those_to_rounding(
     given = compiled_paper.ffi.new("double[]", q)
     assert compiled_paper.lib.pmj_leading_zeros(given, len(q) - 1, 1.0) == zeros
     assert polynomial.leading_zeros(q, 1.0) == zeros
+
+
+def test_the_first_instant_beyond_a_limit_is_found_alike(compiled_paper: CompiledEvaluator) -> None:
+    generator, grid = np.random.default_rng(5), np.linspace(0.0, 0.75, 3001)
+    ends = []
+    for _ in range(300):
+        c = generator.normal(size=9) * generator.uniform(0.3, 1.5) ** np.arange(9)
+        c[0] *= 0.1
+        values = np.abs(Polynomial(c)(grid))
+        limit = abs(c[0]) + 0.3 + generator.uniform(0.0, 1.0)
+        wanted = polynomial.exceeds(c.tolist(), limit, 0.75)
+        tau = compiled_paper.ffi.new("double *", 0.75)
+        found = compiled_paper.lib.pmj_exceeds(
+            compiled_paper.ffi.from_buffer("double[]", c), 1, 8, limit, tau
+        )
+        assert (float(tau[0]) if found else None) == wanted
+        before = grid if wanted is None else grid[grid < wanted]
+        assert np.all(values[: len(before)] <= limit * (1.0 + 1e-9))
+        if wanted is not None:
+            assert abs(Polynomial(c)(wanted)) == pytest.approx(limit, rel=1e-9)
+        ends.append(wanted is not None)
+    assert 0.2 < np.mean(ends) < 0.8

@@ -14,7 +14,7 @@ from numpy.polynomial import polynomial as reference
 from pmjoint_codegen.kernels.compiled import CompiledEvaluator
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.loops import steps
-from pmjoint_codegen.loops.problem import PADDING
+from pmjoint_codegen.loops.constants import PADDING
 
 EPSILON = np.finfo(float).eps
 

@@ -14,10 +14,11 @@ import pytest
 from pmjoint_codegen import ClosedLoop
 from pmjoint_codegen.errors import StaleError, UsageError
 from pmjoint_codegen.loops.hold import hold_matrices as single_hold
+from pmjoint_codegen.loops.metrics import Column
 from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.sweep import chunks
-from pmjoint_codegen.sweep.metrics import INVALID, Column, quantities, status_meanings
+from pmjoint_codegen.sweep.metrics import INVALID, quantities, status_meanings
 from pmjoint_codegen.sweep.plan import Axis, Plan, make_plan
 from pmjoint_codegen.sweep.request import make_request, varied_names
 from pmjoint_codegen.sweep.validity import valid_rows

@@ -17,7 +17,8 @@ import numpy as np
 import pytest
 
 from pmjoint_codegen.errors import MissingToolError, UsageError
-from pmjoint_codegen.loops.batch import METRICS, loops_hash
+from pmjoint_codegen.loops.batch import loops_hash
+from pmjoint_codegen.loops.metrics import Column
 from pmjoint_codegen.sweep.chunks import Result
 from pmjoint_codegen.sweep.executor import execute
 from pmjoint_codegen.sweep.plan import make_plan
@@ -132,7 +133,7 @@ def test_memory_to_write_a_dataset_does_not_grow_with_it(
         store = Store(tmp_path / str(runs), make_request(case.manifest, plan), case.manifest.nX)
         store.open()
         for start in store.starts():
-            table = np.zeros((store.length(start), METRICS + store.size))
+            table = np.zeros((store.length(start), len(Column) + store.size))
             store.keep(start, Result(table, np.empty(0)))
         tracemalloc.start()
         try:
@@ -143,10 +144,10 @@ def test_memory_to_write_a_dataset_does_not_grow_with_it(
             tracemalloc.stop()
 
     few, many = peak(2**13), peak(2**17)
-    part = 8 * 2**12 * (METRICS + case.manifest.nX)
+    part = 8 * 2**12 * (len(Column) + case.manifest.nX)
     axis_and_metric = 8 * 2**17 * 4  # the axis as asked for, as numbers; the one metric of those that hold
     assert few > part
-    assert many < few + axis_and_metric < 8 * 2**17 * (METRICS + case.manifest.nX)
+    assert many < few + axis_and_metric < 8 * 2**17 * (len(Column) + case.manifest.nX)
 
 
 @pytest.mark.parametrize("kind", ["netcdf", "parquet"])

@@ -19,8 +19,9 @@ from .conftest import Case, sweep
 pytest.importorskip("xarray")
 pytest.importorskip("zarr")
 
+from pmjoint_codegen.loops.metrics import REPORTED
 from pmjoint_codegen.sweep import blocks, dataset
-from pmjoint_codegen.sweep.totals import REPORTED, totals
+from pmjoint_codegen.sweep.totals import totals
 
 
 @pytest.mark.parametrize("size", [blocks.BLOCK, 500])

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from pmjoint_codegen.loops.batch import BatchLibrary
+from pmjoint_codegen.loops.metrics import Column
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.sweep.metrics import Column
 from pmjoint_codegen.tune.comparison import TRANSIENT, compare, traces, transient
 from pmjoint_codegen.tune.cost import CostFunction
 from pmjoint_codegen.tune.request import make_request

@@ -9,10 +9,11 @@ import pytest
 
 from pmjoint_codegen.errors import UsageError
 from pmjoint_codegen.kernels.evaluator import Array
-from pmjoint_codegen.loops.batch import METRICS, BatchLibrary
+from pmjoint_codegen.loops.batch import BatchLibrary
+from pmjoint_codegen.loops.metrics import Column
 from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.sweep.metrics import INVALID, Column
+from pmjoint_codegen.sweep.metrics import INVALID
 from pmjoint_codegen.tune.cost import BEYOND, BROKEN, LOST, CostFunction, cost
 from pmjoint_codegen.tune.request import Request, make_request
 
@@ -23,7 +24,7 @@ def request_(paper: Manifest) -> Request:
 
 
 def run(status: int = Status.DONE, ise: float = 1.0, v: float = 5.0, t_end: float = 2.0) -> Array:
-    row = np.zeros(METRICS)
+    row = np.zeros(len(Column))
     row[[Column.STATUS, Column.ISE, Column.MAX_ABS_V, Column.T_END]] = status, ise, v, t_end
     return row
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pmjoint_codegen.errors import UsageError
-from pmjoint_codegen.sweep.metrics import Column
+from pmjoint_codegen.loops.metrics import Column
 from pmjoint_codegen.tune.objective import read_objective
 
 

@@ -11,8 +11,8 @@ import pytest
 from pmjoint_codegen.errors import UsageError
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.loops.batch import BatchLibrary
+from pmjoint_codegen.loops.metrics import Column
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.sweep.metrics import Column
 from pmjoint_codegen.tune.comparison import compare, summary_table
 from pmjoint_codegen.tune.cost import BEYOND, CostFunction
 from pmjoint_codegen.tune.request import make_request

@@ -3,9 +3,6 @@
 #include <float.h>
 #include <math.h>
 
-/* A threshold on which rounding alone decides the side is left alone for this long, s. */
-#define UNDECIDED_STEP 1e-7
-
 /* The kernels of a run. */
 typedef struct {
     const pmj_function *taylor;
@@ -15,7 +12,7 @@ typedef struct {
 
 static double *coefficients(const pmj_problem *problem, const pmj_memory *memory, long long buffer)
 {
-    return memory->coefficients + buffer * ((problem->order + 1) * problem->n_channels + 3);
+    return memory->coefficients + buffer * ((problem->order + 1) * problem->n_channels + PMJ_PADDING);
 }
 
 /* A mode and the present sides, as the kernels take them. */
@@ -106,7 +103,8 @@ static long long first_passage(const pmj_problem *problem, const pmj_progress *p
         for (int side = -1; side <= 1; side += 2) {
             const long long index = progress->mode + (side < 0 ? -1 : 0);
             if (index >= 0 && index < problem->n_thresholds
-                && pmj_passes(problem, c, v, problem->thresholds[index], progress->touching == index, side, *tau, &when)) {
+                && pmj_channel_passes(problem, c, v, problem->thresholds[index], progress->touching == index, side, *tau,
+                                      &when)) {
                 found = index;
                 *tau = when;
             }
@@ -157,6 +155,17 @@ static void note_switch(const pmj_problem *problem, pmj_progress *progress, cons
     }
 }
 
+/* Whether any state is beyond the limit of divergence. */
+static int beyond(const pmj_problem *problem, const double *X)
+{
+    for (long long i = 0; i < problem->n_states; ++i) {
+        if (fabs(X[i]) > problem->divergence) {
+            return 1;
+        }
+    }
+    return 0;
+}
+
 /* First call: the sides and the mode at t = 0, and the coefficients there. */
 static void start(const pmj_problem *problem, const pmj_function *taylor, pmj_progress *progress,
                   const pmj_memory *memory)
@@ -182,6 +191,9 @@ static void start(const pmj_problem *problem, const pmj_function *taylor, pmj_pr
         progress->status = PMJ_KERNEL_FAILED;
     } else if (!pmj_all_finite(c, 2 * problem->n_channels)) {
         progress->status = PMJ_NON_FINITE;
+    }
+    if (progress->status == PMJ_RUNNING && beyond(problem, memory->state)) {
+        progress->status = PMJ_DIVERGED;
     }
     progress->band = problem->settled * fabs(c[n + 1]);
     for (long long i = 0; i < n + 2; ++i) {
@@ -240,6 +252,18 @@ static void note_peaks(const pmj_problem *problem, const pmj_progress *progress,
     }
 }
 
+/* Whether a state passes the limit of divergence inside a step of size *tau, which then becomes the time until that. */
+static int first_beyond(const pmj_problem *problem, const pmj_memory *memory, const double *c, double *tau)
+{
+    int found = 0;
+    for (long long i = 0; i < problem->n_states && i < problem->n_searched; ++i) {
+        if (memory->reach[i] * PMJ_ROUNDED_UP > problem->divergence) {
+            found |= pmj_exceeds(c + i, problem->n_channels, problem->order, problem->divergence, tau);
+        }
+    }
+    return found;
+}
+
 /* Accept a step of size tau whose end state is `memory->trial`. */
 static void accept(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory, double tau, double end)
 {
@@ -252,9 +276,9 @@ static void accept(const pmj_problem *problem, pmj_progress *progress, const pmj
     note_peaks(problem, progress, memory, c, next, tau);
     for (long long i = 0; i < problem->n_states; ++i) {
         memory->state[i] = memory->trial[i];
-        if (fabs(memory->state[i]) > problem->divergence) {
-            progress->status = PMJ_DIVERGED;
-        }
+    }
+    if (beyond(problem, memory->state)) {
+        progress->status = PMJ_DIVERGED;
     }
     progress->idle = end > progress->t ? 0 : progress->idle + 1;
     progress->flips = end > progress->t ? 0 : progress->flips;
@@ -282,7 +306,7 @@ static double first_step(const pmj_problem *problem, const pmj_progress *progres
                                 problem->safety);
     h = h < PMJ_GROWTH * progress->last_cut ? h : PMJ_GROWTH * progress->last_cut;
     h = h < problem->max_step ? h : problem->max_step;
-    h = progress->idle > problem->n_thresholds && h > UNDECIDED_STEP ? UNDECIDED_STEP : h;
+    h = progress->idle > problem->n_thresholds && h > PMJ_UNDECIDED_STEP ? PMJ_UNDECIDED_STEP : h;
     return h < remaining ? h : remaining;
 }
 
@@ -310,11 +334,13 @@ static void step(const pmj_problem *problem, const kernels *run, pmj_progress *p
         }
         double tau = h;
         pmj_bounds(c, width, problem->order, tau, problem->n_searched > 0 ? 0 : n, memory->reach);
-        const long long index = undecided ? -1 : first_passage(problem, progress, memory, c, h, &tau);
+        long long index = undecided ? -1 : first_passage(problem, progress, memory, c, h, &tau);
         if (index >= 0 && tau == 0.0) {
             pass_at_once(problem, run, progress, memory, index);
             return;
         }
+        const int diverging = first_beyond(problem, memory, c, &tau);
+        index = diverging ? -1 : index;
         const double end = tau < remaining ? progress->t + tau : horizon;
         const long long mode = progress->mode
                                + (index < 0 || index >= problem->n_thresholds ? 0 : index == progress->mode ? 1 : -1);
@@ -330,6 +356,7 @@ static void step(const pmj_problem *problem, const kernels *run, pmj_progress *p
         }
         if (miss <= 1.0) {
             accept(problem, progress, memory, tau, end);
+            progress->status = diverging ? PMJ_DIVERGED : progress->status;
             progress->last_cut = h < first ? h : HUGE_VAL;
             progress->touching = -1;
             if (index >= 0) {

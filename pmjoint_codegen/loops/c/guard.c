@@ -115,24 +115,15 @@ int pmj_stays(const pmj_problem *problem, const pmj_memory *memory, const double
     return least > low && most < high;
 }
 
-/* When a channel passes `level` in a direction (`outward` is +1 upwards, -1 downwards), from 0 to before h.
- * 1 and the time after the step's start; 0 if it does not. On the level, to rounding, the first derivative that does not
- * vanish decides, and the zero at the start is divided out before the search. */
-int pmj_passes(const pmj_problem *problem, const double *c, long long channel, double level, int touching, int outward,
-               double h, double *tau)
+/* When a channel passes `level`; see `pmj_passes`. */
+int pmj_channel_passes(const pmj_problem *problem, const double *c, long long channel, double level, int touching,
+                       int outward, double h, double *tau)
 {
     double q[PMJ_MAX_ORDER + 1];
     for (long long k = 0; k <= problem->order; ++k) {
         q[k] = c[k * problem->n_channels + channel];
     }
-    q[0] -= level;
-    q[0] = pmj_on_level(q, problem->order, h, touching);
-    const long long zeros = pmj_leading_zeros(q, problem->order, h);
-    if (q[zeros] * outward > 0.0) {
-        *tau = 0.0;
-        return 1;
-    }
-    return pmj_first_crossing(q + zeros, problem->order - zeros, h, tau);
+    return pmj_passes(q, problem->order, level, touching, outward, h, tau);
 }
 
 /* The kink that is passed first within h and before `*tau`, which then becomes the time until that; or -1. On kink
@@ -148,7 +139,7 @@ long long pmj_first_kink(const pmj_problem *problem, const pmj_memory *memory, c
         const double low = above ? 0.0 : -HUGE_VAL;
         const double high = above ? HUGE_VAL : 0.0;
         if ((touching == j || !pmj_stays(problem, memory, c, first + j, low, high, h))
-            && pmj_passes(problem, c, first + j, 0.0, touching == j ? PMJ_ON_KINK : 0, above ? -1 : 1, *tau, &when)) {
+            && pmj_channel_passes(problem, c, first + j, 0.0, touching == j ? PMJ_ON_KINK : 0, above ? -1 : 1, *tau, &when)) {
             found = j;
             *tau = when;
         }

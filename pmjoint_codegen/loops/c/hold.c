@@ -5,9 +5,6 @@
 #include <math.h>
 #include <string.h>
 
-/* A window's reach in x, as a multiple of what a hold needs of it. */
-#define WINDOW 4.0
-
 /* Integral of e^2 over a step of a hold that takes several. */
 static double long_integral(const pmj_problem *problem, const double *c, double size)
 {
@@ -63,6 +60,17 @@ static void try_step(const pmj_problem *problem, pmj_progress *progress, const p
     } else if (progress->steps >= problem->max_steps) {
         progress->status = PMJ_TOO_MANY_STEPS;
     }
+}
+
+/* Whether a state of the plant passes the limit of divergence inside a step of size *tau, which then becomes the time
+ * until that. */
+static int first_beyond(const pmj_problem *problem, const pmj_memory *memory, long long order, double *tau)
+{
+    int found = 0;
+    for (int i = 0; i < PMJ_NX; ++i) {
+        found |= pmj_exceeds(memory->coefficients + i, CHANNELS, order, problem->divergence, tau);
+    }
+    return found;
 }
 
 /* Put a kink on a side. On the other one the right-hand side is another function: what the guard has looked at is of no
@@ -196,11 +204,12 @@ static void long_hold(const pmj_problem *problem, const kernels *plant, pmj_prog
             progress->status = PMJ_KERNEL_FAILED;
             return;
         }
-        const double tau = long_step(problem, plant, progress, memory, left, smallest, &kink);
+        double tau = long_step(problem, plant, progress, memory, left, smallest, &kink);
         if (progress->status != PMJ_RUNNING) {
             return;
         }
         if (tau > 0.0) {
+            const int diverging = first_beyond(problem, memory, problem->order, &tau);
             try_step(problem, progress, memory, problem->order, tau);
             if (progress->status != PMJ_RUNNING) {
                 return;
@@ -209,8 +218,9 @@ static void long_hold(const pmj_problem *problem, const kernels *plant, pmj_prog
             accept(problem, progress, memory, problem->order, tau, tau < left ? progress->t + tau : end, rows_until, t_sample);
             progress->touching = -1;
             progress->flips = 0;
+            progress->status = diverging ? PMJ_DIVERGED : progress->status;
         }
-        if (kink >= 0) {
+        if (kink >= 0 && progress->status == PMJ_RUNNING) {
             flip(problem, progress, memory, kink);
         }
     }
@@ -258,7 +268,7 @@ static int shown(const pmj_problem *problem, const kernels *plant, const pmj_pro
         window[1] = 2.0 * R;
         for (int i = 0; i < PMJ_NX; ++i) {
             window[2 + i] = c[i];
-            window[2 + PMJ_NX + i] = WINDOW * spread(c, i, R);
+            window[2 + PMJ_NX + i] = PMJ_WINDOW * spread(c, i, R);
         }
         if (2.0 * hold_miss(problem, plant, memory, window[0], window + 2, window[1], window + 2 + PMJ_NX,
                             problem->sample_time, 0) <= 1.0) {
@@ -297,9 +307,11 @@ void pmj_hold(const pmj_problem *problem, const kernels *plant, pmj_progress *pr
         long_hold(problem, plant, progress, memory, end, rows_until);
         return;
     }
+    const int diverging = first_beyond(problem, memory, ORDER, &length);
     try_step(problem, progress, memory, ORDER, length);
     if (progress->status == PMJ_RUNNING) {
         progress->integral += integral(memory->coefficients, length);
-        accept(problem, progress, memory, ORDER, length, end, rows_until, progress->t);
+        accept(problem, progress, memory, ORDER, length, diverging ? progress->t + length : end, rows_until, progress->t);
+        progress->status = diverging ? PMJ_DIVERGED : progress->status;
     }
 }

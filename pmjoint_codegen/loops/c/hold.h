@@ -114,8 +114,8 @@ static inline int smooth(const double *c, double tau)
 /* Integral of e^2 over a hold that is one step, by three Gauss nodes. */
 static inline double integral(const double *c, double size)
 {
-    const double nodes[3] = {0.11270166537925831, 0.5, 0.8872983346207417};
-    const double weights[3] = {0.2777777777777778, 0.4444444444444444, 0.2777777777777778};
+    const double nodes[3] = PMJ_SHORT_NODES;
+    const double weights[3] = PMJ_SHORT_WEIGHTS;
     double a[ORDER + 1];
     double power = size;
     double sum = 0.0;

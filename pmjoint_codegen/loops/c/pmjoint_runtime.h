@@ -10,32 +10,7 @@
 #ifndef PMJOINT_RUNTIME_H
 #define PMJOINT_RUNTIME_H
 
-/* The highest Taylor order that the root isolation holds on its stack. */
-#define PMJ_MAX_ORDER 40
-/* The most nodes of a quadrature rule. */
-#define PMJ_MAX_NODES 16
-/* Below this step, relative to max(1 s, t), time does not move any more. */
-#define PMJ_SMALLEST_STEP 1e-14
-
-/* A step may miss the right-hand side by this multiple of the tolerance, anywhere. */
-#define PMJ_DEFECT 10.0
-/* After a step that the guard has cut, the next is at most so much longer. */
-#define PMJ_GROWTH 2.5
-/* Rounding of a sum of terms, generously, relative to their magnitudes. */
-#define PMJ_ROUNDED_UP (1.0 + 1e-12)
-#define PMJ_ON_KINK 2   /* what `touching` is on a kink; on a threshold of v it is 1 */
-#define PMJ_JUMPED 1e-6 /* part of what an argument moves in a step: one that stands on its zero is within rounding */
-
-/* Values of `pmj_progress.status`; loops/status.py puts them into words. */
-#define PMJ_RUNNING 0
-#define PMJ_DONE 1
-#define PMJ_DIVERGED 2
-#define PMJ_NON_FINITE 3
-#define PMJ_STALLED 4
-#define PMJ_TOO_MANY_STEPS 5
-#define PMJ_TOO_MANY_SWITCHES 6
-#define PMJ_KERNEL_FAILED 7
-#define PMJ_SLIDING 9 /* 8 is a sweep's word for runs that are not made */
+#include "pmjoint_constants.h"
 
 /* A generated kernel in CasADi's calling convention: 0 is success. */
 typedef int (*pmj_kernel)(const double **arg, double **res, long long *iw, double *w, int mem);
@@ -144,8 +119,7 @@ void pmj_evaluate(const double *c, long long width, long long order, double tau,
 double pmj_step_size(const double *c, long long width, long long order, double tolerance, double safety);
 long long pmj_leading_zeros(const double *q, long long degree, double h);
 long long pmj_crossings(const double *q, long long degree, double h, double *roots, long long most);
-int pmj_first_crossing(const double *q, long long degree, double h, double *root);
-double pmj_on_level(const double *q, long long degree, double h, int touching);
+int pmj_passes(double *q, long long degree, double level, int touching, int outward, double h, double *tau);
 void pmj_note_value(double value, double t, double *peak, double *peak_time);
 void pmj_note_extremum(const double *c, long long width, long long order, double t, double tau, double *peak,
                        double *peak_time);
@@ -154,6 +128,7 @@ void pmj_note_peaks(const double *c, long long width, long long order, long long
 void pmj_note_rate(const double *c, long long width, long long order, double t, double tau, double *peak,
                    double *peak_time);
 
+int pmj_exceeds(const double *c, long long width, long long order, double limit, double *tau);
 double pmj_last_outside(const double *c, long long width, long long order, double tau, double band);
 
 /* steps.c: results have room for whole blocks of four channels, but `out`, which takes n */
@@ -184,8 +159,8 @@ double pmj_defect(const pmj_problem *problem, const pmj_function *rates, double 
                   const double *actuation, const double *c, double at, double tau);
 int pmj_stays(const pmj_problem *problem, const pmj_memory *memory, const double *c, long long channel, double low,
               double high, double h);
-int pmj_passes(const pmj_problem *problem, const double *c, long long channel, double level, int touching, int outward,
-               double h, double *tau);
+int pmj_channel_passes(const pmj_problem *problem, const double *c, long long channel, double level, int touching,
+                       int outward, double h, double *tau);
 long long pmj_first_kink(const pmj_problem *problem, const pmj_memory *memory, const double *c, long long touching,
                          double h, double *tau);
 void pmj_note_settled(pmj_progress *progress, const double *c, long long width, long long order, double last, double tau,

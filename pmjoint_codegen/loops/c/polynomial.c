@@ -5,10 +5,6 @@
 
 /* Channels evaluated side by side; coefficient memory is padded by one less, so that a block may read past a row. */
 #define BLOCK 4
-/* Halvings of a step in the search for a root: below it, an interval is narrower than the rounding of its ends. */
-#define MAX_DEPTH 48
-#define MAX_REFINEMENTS 100
-#define CLOSE 1e-9
 
 /* out[i] = sum_k c[k*width + i] tau^k, by Horner, for i < n. */
 void pmj_evaluate(const double *c, long long width, long long order, double tau, double *out, long long n)
@@ -112,12 +108,12 @@ static double guess(const double *b, long long degree, double low, double width,
 }
 
 /* The root of sum_k a_k s^k in (low, high), where the sign `before` ends: Newton, kept inside by bisection. Its last
- * step is not taken again: the error that it leaves is the square of a relative error below CLOSE. */
+ * step is not taken again: the error that it leaves is the square of a relative error below PMJ_CLOSE. */
 static double refine(const double *a, long long degree, double start, double low, double high, int before,
                      double noise)
 {
     double s = start > low && start < high ? start : 0.5 * (low + high);
-    for (int round = 0; round < MAX_REFINEMENTS; ++round) {
+    for (int round = 0; round < PMJ_MAX_REFINEMENTS; ++round) {
         double value = a[degree];
         double slope = 0.0;
         for (long long k = degree - 1; k >= 0; --k) {
@@ -134,7 +130,7 @@ static double refine(const double *a, long long degree, double start, double low
             high = s;
         }
         const int inside = newton > low && newton < high;
-        if (fabs(newton - s) <= CLOSE * s) {
+        if (fabs(newton - s) <= PMJ_CLOSE * s) {
             return inside ? newton : s;
         }
         s = inside ? newton : 0.5 * (low + high);
@@ -151,9 +147,9 @@ static double noise_of(long long degree, double size)
 /* Descartes' rule on [0, 1], halving where it leaves a doubt, from left to right: the first roots, at most `most`. */
 static long long isolate(const double *a, long long degree, double size, double *roots, long long most)
 {
-    double stack[MAX_DEPTH + 2][PMJ_MAX_ORDER + 1];
-    double low[MAX_DEPTH + 2];
-    double width[MAX_DEPTH + 2];
+    double stack[PMJ_MAX_DEPTH + 2][PMJ_MAX_ORDER + 1];
+    double low[PMJ_MAX_DEPTH + 2];
+    double width[PMJ_MAX_DEPTH + 2];
     const double noise = noise_of(degree, size);
     long long found = 0;
     int top = 0;
@@ -170,7 +166,7 @@ static long long isolate(const double *a, long long degree, double size, double 
             before = first;
             continue;
         }
-        if (changes <= 1 || width[top] <= ldexp(1.0, -MAX_DEPTH)) {
+        if (changes <= 1 || width[top] <= ldexp(1.0, -PMJ_MAX_DEPTH)) {
             if (changes == 1) {
                 roots[found++] = refine(a, degree, guess(stack[top], degree, low[top], width[top], first, noise),
                                         low[top], low[top] + width[top], first, 0.25 * DBL_EPSILON * size);
@@ -237,15 +233,9 @@ long long pmj_crossings(const double *q, long long degree, double h, double *roo
     return found;
 }
 
-/* The first of them: 1 and the root, or 0. */
-int pmj_first_crossing(const double *q, long long degree, double h, double *root)
-{
-    return pmj_crossings(q, degree, h, root, 1) > 0;
-}
-
 /* The value of q at the start of a step of size h: 0 where the run stands on q's zero. With a kink's side the argument of
  * another may jump: it has then passed its zero without standing on it. */
-double pmj_on_level(const double *q, long long degree, double h, int touching)
+static double on_level(const double *q, long long degree, double h, int touching)
 {
     double rest = 0.0;
     double power = 1.0;
@@ -254,6 +244,21 @@ double pmj_on_level(const double *q, long long degree, double h, int touching)
         rest += fabs(q[k]) * power;
     }
     return touching == 0 || (touching == PMJ_ON_KINK && fabs(q[0]) > PMJ_JUMPED * rest) ? q[0] : 0.0;
+}
+
+/* When a polynomial passes `level` in a direction (`outward` is +1 upwards, -1 downwards), from 0 to before h.
+ * 1 and the time after the step's start; 0 if it does not. On the level, to rounding, the first derivative that does not
+ * vanish decides, and the zero at the start is divided out before the search. `q` is used up. */
+int pmj_passes(double *q, long long degree, double level, int touching, int outward, double h, double *tau)
+{
+    q[0] -= level;
+    q[0] = on_level(q, degree, h, touching);
+    const long long zeros = pmj_leading_zeros(q, degree, h);
+    if (q[zeros] * outward > 0.0) {
+        *tau = 0.0;
+        return 1;
+    }
+    return pmj_crossings(q + zeros, degree - zeros, h, tau, 1) > 0;
 }
 
 /* Keep the largest magnitude and its time; NaN counts as larger than anything. */
@@ -311,6 +316,28 @@ void pmj_note_rate(const double *c, long long width, long long order, double t, 
         end = end * tau + rate[k - 1];
     }
     pmj_note_peaks(rate, 1, order - 1, 1, t, tau, &end, peak, peak_time);
+}
+
+/* Whether the magnitude of one channel passes `limit` inside a step of size *tau, which then becomes the time until that. */
+int pmj_exceeds(const double *c, long long width, long long order, double limit, double *tau)
+{
+    double q[PMJ_MAX_ORDER + 1];
+    double power = 1.0;
+    double bound = 0.0;
+    int found = 0;
+    for (long long k = 0; k <= order; ++k) {
+        q[k] = c[k * width];
+        bound += fabs(q[k]) * power;
+        power *= *tau;
+    }
+    if (!(bound > limit)) {
+        return 0;
+    }
+    for (int side = -1; side <= 1; side += 2) {
+        q[0] = c[0] + (double)side * limit;
+        found |= pmj_crossings(q, order, *tau, tau, 1) > 0;
+    }
+    return found;
 }
 
 /* The last time in [0, tau) at which the magnitude of one channel goes from above `band` to below it, or -1. */

@@ -6,8 +6,6 @@
 #include <math.h>
 #include <string.h>
 
-/* Output instants closer to a sample than this fraction of the sample time are the sample itself. */
-#define SAME_INSTANT 1e-9
 #define OWN (PMJ_NS - PMJ_NX) /* the controller's states */
 
 /* A compiler that is not told puts the rare path into the frequent one, and its registers in memory. */
@@ -71,7 +69,7 @@ static void settle(const pmj_problem *problem, pmj_progress *progress, const pmj
 static RARE void whole_sample(const pmj_problem *problem, const kernels *plant, pmj_progress *progress, const pmj_memory *memory,
                               double t, double v, const double *next)
 {
-    const double slack = SAME_INSTANT * problem->sample_time;
+    const double slack = PMJ_SAME_INSTANT * problem->sample_time;
     const double horizon = problem->times[problem->n_rows - 1];
     const double end = (double)(progress->sample + 1) * problem->sample_time;
     const double rows_until = end - slack;
@@ -200,7 +198,7 @@ void pmj_sampled(const pmj_problem *problem, const pmj_function *taylor, const p
     const int whole = problem->sample_time <= problem->max_step;
     double window[2 + 2 * PMJ_NX];
     const double period = problem->sample_time;
-    const double slack = SAME_INSTANT * period;
+    const double slack = PMJ_SAME_INSTANT * period;
     double X[PMJ_NS];
     double p[PMJ_NP];
     double h[PMJ_NH];

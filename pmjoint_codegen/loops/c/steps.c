@@ -212,8 +212,8 @@ static double rough_exp2(double a)
 /* Factor on a step that misses by `miss` times what is allowed, an error of the given order: 0.55 to 0.95. */
 double pmj_shrink(double miss, long long order)
 {
-    const double factor = 0.95 * rough_exp2(rough_log2(miss) * (-1.0 / (double)order));
-    return factor > 0.95 ? 0.95 : factor > 0.55 ? factor : 0.55;
+    const double factor = PMJ_MOST_SHRINK * rough_exp2(rough_log2(miss) * (-1.0 / (double)order));
+    return factor > PMJ_MOST_SHRINK ? PMJ_MOST_SHRINK : factor > PMJ_LEAST_SHRINK ? factor : PMJ_LEAST_SHRINK;
 }
 
 double pmj_allowed_step(const double *c, const double *scales, long long width, long long order, double tolerance,

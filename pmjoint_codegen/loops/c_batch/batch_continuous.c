@@ -5,19 +5,25 @@
 #include <float.h>
 #include <string.h>
 
-/* A threshold on which rounding alone decides the side is left alone for this long, s. */
-#define UNDECIDED_STEP 1e-7
+/* Lane w goes to the other side of the kink that its step ends at. */
+static void cross_kink(pmj_group *all, int w)
+{
+    pmj_lane *one = &all->runs.lanes[w];
+    const int kink = one->crossing - one->actuator.thresholds;
+    pmj_flip(&all->runs, &all->g[2 * PMJ_NW + kink], w, one->crossing);
+    one->crossing = -1;
+}
 
 /* The long way for lane w: the step to the first threshold or kink within h. 0 where it is passed without a step. */
 static int search(pmj_group *all, const pmj_flow *flow, const pmj_lanes *c, int w, double h)
 {
-    pmj_lane *one = &all->lanes[w];
+    pmj_lane *one = &all->runs.lanes[w];
     const int thresholds = one->actuator.thresholds;
     double when = 0.0;
     one->crossing = -1;
     one->next_mode = one->mode;
     if (one->undecided > one->actuator.thresholds) {
-        all->h[w] = h < UNDECIDED_STEP ? h : UNDECIDED_STEP;
+        all->h[w] = h < PMJ_UNDECIDED_STEP ? h : PMJ_UNDECIDED_STEP;
         return 1;
     }
     if (one->mode > 0
@@ -46,12 +52,12 @@ static int search(pmj_group *all, const pmj_flow *flow, const pmj_lanes *c, int 
         all->alert[w] = -1;
         pmj_set_mode(all, w, one->next_mode);
         if (h == 0.0 && one->crossing >= thresholds) {
-            pmj_flip(all, w, one->crossing - thresholds);
+            cross_kink(all, w);
             all->touching[w] = -1;
             return 0;
         }
         if (h == 0.0) {
-            pmj_cross(all, w, all->t[w]);
+            pmj_cross(all, w, all->runs.t[w]);
             one->undecided += 1;
             all->touching[w] = -1;
             all->stuck[w] = -1;
@@ -64,7 +70,7 @@ static int search(pmj_group *all, const pmj_flow *flow, const pmj_lanes *c, int 
 /* A run begins: its sides, and its mode from v(0). 1 where the coefficients hold on these sides in that mode. */
 static int begin(const pmj_sweep *sweep, pmj_group *all, const pmj_lanes *c, int w)
 {
-    pmj_lane *one = &all->lanes[w];
+    pmj_lane *one = &all->runs.lanes[w];
     int moved = 0;
     for (int j = 0; j < PMJ_NK; ++j) {
         const double side = c[E + 1 + j][w] < 0.0 ? -1.0 : 1.0;
@@ -75,10 +81,8 @@ static int begin(const pmj_sweep *sweep, pmj_group *all, const pmj_lanes *c, int
     if (moved && one->passes <= PMJ_NK) {
         return 0; /* an argument depends on the sides before its own */
     }
-    all->fresh[w] = 0;
-    all->metrics.band[w] = sweep->settled * fabs(c[E][w]);
-    all->metrics.max_e[w] = fabs(c[E][w]);
-    all->metrics.max_v[w] = fabs(c[V][w]);
+    all->runs.fresh[w] = 0;
+    pmj_start_metrics(&all->runs.metrics, w, c[E][w], c[V][w], sweep->settled);
     one->mode = pmj_mode_of(&one->actuator, c[V][w]);
     pmj_set_mode(all, w, one->mode);
     return one->mode == 0 && !moved;
@@ -97,7 +101,7 @@ static int finite_rows(const pmj_lanes *c, int w, int rows)
 /* How much of what is allowed the steps on trial miss: at their ends, where `next` is what the kernels say, and inside. */
 static pmj_lanes missed(const pmj_sweep *sweep, const pmj_flow *flow, const pmj_group *all, const pmj_lanes *next)
 {
-    const pmj_stand at = {&all->t_before, next, all->g, all->p, all->scales, all->control};
+    const pmj_stand at = {&all->t_before, next, all->g, all->runs.p, all->scales, all->control};
     pmj_lanes found[CHANNELS];
     for (int i = 0; i < CHANNELS; ++i) {
         found[i] = i < PMJ_NS ? all->slope[i] - next[CHANNELS + i] : all->ends[i - PMJ_NS] - next[i];
@@ -110,12 +114,12 @@ static pmj_lanes missed(const pmj_sweep *sweep, const pmj_flow *flow, const pmj_
 /* Lane w goes back to where its step began and tries a part of it; the status, where that is too small. */
 static int reject(pmj_group *all, const pmj_lanes *next, int w, double part)
 {
-    pmj_lane *one = &all->lanes[w];
+    pmj_lane *one = &all->runs.lanes[w];
     const double smallest = PMJ_SMALLEST_STEP * (all->t_before[w] > 1.0 ? all->t_before[w] : 1.0);
     for (int i = 0; i < PMJ_NS; ++i) {
-        all->X[i][w] = all->X_before[i][w];
+        all->runs.X[i][w] = all->X_before[i][w];
     }
-    all->t[w] = all->t_before[w];
+    all->runs.t[w] = all->t_before[w];
     all->h_most[w] = part * all->h[w];
     one->crossing = -1;
     pmj_set_mode(all, w, one->mode);
@@ -129,26 +133,26 @@ static int reject(pmj_group *all, const pmj_lanes *next, int w, double part)
  * the coefficients are others: the lane is not `ready`. */
 static int settle(const pmj_sweep *sweep, pmj_group *all, int w, int *ready)
 {
-    pmj_lane *one = &all->lanes[w];
-    const int moved = all->t[w] > all->t_before[w];
+    pmj_lane *one = &all->runs.lanes[w];
+    const int moved = all->runs.t[w] > all->t_before[w];
     one->undecided = moved ? 0 : one->undecided + 1;
     one->flips = moved ? 0 : one->flips;
     one->touching = -1;
     if (one->crossing >= one->actuator.thresholds) {
-        pmj_flip(all, w, one->crossing - one->actuator.thresholds);
+        cross_kink(all, w);
         *ready = 0;
     } else if (one->crossing >= 0) {
-        pmj_cross(all, w, all->t[w]);
+        pmj_cross(all, w, all->runs.t[w]);
     }
     all->touching[w] = one->touching >= 0 ? -1 : 0;
     all->stuck[w] = one->undecided > 0 ? -1 : 0;
     all->alert[w] = all->touching[w] | all->stuck[w];
     for (int i = 0; i < PMJ_NS; ++i) {
-        if (fabs(all->X[i][w]) > sweep->divergence) {
+        if (fabs(all->runs.X[i][w]) > sweep->divergence) {
             return PMJ_DIVERGED;
         }
     }
-    return all->t[w] >= sweep->horizon ? PMJ_DONE : PMJ_RUNNING;
+    return all->runs.t[w] >= sweep->horizon ? PMJ_DONE : PMJ_RUNNING;
 }
 
 /* Take in what the steps on trial have come to. Gives the lanes whose coefficients `next` hold for a step. */
@@ -158,23 +162,21 @@ static pmj_mask judge(const pmj_sweep *sweep, const pmj_results *results, const 
     const pmj_lanes miss = missed(sweep, flow, all, next);
     const pmj_mask accepted = (miss <= 1.0) & all->on_trial;
     const pmj_mask rejected = all->on_trial & ~accepted;
-    pmj_lanes largest = pmj_abs(all->X[0]);
+    pmj_lanes largest = pmj_abs(all->runs.X[0]);
     for (int i = 1; i < PMJ_NS; ++i) {
-        largest = pmj_max(pmj_abs(all->X[i]), largest);
+        largest = pmj_max(pmj_abs(all->runs.X[i]), largest);
     }
-    pmj_note_error(&all->metrics, all->e, PMJ_ORDER, all->square, all->t_before, all->h, accepted);
-    pmj_note_control(&all->metrics, all->v, PMJ_ORDER, accepted);
-    const pmj_lanes spent = pmj_select(accepted, all->h, pmj_all(0.0));
-    all->accepted = all->accepted + pmj_select(accepted, pmj_all(1.0), pmj_all(0.0));
+    const pmj_span step = {accepted, all->t_before, all->h, all->e, PMJ_ORDER, all->v, PMJ_ORDER, all->square, all->limited_before};
+    pmj_note_step(&all->runs.metrics, &step);
+    pmj_note_control(&all->runs.metrics, all->v, PMJ_ORDER, accepted);
+    all->runs.steps = all->runs.steps + pmj_select(accepted, pmj_all(1.0), pmj_all(0.0));
     all->h_most = pmj_select(accepted, pmj_all(HUGE_VAL), all->h_most);
-    /* A crossing has set the next mode's `limited` already: those lanes are put right below. */
-    all->metrics.saturated = all->metrics.saturated + spent * all->limited;
-    const pmj_mask ended = (all->t >= sweep->horizon) | (largest > sweep->divergence);
+    const pmj_mask ended = (all->runs.t >= sweep->horizon) | (largest > sweep->divergence);
     const pmj_mask spent_all = all->tried >= sweep->max_steps;
     const pmj_mask cut = all->h_guarded < all->h_first;
     all->last_cut = pmj_select(accepted, pmj_select(cut, all->h_guarded, pmj_all(HUGE_VAL)), all->last_cut);
-    const pmj_mask special = rejected | all->fresh | all->stalled | all->sliding | (spent_all & all->live) | (accepted & (ended | all->alert));
-    pmj_mask ready = all->live & ~all->fresh & ~rejected;
+    const pmj_mask special = rejected | all->runs.fresh | all->runs.stalled | all->runs.sliding | (spent_all & all->runs.live) | (accepted & (ended | all->alert));
+    pmj_mask ready = all->runs.live & ~all->runs.fresh & ~rejected;
     if (results->trajectories) {
         for (int w = 0; w < PMJ_WIDTH; ++w) {
             if (accepted[w]) {
@@ -188,42 +190,36 @@ static pmj_mask judge(const pmj_sweep *sweep, const pmj_results *results, const 
     const pmj_lanes parts = pmj_shrink_lanes(miss, PMJ_ORDER);
     int loaded = 0;
     for (int w = 0; w < PMJ_WIDTH; ++w) {
-        pmj_lane *one = &all->lanes[w];
         int status = PMJ_RUNNING;
-        if (!special[w] || !all->live[w]) {
+        if (!special[w] || !all->runs.live[w]) {
             continue;
         }
-        if (all->fresh[w]) {
+        if (all->runs.fresh[w]) {
             ready[w] = begin(sweep, all, next, w) ? -1 : 0;
             status = finite_rows(next, w, 2) ? PMJ_RUNNING : PMJ_NON_FINITE;
         } else if (rejected[w]) {
             status = reject(all, next, w, parts[w]);
         } else if (accepted[w]) {
-            if (one->crossing >= 0) {
-                const double new_limited = all->limited[w];
-                const double old_limited = one->actuator.labels[one->mode] != 0 ? 1.0 : 0.0;
-                all->metrics.saturated[w] += all->h[w] * (old_limited - new_limited);
-            }
             int go = 1;
             status = settle(sweep, all, w, &go);
             ready[w] = go ? ready[w] : 0;
         }
-        if (status == PMJ_RUNNING && (all->stalled[w] || all->sliding[w])) {
-            status = all->sliding[w] ? PMJ_SLIDING
+        if (status == PMJ_RUNNING && (all->runs.stalled[w] || all->runs.sliding[w])) {
+            status = all->runs.sliding[w] ? PMJ_SLIDING
                      : finite_rows(c, w, PMJ_ORDER + 1) ? PMJ_STALLED : PMJ_NON_FINITE;
         }
         if (status == PMJ_RUNNING && spent_all[w]) {
             status = PMJ_TOO_MANY_STEPS;
         }
         if (status != PMJ_RUNNING) {
-            pmj_finish(sweep, results, all, next, w, status);
-            pmj_load(sweep, all, w);
+            pmj_finish(sweep, results, &all->runs, w, status, status == PMJ_DONE || status == PMJ_DIVERGED ? next[E][w] : NAN);
+            pmj_load_lane(sweep, all, w);
             ready[w] = 0;
             loaded = 1;
         }
     }
     if (loaded) {
-        pmj_load_actuators(all);
+        pmj_enter(all);
     }
     return ready;
 }
@@ -233,7 +229,7 @@ static pmj_mask risky(const pmj_group *all, const pmj_lanes *c, pmj_mask ready)
 {
     pmj_lanes a[PMJ_ORDER + 1];
     pmj_scale(c + V, CHANNELS, PMJ_ORDER, all->h, a);
-    pmj_mask found = pmj_may_leave(a, PMJ_ORDER, all->low, all->high, ready, all->touching) | (ready & all->stuck);
+    pmj_mask found = pmj_may_leave(a, PMJ_ORDER, all->runs.low, all->runs.high, ready, all->touching) | (ready & all->stuck);
     for (int j = 0; j < PMJ_NK; ++j) {
         const pmj_mask above = all->g[2 * PMJ_NW + j] > 0.0;
         const pmj_lanes low = pmj_select(above, pmj_all(0.0), pmj_all(-HUGE_VAL));
@@ -248,25 +244,26 @@ static pmj_mask risky(const pmj_group *all, const pmj_lanes *c, pmj_mask ready)
 static pmj_mask guard(const pmj_sweep *sweep, const pmj_flow *flow, pmj_group *all, const pmj_stand *at,
                       pmj_lanes remaining, pmj_mask ready)
 {
-    const pmj_lanes least = pmj_min(PMJ_SMALLEST_STEP * pmj_max(all->t, pmj_all(1.0)), remaining);
+    const pmj_lanes least = pmj_min(PMJ_SMALLEST_STEP * pmj_max(all->runs.t, pmj_all(1.0)), remaining);
     all->h_first = all->h;
-    all->h = pmj_guarded_lanes(flow, &sweep->rule, sweep->tolerance, at, all->h, least, ready, &all->likely);
+    all->h = pmj_guarded_lanes(flow, &sweep->rule, sweep->tolerance, at, all->h, least, ready, &all->runs.likely);
     all->h_guarded = all->h;
-    all->stalled = ready & ~(all->h > 0.0);
-    return ready & ~all->stalled;
+    all->runs.stalled = ready & ~(all->h > 0.0);
+    return ready & ~all->runs.stalled;
 }
 
 /* Make a step in the lanes that are ready; the others stand still. */
 static void advance(const pmj_sweep *sweep, const pmj_flow *flow, pmj_group *all, const pmj_lanes *c, pmj_mask ready)
 {
-    const pmj_lanes remaining = sweep->horizon - all->t;
+    const pmj_lanes remaining = sweep->horizon - all->runs.t;
     pmj_lanes X[PMJ_NS];
     for (int i = 0; i < 2 * PMJ_NW + PMJ_NK; ++i) {
         all->g_before[i] = all->g[i];
     }
+    all->limited_before = all->runs.limited;
     pmj_inverse_scales(c, CHANNELS, all->scales);
-    all->control = pmj_inverse_scale(all->metrics.max_v);
-    const pmj_stand at = {&all->t, c, all->g_before, all->p, all->scales, all->control};
+    all->control = pmj_inverse_scale(all->runs.metrics.max_v);
+    const pmj_stand at = {&all->runs.t, c, all->g_before, all->runs.p, all->scales, all->control};
     all->h = pmj_min(pmj_step(c, all->scales, CHANNELS, PMJ_ORDER, sweep->tolerance), remaining);
     all->h = pmj_min(pmj_min(all->h, all->h_most), pmj_all(sweep->max_step));
     all->h = pmj_min(all->h, PMJ_GROWTH * all->last_cut);
@@ -285,13 +282,13 @@ static void advance(const pmj_sweep *sweep, const pmj_flow *flow, pmj_group *all
         all->missed = pmj_max(miss, all->missed);
     }
     all->tried = all->tried + 1.0;
-    const pmj_lanes end = pmj_select(all->h < remaining, all->t + all->h, pmj_all(sweep->horizon));
-    all->t_before = all->t;
-    all->t = pmj_select(ready, end, all->t);
+    const pmj_lanes end = pmj_select(all->h < remaining, all->runs.t + all->h, pmj_all(sweep->horizon));
+    all->t_before = all->runs.t;
+    all->runs.t = pmj_select(ready, end, all->runs.t);
     arrive_lanes(c, &all->h, X, all->slope, all->ends, all->v, all->e, &all->square);
     for (int i = 0; i < PMJ_NS; ++i) {
-        all->X_before[i] = all->X[i];
-        all->X[i] = pmj_select(ready, X[i], all->X[i]);
+        all->X_before[i] = all->runs.X[i];
+        all->runs.X[i] = pmj_select(ready, X[i], all->runs.X[i]);
     }
     all->on_trial = ready;
 }
@@ -302,14 +299,13 @@ void pmj_continuous_batch(const pmj_sweep *sweep, const pmj_results *results)
     pmj_group all;
     int current = 0;
     memset(&all, 0, sizeof all);
-    all.busy = PMJ_WIDTH;
+    pmj_open(&all.runs);
     for (int w = 0; w < PMJ_WIDTH; ++w) {
-        all.lanes[w].run = 0; /* taken, as far as `load` counts */
-        pmj_load(sweep, &all, w);
+        pmj_load_lane(sweep, &all, w);
     }
-    pmj_load_actuators(&all);
-    while (all.busy > 0) {
-        taylor_lanes(&all.t, all.X, all.g, all.p, all.c[1 - current]);
+    pmj_enter(&all);
+    while (all.runs.busy > 0) {
+        taylor_lanes(&all.runs.t, all.runs.X, all.g, all.runs.p, all.c[1 - current]);
         const pmj_mask ready = judge(sweep, results, &flow, &all, all.c[current], all.c[1 - current]);
         current = 1 - current;
         advance(sweep, &flow, &all, all.c[current], ready);

@@ -2,39 +2,17 @@
 #ifndef PMJOINT_CONTINUOUS_LANES_H
 #define PMJOINT_CONTINUOUS_LANES_H
 
-#include "actuator.h"
-#include "guard_lanes.h"
-#include "metrics.h"
-#include "pmjoint_batch.h"
+#include "runs.h"
 
 /* Channels of `taylor_lanes`: X, v, e, then the arguments of kinks. */
 #define V PMJ_NS
 #define E (PMJ_NS + 1)
-#define SHOWN (PMJ_NS + 2)
 #define CHANNELS (PMJ_NS + 2 + PMJ_NK)
-
-/* What a lane needs only now and then. */
-typedef struct {
-    long long run;        /* -1: the lane is empty */
-    pmj_actuator actuator;
-    int mode;
-    int next_mode;        /* mode after the step on trial */
-    int crossing;         /* threshold that the step on trial ends at, or their number + j for kink j, or -1 */
-    int touching;         /* the same, that the run stands on */
-    int undecided;        /* switches since time last moved */
-    int flips;            /* changes of side at kinks since time last moved */
-    int passes;           /* evaluations that the sides at the start have taken */
-    int switches;
-    int before;           /* mode before the last switch */
-    double last_switch;
-    long long row;        /* next output instant */
-} pmj_lane;
 
 /* A group of lanes. */
 typedef struct {
+    pmj_runs runs;
     pmj_lanes c[2][(PMJ_ORDER + 1) * CHANNELS]; /* coefficients: of the step on trial, and at its end */
-    pmj_lanes p[PMJ_NP];
-    pmj_lanes X[PMJ_NS];
     pmj_lanes X_before[PMJ_NS]; /* where the step on trial began */
     pmj_lanes g[2 * PMJ_NW + PMJ_NK]; /* the mode, then sides */
     pmj_lanes g_before[2 * PMJ_NW + PMJ_NK]; /* of the step on trial */
@@ -46,31 +24,18 @@ typedef struct {
     pmj_lanes v[PMJ_ORDER + 1];  /* of the step on trial, a_k = c_k h^k */
     pmj_lanes e[PMJ_ORDER + 1];
     pmj_lanes square;     /* mean of e^2 over it */
-    pmj_lanes t;
     pmj_lanes t_before;
     pmj_lanes h;          /* of the step on trial */
     pmj_lanes h_most;     /* what is left of a rejected step, else infinite */
     pmj_lanes h_guarded;  /* what the guard has let pass */
     pmj_lanes h_first;    /* what it was asked for */
     pmj_lanes last_cut;   /* the last step, if the guard cut it, else infinite */
-    pmj_lanes low;        /* thresholds on both sides of the mode */
-    pmj_lanes high;
     pmj_lanes tried;      /* steps tried */
-    pmj_lanes accepted;
-    pmj_lanes limited;    /* 1.0 in a mode where u stands at a limit */
-    pmj_mask live;        /* a run is in the lane */
-    pmj_mask fresh;       /* a run has just been loaded: its mode is not known */
+    pmj_lanes limited_before; /* `limited` of the step on trial: a crossing at its end sets the next mode's */
     pmj_mask on_trial;    /* a step has been made whose end is not checked */
     pmj_mask alert;       /* a step on trial ends at a threshold, or has begun on one */
     pmj_mask touching;    /* v stands on a threshold of the mode */
     pmj_mask stuck;       /* rounding decides the mode: time has not moved */
-    pmj_mask stalled;     /* the guard has found no step */
-    pmj_mask sliding;     /* both sides of a kink point back to it */
-    pmj_choice likely;
-    pmj_metrics metrics;
-    pmj_lane lanes[PMJ_WIDTH];
-    long long next;       /* first run that waits */
-    int busy;             /* lanes that are not empty */
 } pmj_group;
 
 /* The closed loop, as its steps are judged; a constant that the compiler sees. */
@@ -87,18 +52,11 @@ static inline pmj_flow pmj_closed_loop(void)
 /* Put lane w into a mode. */
 void pmj_set_mode(pmj_group *all, int w, int mode);
 
-/* The next waiting run into lane w, or an empty lane that stands still. */
-void pmj_load(const pmj_sweep *sweep, pmj_group *all, int w);
+/* The next waiting run into lane w; its actuator comes with `pmj_enter`. */
+void pmj_load_lane(const pmj_sweep *sweep, pmj_group *all, int w);
 
-/* The actuator of every lane that has just been loaded: one call for the group. */
-void pmj_load_actuators(pmj_group *all);
-
-/* Lane w goes to the other side of kink j. */
-void pmj_flip(pmj_group *all, int w, int j);
-
-/* Write down how the run of lane w ended; `c` holds the coefficients there. */
-void pmj_finish(const pmj_sweep *sweep, const pmj_results *results, pmj_group *all, const pmj_lanes *c, int w,
-                int status);
+/* The actuators of all lanes that have just been loaded, in the first mode. */
+void pmj_enter(pmj_group *all);
 
 /* The mode of lane w changes at t; a touch, there and back at one instant, is none. */
 void pmj_cross(pmj_group *all, int w, double t);

@@ -3,8 +3,8 @@
 
 pmj_lanes pmj_shrink_lanes(pmj_lanes miss, int order)
 {
-    const pmj_lanes factor = 0.95 * pmj_rough_exp2(pmj_rough_log2(miss) * (-1.0 / (double)order));
-    return pmj_max(pmj_min(factor, pmj_all(0.95)), pmj_all(0.55));
+    const pmj_lanes factor = PMJ_MOST_SHRINK * pmj_rough_exp2(pmj_rough_log2(miss) * (-1.0 / (double)order));
+    return pmj_max(pmj_min(factor, pmj_all(PMJ_MOST_SHRINK)), pmj_all(PMJ_LEAST_SHRINK));
 }
 
 /* Each lane's disc at a trial: the one of its last step first. */
@@ -83,12 +83,5 @@ int pmj_passes_lane(const pmj_flow *flow, const pmj_lanes *c, int w, int channel
     for (int k = 0; k <= flow->order; ++k) {
         q[k] = c[k * flow->channels + channel][w];
     }
-    q[0] -= level;
-    q[0] = pmj_on_level(q, flow->order, h, touching);
-    const long long zeros = pmj_leading_zeros(q, flow->order, h);
-    if (q[zeros] * outward > 0.0) {
-        *tau = 0.0;
-        return 1;
-    }
-    return pmj_first_crossing(q + zeros, flow->order - zeros, h, tau);
+    return pmj_passes(q, flow->order, level, touching, outward, h, tau);
 }

@@ -4,15 +4,12 @@
 
 #include <float.h>
 
-/* A window's reach in x, as a multiple of what a hold needs of it. */
-#define WINDOW 4.0
-
 /* Output rows of lane w within [t, t + h], or up to but not at its end: x and e go on inside the hold, all else is held. */
 static void write_rows(const pmj_sweep *sweep, const pmj_results *results, pmj_sampled_group *all, int w, double t, double until)
 {
-    pmj_sampled_lane *one = &all->lanes[w];
+    pmj_lane *one = &all->runs.lanes[w];
     while (one->row < sweep->rows && sweep->times[one->row] < until) {
-        double *entry = results->trajectories + (one->run * sweep->rows + one->row) * (PMJ_NS + 2);
+        double *entry = results->trajectories + (one->run * sweep->rows + one->row) * SHOWN;
         const double tau = sweep->times[one->row] > t ? sweep->times[one->row] - t : 0.0;
         for (int i = 0; i <= E; ++i) {
             double value = all->c[PMJ_HOLD_ORDER * CHANNELS + i][w];
@@ -22,7 +19,7 @@ static void write_rows(const pmj_sweep *sweep, const pmj_results *results, pmj_s
             entry[i < PMJ_NX ? i : PMJ_NS + 1] = value;
         }
         for (int i = PMJ_NX; i < PMJ_NS; ++i) {
-            entry[i] = all->X[i][w];
+            entry[i] = all->runs.X[i][w];
         }
         entry[PMJ_NS] = all->v[w];
         one->row += 1;
@@ -60,7 +57,7 @@ static pmj_lanes hold_miss(const pmj_sweep *sweep, const pmj_sampled_group *all,
     pmj_lanes rest[CHANNELS];
     pmj_lanes most = pmj_all(0.0);
     pmj_mask bad = {0};
-    plant_guard_lanes(&t, x, all->w, all->p, &R, P, rest);
+    plant_guard_lanes(&t, x, all->w, all->runs.p, &R, P, rest);
     for (int i = 0; i < CHANNELS; ++i) {
         const pmj_lanes miss = i < PMJ_NX ? sweep->hold_rule.factors[disc] * rest[i] * length
                                           : sweep->hold_value_factors[disc] * rest[i];
@@ -74,7 +71,7 @@ static pmj_lanes hold_miss(const pmj_sweep *sweep, const pmj_sampled_group *all,
 static pmj_mask covered(const pmj_sampled_group *all, double R)
 {
     static const int bent[] = PMJ_PLANT_BENT_STATES_LIST;
-    pmj_mask inside = pmj_abs(all->t - all->window_t) + R <= all->window_R;
+    pmj_mask inside = pmj_abs(all->runs.t - all->window_t) + R <= all->window_R;
     for (int k = 0; k < PMJ_PLANT_BENT_STATES; ++k) {
         const int i = bent[k];
         const pmj_lanes spread = pmj_spread(all->c, CHANNELS, PMJ_HOLD_ORDER, i, pmj_all(R));
@@ -88,7 +85,7 @@ static pmj_mask shown(const pmj_sweep *sweep, pmj_sampled_group *all, pmj_mask a
 {
     const double R = sweep->hold_rule.ratios[0] * sweep->sample_time;
     const pmj_lanes reach = pmj_all(2.0 * R);
-    const pmj_lanes t = all->t + R;
+    const pmj_lanes t = all->runs.t + R;
     pmj_lanes P[PMJ_NX];
     pmj_mask good = {0};
     if (PMJ_WINDOWS) {
@@ -99,7 +96,7 @@ static pmj_mask shown(const pmj_sweep *sweep, pmj_sampled_group *all, pmj_mask a
     }
     if (PMJ_WINDOWS) {
         for (int i = 0; i < PMJ_NX; ++i) {
-            P[i] = WINDOW * pmj_spread(all->c, CHANNELS, PMJ_HOLD_ORDER, i, pmj_all(R));
+            P[i] = PMJ_WINDOW * pmj_spread(all->c, CHANNELS, PMJ_HOLD_ORDER, i, pmj_all(R));
         }
         const pmj_lanes miss = 2.0 * hold_miss(sweep, all, t, all->c, reach, P, pmj_all(sweep->sample_time), 0);
         const pmj_mask anew = asked & ~good;
@@ -117,7 +114,7 @@ static pmj_mask shown(const pmj_sweep *sweep, pmj_sampled_group *all, pmj_mask a
         for (int i = 0; i < PMJ_NX; ++i) {
             P[i] = pmj_spread(all->c, CHANNELS, PMJ_HOLD_ORDER, i, radius);
         }
-        good = good | (asked & (hold_miss(sweep, all, all->t, all->c, radius, P, length, (int)disc) <= 1.0));
+        good = good | (asked & (hold_miss(sweep, all, all->runs.t, all->c, radius, P, length, (int)disc) <= 1.0));
     }
     return good;
 }
@@ -137,21 +134,21 @@ static pmj_mask smooth(const pmj_sampled_group *all, pmj_lanes length)
 static pmj_lanes long_steps(const pmj_sweep *sweep, const pmj_flow *flow, pmj_sampled_group *all, pmj_mask on, pmj_lanes t,
                             pmj_lanes left, const pmj_lanes *scales, int *kink)
 {
-    const pmj_stand at = {&t, all->c, all->w, all->p, scales, pmj_all(0.0)};
+    const pmj_stand at = {&t, all->c, all->w, all->runs.p, scales, pmj_all(0.0)};
     const pmj_lanes smallest = pmj_min(PMJ_SMALLEST_STEP * pmj_max(t + left, pmj_all(1.0)), left);
     pmj_lanes most = pmj_min(left, pmj_all(sweep->max_step));
     pmj_lanes taken = pmj_all(0.0);
     most = pmj_min(pmj_step(all->c, scales, CHANNELS, PMJ_HOLD_ORDER, sweep->tolerance), most);
     while (pmj_any(on)) {
-        pmj_lanes h = pmj_guarded_lanes(flow, &sweep->rule, sweep->tolerance, &at, most, smallest, on, &all->likely);
+        pmj_lanes h = pmj_guarded_lanes(flow, &sweep->rule, sweep->tolerance, &at, most, smallest, on, &all->runs.likely);
         const pmj_mask lost = on & ~(h > 0.0);
-        all->stalled = all->stalled | lost;
+        all->runs.stalled = all->runs.stalled | lost;
         for (int i = 0; i < (PMJ_HOLD_ORDER + 1) * CHANNELS; ++i) { /* the run then counts as not finite */
             all->overflow = all->overflow | (lost & ~(pmj_abs(all->c[i]) <= DBL_MAX));
         }
         on = on & ~lost;
         for (int w = 0; w < PMJ_WIDTH; ++w) {
-            pmj_sampled_lane *one = &all->lanes[w];
+            pmj_lane *one = &all->runs.lanes[w];
             kink[w] = on[w] ? -1 : kink[w];
             for (int j = 0; on[w] && j < PMJ_NK; ++j) {
                 double when = 0.0;
@@ -175,23 +172,10 @@ static pmj_lanes long_steps(const pmj_sweep *sweep, const pmj_flow *flow, pmj_sa
     return taken;
 }
 
-/* Lane w goes to the other side of a kink. */
-static void flip(pmj_sampled_group *all, int w, int kink)
-{
-    pmj_sampled_lane *one = &all->lanes[w];
-    all->w[PMJ_NW + kink][w] = -all->w[PMJ_NW + kink][w];
-    all->window_R[w] = -1.0;
-    one->touching = kink;
-    one->flips += 1;
-    if (one->flips > 2 * PMJ_NK) {
-        all->sliding[w] = -1;
-    }
-}
-
 /* The lanes whose run ends inside the hold. */
 static pmj_mask stopped(const pmj_sweep *sweep, const pmj_sampled_group *all)
 {
-    return all->stalled | all->sliding | (all->tried >= sweep->max_steps);
+    return all->runs.stalled | all->runs.sliding | (all->runs.steps >= sweep->max_steps);
 }
 
 /* Integrate the plant of the lanes in `on` for the time `length` under constant w; `c` comes expanded at t.
@@ -201,14 +185,14 @@ pmj_lanes pmj_hold_lanes(const pmj_sweep *sweep, const pmj_results *results, pmj
 {
     const pmj_flow flow = plant_flow();
     pmj_lanes left = pmj_select(on, length, pmj_all(0.0));
-    pmj_lanes t = all->t;
+    pmj_lanes t = all->runs.t;
     pmj_lanes a[PMJ_HOLD_ORDER + 1];
     pmj_lanes scales[CHANNELS];
     pmj_lanes e = all->c[E];
     int kink[PMJ_WIDTH];
     for (int w = 0; w < PMJ_WIDTH; ++w) {
-        all->lanes[w].touching = -1;
-        all->lanes[w].flips = 0;
+        all->runs.lanes[w].touching = -1;
+        all->runs.lanes[w].flips = 0;
         kink[w] = -1;
     }
     for (int j = 0; j < PMJ_NK; ++j) {
@@ -222,7 +206,7 @@ pmj_lanes pmj_hold_lanes(const pmj_sweep *sweep, const pmj_results *results, pmj
     once = once & shown(sweep, all, once, left);
     if (PMJ_NK > 0 && pmj_any(on & ~once)) { /* where an argument is 0, the sample has neither side */
         pmj_lanes c[(PMJ_HOLD_ORDER + 1) * CHANNELS];
-        plant_lanes(&t, all->x, all->w, all->p, c);
+        plant_lanes(&t, all->x, all->w, all->runs.p, c);
         for (int i = 0; i < (PMJ_HOLD_ORDER + 1) * CHANNELS; ++i) {
             all->c[i] = pmj_select(once, all->c[i], c[i]);
         }
@@ -234,11 +218,14 @@ pmj_lanes pmj_hold_lanes(const pmj_sweep *sweep, const pmj_results *results, pmj
             h = pmj_select(once, h, long_steps(sweep, &flow, all, going & ~once, t, left, scales, kink));
         }
         pmj_scale(all->c + E, CHANNELS, PMJ_HOLD_ORDER, h, a);
-        pmj_note_error(&all->metrics, a, PMJ_HOLD_ORDER, pmj_mean_square(a, PMJ_HOLD_ORDER), t, h, going & (h > 0.0));
-        all->tried = all->tried + pmj_select(going, pmj_all(1.0), pmj_all(0.0));
+        const pmj_span step = {
+            going & (h > 0.0), t, h, a, PMJ_HOLD_ORDER, &all->v, 0, pmj_mean_square(a, PMJ_HOLD_ORDER), all->runs.limited,
+        };
+        pmj_note_step(&all->runs.metrics, &step);
+        all->runs.steps = all->runs.steps + pmj_select(going, pmj_all(1.0), pmj_all(0.0));
         for (int w = 0; results->trajectories && w < PMJ_WIDTH; ++w) {
             if (going[w]) {
-                const double slack = h[w] < left[w] ? 0.0 : SAME_INSTANT * sweep->sample_time;
+                const double slack = h[w] < left[w] ? 0.0 : PMJ_SAME_INSTANT * sweep->sample_time;
                 write_rows(sweep, results, all, w, t[w], t[w] + h[w] - slack);
             }
         }
@@ -255,11 +242,12 @@ pmj_lanes pmj_hold_lanes(const pmj_sweep *sweep, const pmj_results *results, pmj
         }
         for (int w = 0; PMJ_NK > 0 && w < PMJ_WIDTH; ++w) {
             if (going[w] && h[w] > 0.0) {
-                all->lanes[w].touching = -1;
-                all->lanes[w].flips = 0;
+                all->runs.lanes[w].touching = -1;
+                all->runs.lanes[w].flips = 0;
             }
             if (going[w] && kink[w] >= 0) {
-                flip(all, w, kink[w]);
+                pmj_flip(&all->runs, &all->w[PMJ_NW + kink[w]], w, kink[w]);
+                all->window_R[w] = -1.0;
                 kink[w] = -1;
             }
         }
@@ -269,7 +257,7 @@ pmj_lanes pmj_hold_lanes(const pmj_sweep *sweep, const pmj_results *results, pmj
             return e;
         }
         once = (pmj_mask){0};
-        plant_lanes(&t, all->x, all->w, all->p, all->c);
+        plant_lanes(&t, all->x, all->w, all->runs.p, all->c);
         pmj_inverse_scales(all->c, CHANNELS, scales);
     }
 }

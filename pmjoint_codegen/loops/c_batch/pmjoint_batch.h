@@ -8,19 +8,7 @@
 #ifndef PMJOINT_BATCH_H
 #define PMJOINT_BATCH_H
 
-/* Columns of `pmj_results.metrics`; sweep/metrics.py names them. */
-#define PMJ_STATUS 0
-#define PMJ_TIME 1
-#define PMJ_STEPS 2
-#define PMJ_SWITCHES 3
-#define PMJ_ISE 4
-#define PMJ_MAX_ABS_E 5
-#define PMJ_SETTLING 6
-#define PMJ_SATURATED 7
-#define PMJ_MAX_ABS_V 8
-#define PMJ_FINAL_E 9
-#define PMJ_FINAL_SATURATED 10
-#define PMJ_METRICS 11
+#include "metric_rows.h" /* PMJ_METRICS */
 
 /* How steps are held to the right-hand side; see loops/guard.py. */
 typedef struct {

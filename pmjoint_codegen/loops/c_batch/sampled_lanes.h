@@ -2,34 +2,17 @@
 #ifndef PMJOINT_SAMPLED_LANES_H
 #define PMJOINT_SAMPLED_LANES_H
 
-#include "actuator.h"
-#include "guard_lanes.h"
-#include "metrics.h"
-#include "pmjoint_batch.h"
+#include "runs.h"
 
 /* Channels of `plant_lanes`: x, e, then the arguments of kinks. */
 #define E PMJ_NX
 #define CHANNELS (PMJ_NX + 1 + PMJ_NK)
 #define S (PMJ_NS - PMJ_NX)
-/* Output instants closer to a sample than this fraction of the sample time are the sample itself. */
-#define SAME_INSTANT 1e-9
 
 typedef struct {
-    long long run; /* -1: the lane is empty */
-    int mode;
-    int label;
-    int switches;
-    int touching; /* the kink that the run stands on, or -1 */
-    int flips;    /* changes of side since time last moved */
-    pmj_actuator actuator;
-    long long row;
-} pmj_sampled_lane;
-
-typedef struct {
+    pmj_runs runs;            /* X at the sample */
     pmj_lanes c[(PMJ_HOLD_ORDER + 1) * CHANNELS];
-    pmj_lanes p[PMJ_NP];
     pmj_lanes h[PMJ_NH];
-    pmj_lanes X[PMJ_NS];      /* at the sample */
     pmj_lanes x[PMJ_NX];      /* plant states inside the hold */
     pmj_lanes next[S];        /* controller states at the next sample */
     pmj_lanes w[PMJ_NW + PMJ_NK]; /* what the actuator delivers, then sides */
@@ -39,21 +22,7 @@ typedef struct {
     pmj_lanes window_P[PMJ_NX];
     pmj_lanes v;
     pmj_lanes sample;         /* index of the sample */
-    pmj_lanes t;
-    pmj_lanes tried;
-    pmj_lanes low;            /* of the saturation mode at the last sample */
-    pmj_lanes high;
-    pmj_lanes limited;
-    pmj_mask live;
-    pmj_mask fresh;
-    pmj_mask stalled;         /* the guard has found no step */
-    pmj_mask overflow;        /* among these, those whose coefficients are no numbers */
-    pmj_mask sliding;         /* both sides of a kink point back to it */
-    pmj_choice likely;
-    pmj_metrics metrics;
-    pmj_sampled_lane lanes[PMJ_WIDTH];
-    long long next_run;
-    int busy;
+    pmj_mask overflow;        /* of the stalled ones, those whose coefficients are no numbers */
 } pmj_sampled_group;
 
 /* Integrate the plant of the lanes in `on` for the time `length` under constant w; `c` comes expanded at t.

@@ -1,0 +1,27 @@
+"""Numbers of the loops, for the Python twins; ``loops/c/pmjoint_constants.h`` has the same for the C."""
+
+from __future__ import annotations
+
+from typing import Final
+
+PADDING: Final = 3  # numbers behind a row of channels, so that blocks of four may read and write past it
+
+# Halvings of a step in the search for a root: below it, an interval is narrower than the rounding of its
+# ends.
+MAX_DEPTH: Final = 48
+MAX_REFINEMENTS: Final = 100
+CLOSE: Final = 1e-9  # relative: a Newton step below it is the last
+ON_KINK: Final = 2  # what `touching` is on a kink; on a threshold of v it is 1
+JUMPED: Final = 1e-6  # part of what an argument moves in a step: one on its zero is within rounding of it
+
+SMALLEST_STEP: Final = 1e-14  # relative to max(1 s, t): below it, time does not move
+UNDECIDED_STEP: Final = 1e-7  # s; the step that leaves the thresholds alone
+DEFECT: Final = 10.0  # a step may miss the right-hand side by this multiple of the tolerance, anywhere
+GROWTH: Final = 2.5  # after a step that the guard has cut, the next is at most so much longer
+LEAST_SHRINK: Final = 0.55  # a step that misses too much is multiplied by this at least, and
+MOST_SHRINK: Final = 0.95  # by this at most
+ROUNDED_UP: Final = 1.0 + 1e-12  # factor that covers the rounding of a sum of magnitudes, generously
+
+# Output instants closer to a sample than this fraction of the sample time are the sample itself.
+SAME_INSTANT: Final = 1e-9
+WINDOW: Final = 4.0  # size of a window in x, as a multiple of what a hold needs of it
