@@ -24,6 +24,7 @@ from pmjoint_codegen.audit.notation import Scope, value
 from pmjoint_codegen.audit.paper import DESIGN, JOINT, Printed
 from pmjoint_derive import Derivation, Signals, parameter_symbol
 from pmjoint_derive.filters import filter_matrix, shift_matrix
+from pmjoint_derive.lyapunov import error_function, lyapunov_function, lyapunov_matrix
 from pmjoint_derive.units import Unit
 
 
@@ -43,7 +44,7 @@ class Context:
 
     def __post_init__(self) -> None:
         """Solve the Lyapunov equation once."""
-        object.__setattr__(self, "P", lyapunov_solution(filter_matrix(self.signals)))
+        object.__setattr__(self, "P", lyapunov_matrix(self.signals))
 
     @property
     def signals(self) -> Signals:
@@ -127,16 +128,6 @@ def disturbance_symbol() -> sp.Symbol:
     return parameter_symbol("D2")
 
 
-def lyapunov_solution(A0: sp.MatrixBase) -> sp.ImmutableMatrix:
-    """The symmetric P of ``P A0 + A0' P = -2 I``."""
-    n = A0.shape[0]
-    entries = [[sp.Dummy(f"p{min(i, j)}{max(i, j)}") for j in range(n)] for i in range(n)]
-    P = sp.Matrix(n, n, lambda i, j: entries[min(i, j)][max(i, j)])
-    unknown = sorted(P.free_symbols, key=str)
-    (solution,) = sp.solve(list(P * A0 + A0.T * P + 2 * sp.eye(n)), unknown, dict=True)
-    return sp.ImmutableMatrix(P.xreplace(solution))
-
-
 class DesignScope(Mapping[str, Any]):
     """Symbols from (9) on; derivatives are computed when they are asked for."""
 
@@ -183,9 +174,8 @@ class DesignScope(Mapping[str, Any]):
 
 
 def _design_table(ground: Context) -> Mapping[str, Any]:
-    s, P = ground.signals, ground.P
-    d = disturbance_symbol()
-    n = len(s.x)
+    s, P, d = ground.signals, ground.P, disturbance_symbol()
+    n, V_epsilon = len(s.x), error_function(s, P)
     table: dict[str, Any] = {
         "y": s.y,
         "u": s.u,
@@ -221,9 +211,9 @@ def _design_table(ground: Context) -> Mapping[str, Any]:
         "P": P,
         "norm(P)": spectral_norm(),
         "lamda_max(P)": spectral_norm(),
-        "V_epsilon": error_function(ground),
-        "V_1": lyapunov_function(ground, 1),
-        "V_2": lyapunov_function(ground, 2),
+        "V_epsilon": V_epsilon,
+        "V_1": lyapunov_function(s, V_epsilon, steps=1),
+        "V_2": lyapunov_function(s, V_epsilon),
     }
     for i in range(1, n + 1):
         table |= {f"x_{i}": s.x[i - 1], f"hat(x_{i})": parameter_symbol(f"x_hat{i}"), f"xi_{i}": s.xi[i - 1]}
@@ -242,16 +232,3 @@ def _design_table(ground: Context) -> Mapping[str, Any]:
 def spectral_norm() -> sp.Symbol:
     """The largest eigenvalue of P, which is its spectral norm, since P is symmetric and positive."""
     return sp.Symbol("lambda_P", positive=True)
-
-
-def error_function(ground: Context) -> sp.Expr:
-    """``epsilon' P epsilon``."""
-    epsilon = sp.Matrix(ground.signals.epsilon)
-    return sp.expand((epsilon.T * ground.P * epsilon)[0, 0])
-
-
-def lyapunov_function(ground: Context, steps: int) -> sp.Expr:
-    """``sum of z_i^2 / 2 + sum of V_epsilon / (2 e_i)`` over the first steps."""
-    s = ground.signals
-    pairs = list(zip(s.z, s.e, strict=True))[:steps]
-    return sum((z**2 / 2 + error_function(ground) / (2 * e) for z, e in pairs), sp.Integer(0))

@@ -24,6 +24,7 @@ from pmjoint_codegen.audit.ground import Context, disturbance_symbol, spectral_n
 from pmjoint_codegen.audit.judgement import Evaluate, Verdict, vanishes
 from pmjoint_codegen.audit.notation import chain, value
 from pmjoint_codegen.audit.paper import DESIGN, YOUNG
+from pmjoint_derive.lyapunov import error_weight
 
 _SLACKS = tuple(f"1/(2*e_{i})*norm(epsilon - P*D)**2" for i in (1, 2))
 _YOUNG = (
@@ -153,10 +154,9 @@ def function_bound(ground: Context) -> Finding:
 
 def _norm_bound(ground: Context, gap: sp.Expr) -> bool:
     """Whether a gap is ``sum 1/(2 e_i) (|P|^2 D_max^2 - |P D|^2)``, not negative by (9)."""
-    weights = sum((1 / (2 * e) for e in ground.signals.e), sp.Integer(0))
     bound = spectral_norm() * value("D_max", ground.scope(DESIGN))
     actual = sum((entry**2 for entry in ground.P * sp.Matrix([0, disturbance_symbol()])), sp.Integer(0))
-    return vanishes(gap - weights * (bound**2 - actual))
+    return vanishes(gap - error_weight(ground.signals) * (bound**2 - actual))
 
 
 def residual(ground: Context) -> Finding:
