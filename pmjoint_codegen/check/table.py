@@ -33,6 +33,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from pmjoint_codegen.check.gates import (
+    certificate,
     compilers,
     current,
     derivatives,
@@ -77,8 +78,8 @@ GATES: Final = (
     Gate("guards", guards.check),
     Gate("derivatives", derivatives.check),
     Gate("trajectory.golden", golden.check),
-    Gate("trajectory.invariants", invariants.check_invariants),
-    Gate("trajectory.certificate", invariants.check_certificate),
+    Gate("trajectory.invariants", invariants.check),
+    Gate("trajectory.certificate", certificate.check),
     Gate("trajectory.independent", independent.check),
     Gate("compilers.gcc", compilers.check_gcc, outside=True),
     Gate("compilers.clang", compilers.check_clang, outside=True),
@@ -171,13 +172,13 @@ def run_gate(subject: Subject, gate: Gate, obstacle: str = "") -> GateResult:
     """
     begun = time.perf_counter()
     if obstacle and gate.needs_generated:
-        result = not_run(gate.name, obstacle)
+        result = not_run(obstacle)
     else:
         try:
             result = gate.check(subject)
         except PmjointError as error:
-            result = failed(gate.name, str(error))
+            result = failed(str(error))
         except (ArithmeticError, LookupError, RuntimeError, ValueError) as error:
             words = f"{type(error).__name__} {error}".strip()
-            result = failed(gate.name, f"nothing sound to judge: {' '.join(words.split())[:200]}")
-    return dataclasses.replace(result, seconds=time.perf_counter() - begun)
+            result = failed(f"nothing sound to judge: {' '.join(words.split())[:200]}")
+    return dataclasses.replace(result, name=gate.name, seconds=time.perf_counter() - begun)

@@ -27,7 +27,6 @@ from pmjoint_codegen.workspace import GENERATED, generated_root
 
 Array = npt.NDArray[np.float64]
 
-NAME = "trajectory.golden"
 ACCURACY = 1e-9  # what a trajectory must agree to, relative to max(1, |value|); the same for instants, s
 TOLERANCE = 1e-13  # local error of the runs: small enough for the accuracy above over the whole horizon
 ROWS = 201  # instants that are kept, at most
@@ -132,30 +131,27 @@ def check(subject: Subject) -> GateResult:
     remedy = f"pmjoint check {subject.model.name} --update-golden writes it"
     missing = [path for path in paths(subject) if not path.exists()]
     if len(missing) == 2:  # nobody has reviewed a run of this model
-        return not_run(NAME, f"no {missing[0]}; {remedy}")
+        return not_run(f"no {missing[0]}; {remedy}")
     if missing:
-        return failed(NAME, f"{missing[0]} is gone, though its companion is there; {remedy}")
+        return failed(f"{missing[0]} is gone, though its companion is there; {remedy}")
     try:
         golden = read(*paths(subject))
     except (OSError, ValueError) as error:
-        return failed(NAME, f"{paths(subject)[0]} is damaged: {error}")
+        return failed(f"{paths(subject)[0]} is damaged: {error}")
     done = default_run(subject.compiled or subject.interpreted)
     if done.status != Status.DONE:
-        return failed(NAME, f"the run ended early: {done.message}")
-    result = compare(NAME, golden, trajectory_of(done), "golden")
+        return failed(f"the run ended early: {done.message}")
+    result = compare(golden, trajectory_of(done), "golden")
     if result.verdict is not Verdict.FAILED:
         return result
     deliberate = f"where the model was changed on purpose: {remedy} anew; review the difference"
     return dataclasses.replace(result, findings=(deliberate,))
 
 
-def compare(
-    name: str, expected: Trajectory, found: Trajectory, against: str, scales: Array | None = None
-) -> GateResult:
+def compare(expected: Trajectory, found: Trajectory, against: str, scales: Array | None = None) -> GateResult:
     """Hold one trajectory against another, switching instants included.
 
     Args:
-        name: of the gate.
         expected: the reference.
         found: what the integrator gave.
         against: what the reference is, for people.
@@ -163,7 +159,6 @@ def compare(
     """
     if expected.names != found.names or not np.array_equal(expected.t, found.t):
         return failed(
-            name,
             f"columns or instants are not those of the {against} trajectory",
         )
     modes = [mode for _, mode in expected.switches], [mode for _, mode in found.switches]
@@ -171,7 +166,7 @@ def compare(
         first = Difference(
             "run", "modes of saturation", "", str(expected.switches), str(found.switches), "", ""
         )
-        return failed(name, f"other saturation switches than the {against} trajectory", difference=first)
+        return failed(f"other saturation switches than the {against} trajectory", difference=first)
     relative_to = np.maximum(1.0, np.abs(expected.values)) if scales is None else scales
     error = np.abs(found.values - expected.values) / relative_to
     error = np.where(np.isnan(error), np.inf, error)
@@ -181,8 +176,8 @@ def compare(
     counts = f"{len(error)} rows and {len(late)} switching instants"
     detail = f"largest difference from the {against} trajectory, {counts}"
     if worst <= ACCURACY:
-        return passed(name, detail, worst, ACCURACY)
-    return failed(name, detail, worst, ACCURACY, _difference(expected, found, late, error, row, column))
+        return passed(detail, worst, ACCURACY)
+    return failed(detail, worst, ACCURACY, _difference(expected, found, late, error, row, column))
 
 
 def _difference(

@@ -16,7 +16,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from pmjoint_codegen.check.drawn import Draw, draws
 from pmjoint_codegen.check.gates.golden import (
     ACCURACY,
     TOLERANCE,
@@ -26,6 +25,7 @@ from pmjoint_codegen.check.gates.golden import (
     kept_rows,
     trajectory_of,
 )
+from pmjoint_codegen.check.inputs.drawn import Draw, draws
 from pmjoint_codegen.check.oracles.heyoka_kinks import SlidingError, UntrustedError
 from pmjoint_codegen.check.oracles.heyoka_loop import Loop
 from pmjoint_codegen.check.result import GateResult, Verdict, failed, not_run
@@ -37,7 +37,6 @@ from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.simulate.run import Run, initial_state, run
 from pmjoint_codegen.simulate.settings import Settings, make_settings
 
-NAME = "trajectory.independent"
 RUNS: Final = (2, 48)  # drawn runs that are held: at least, at most
 STEPS: Final = {"compiled": 500_000, "interpreted": 2_000}  # what they may take between them: some seconds
 TRIES: Final = 4  # draws for each of them at most: a limit may be too wide, or the joint lost
@@ -48,7 +47,7 @@ def check(subject: Subject) -> GateResult:
     try:
         import heyoka
     except ImportError:
-        return not_run(NAME, f"no heyoka; {installing('heyoka')}")
+        return not_run(f"no heyoka; {installing('heyoka')}")
     evaluator = subject.compiled or subject.interpreted
     done = default_run(evaluator)
     loop = Loop(heyoka, subject, done.settings.parameters)
@@ -71,15 +70,15 @@ def hold(loop: Loop, subject: Subject, done: Run) -> GateResult:
         done: the run.
     """
     if done.status not in (Status.DONE, Status.SLIDING):
-        return failed(NAME, f"the run ended early: {done.message}")
+        return failed(f"the run ended early: {done.message}")
     try:
         expected = reference(loop, subject, done.settings)
     except SlidingError as error:
         return _both_stuck(error, done)
     except UntrustedError as error:
-        return not_run(NAME, f"heyoka's run is no reference: it {error}")
+        return not_run(f"heyoka's run is no reference: it {error}")
     if done.status != Status.DONE:
-        return failed(NAME, f"the run ended early, and heyoka's does not: {done.message}")
+        return failed(f"the run ended early, and heyoka's does not: {done.message}")
     return _compare(loop, expected, done)
 
 
@@ -112,7 +111,7 @@ def hold_drawn(
         if isinstance(expected, SlidingError):
             result = _both_stuck(expected, done)
         elif done.status != Status.DONE:
-            return failed(NAME, f"a drawn run ended early, with {_said(subject, draw)}: {done.message}")
+            return failed(f"a drawn run ended early, with {_said(subject, draw)}: {done.message}")
         else:
             result = _compare(loop, expected, done)
         if result.verdict is Verdict.FAILED:
@@ -138,12 +137,12 @@ def hold_drawn(
 def _both_stuck(found: SlidingError, done: Run) -> GateResult:
     """Where heyoka's run is stuck to a kink, ours must end too, between the same rows; no more is held."""
     if done.status != Status.SLIDING:
-        return failed(NAME, f"heyoka's run {found}, and the run does not end there: {done.message}")
+        return failed(f"heyoka's run {found}, and the run does not end there: {done.message}")
     around = np.array([found.t - ACCURACY, found.t + ACCURACY])
     least, most = np.searchsorted(done.settings.times(), around, side="right")
     if not least <= len(done.t) <= most:
-        return failed(NAME, f"heyoka's run {found}, and the run elsewhere: {done.message}")
-    return not_run(NAME, f"the run and heyoka's are stuck to a kink at t = {found.t:.6g} s")
+        return failed(f"heyoka's run {found}, and the run elsewhere: {done.message}")
+    return not_run(f"the run and heyoka's are stuck to a kink at t = {found.t:.6g} s")
 
 
 def drawn_settings(subject: Subject, draw: Draw) -> Settings:
@@ -171,7 +170,7 @@ def saturates_and_returns(found: Trajectory) -> bool:
 
 def _compare(loop: Loop, expected: Trajectory, done: Run) -> GateResult:
     limit = done.settings.parameters[done.manifest.limit]
-    return compare(NAME, expected, trajectory_of(done), "heyoka", loop.scales(expected, limit))
+    return compare(expected, trajectory_of(done), "heyoka", loop.scales(expected, limit))
 
 
 def _actuator(subject: Subject, settings: Settings) -> Actuator:

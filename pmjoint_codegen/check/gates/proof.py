@@ -14,7 +14,6 @@ from pmjoint_derive.consistency import consistency_identities
 from pmjoint_derive.filters import filter_matrix
 from pmjoint_derive.lyapunov import Identity, given_away, prove
 
-NAME = "proof"
 LONGEST = 300  # characters of a remainder that a report shows
 
 
@@ -48,7 +47,7 @@ def prove_for(derivation: Derivation, values: Mapping[str, float]) -> GateResult
     if broken:
         names = ", ".join(item.name for item in broken)
         detail = f"{len(broken)} of {len(identities)} identities do not expand to zero: {names}"
-        return failed(NAME, detail, len(broken), 0, _difference(broken[0]))
+        return failed(detail, len(broken), 0, _difference(broken[0]))
     faults = unfit_gains(derivation, values)
     certificate = certify(derivation, values, derivation.model.disturbance_bound) if not faults else None
     if certificate is None or not np.all(np.linalg.eigvalsh(certificate.P) > 0):
@@ -57,10 +56,10 @@ def prove_for(derivation: Derivation, values: Mapping[str, float]) -> GateResult
         faults = [f"not a finite number at these gains: {', '.join(beyond)}"]
     if certificate is None or faults:
         return failed(
-            NAME, "; ".join(faults), len(faults), 0, Difference("certificate", faults[0], "", "", "", "", "")
+            "; ".join(faults), len(faults), 0, Difference("certificate", faults[0], "", "", "", "", "")
         )
     detail = f"identities that do not expand to zero, of {len(identities)}; {certificate.lines()[1]}"
-    return passed(NAME, detail, 0, 0, *certificate.lines(), remainder_text(derivation))
+    return passed(detail, 0, 0, *certificate.lines(), remainder_text(derivation))
 
 
 def unfit_gains(derivation: Derivation, values: Mapping[str, float]) -> list[str]:

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from pmjoint_codegen.check.drawn import draws
 from pmjoint_codegen.check.gates import golden, independent
+from pmjoint_codegen.check.inputs.drawn import draws
 from pmjoint_codegen.check.oracles import heyoka_loop
 from pmjoint_codegen.check.oracles.heyoka_kinks import SlidingError, UntrustedError
 from pmjoint_codegen.check.oracles.heyoka_loop import Loop, told_apart
@@ -127,12 +127,12 @@ def test_at_high_gain_v_differs_by_more_than_the_states_do(heyoka: Any, paper: S
     done = golden.default_run(paper.compiled or paper.interpreted, {"c1": 500.0, "c2": 500.0})
     loop = Loop(heyoka, paper, done.settings.parameters)
     expected, found = independent.reference(loop, paper, done.settings), golden.trajectory_of(done)
-    assert golden.compare("x", expected, found, "heyoka").verdict is Verdict.FAILED
+    assert golden.compare(expected, found, "heyoka").verdict is Verdict.FAILED
     assert independent.hold(loop, paper, done).verdict is Verdict.PASSED
     states = dataclasses.replace(found, values=found.values.copy())
     states.values[5, 0] += 2e-9
     scales = loop.scales(expected, 10.0)
-    assert golden.compare("x", expected, states, "heyoka", scales).verdict is Verdict.FAILED
+    assert golden.compare(expected, states, "heyoka", scales).verdict is Verdict.FAILED
 
 
 NARROW = ("reference-bump", "reference-window", "disturbance-bump-at-rest", "disturbance-window")
