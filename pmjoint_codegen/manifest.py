@@ -22,7 +22,7 @@ from pmjoint_codegen.storage import sha256
 from pmjoint_codegen.values import OWN_SUFFIX, SI, Numbers, Rule, evaluate, from_si
 
 FILE_NAME: Final = "model.json"
-SCHEMA: Final = 2
+SCHEMA: Final = 3
 _REMEDY: Final = "run pmjoint regenerate"
 
 
@@ -82,29 +82,6 @@ class Function:
     equation: str
     about: str
     operations: int
-
-
-@dataclass(frozen=True)
-class EquationText:
-    """One named equation of the symbolic reference.
-
-    Attributes:
-        name: left-hand side.
-        text: right-hand side, in Python's notation.
-        latex: right-hand side in LaTeX.
-        section: chapter of the derivation.
-        number: number in the paper.
-        meaning: one line for the reader.
-        unit: physical unit.
-    """
-
-    name: str
-    text: str
-    latex: str
-    section: str
-    number: str
-    meaning: str
-    unit: str
 
 
 @dataclass(frozen=True)
@@ -218,7 +195,6 @@ class Manifest:
         signals: entries of the ``signals`` kernel.
         partials: names of the ``partials`` kernel's entries.
         functions: all kernels.
-        equations: the symbolic reference.
         simulation: default run.
         files: SHA-256 of every other generated file.
     """
@@ -250,7 +226,6 @@ class Manifest:
     signals: tuple[Variable, ...]
     partials: tuple[str, ...]
     functions: tuple[Function, ...]
-    equations: tuple[EquationText, ...]
     simulation: Simulation
     files: Mapping[str, str]
 
@@ -347,12 +322,7 @@ class Manifest:
 
     @classmethod
     def _from_contents(cls, contents: dict[str, Any]) -> Manifest:
-        records = {
-            "states": Variable,
-            "signals": Variable,
-            "parameters": Parameter,
-            "equations": EquationText,
-        }
+        records = {"states": Variable, "signals": Variable, "parameters": Parameter}
         for key, record in records.items():
             contents[key] = tuple(record(**item) for item in contents[key])
         contents["rules"] = tuple(Rule(**_with_tuples(item, "terms")) for item in contents["rules"])
