@@ -39,12 +39,10 @@ class Provided:
     Attributes:
         manifest: what the kernels are.
         folder: where ``kernels.c``, ``kernels.h`` and ``kernels.tape`` stand.
-        committed: whether that is ``generated/<name>/``.
     """
 
     manifest: Manifest
     folder: Path
-    committed: bool
 
 
 def provide(
@@ -134,7 +132,7 @@ def _committed(path: Path, document: Mapping[str, Any], notify: Notify) -> Provi
                 where=str(folder / file),
                 remedy=f"run pmjoint regenerate {called(path)}",
             )
-    return Provided(manifest, folder, committed=True)
+    return Provided(manifest, folder)
 
 
 def _altered(file: Path, recorded: str) -> bool:
@@ -200,7 +198,7 @@ def _derived(
     with suppress(StaleError):  # not there yet
         manifest = Manifest.read(folder)
         if not any(_altered(folder / file, recorded) for file, recorded in manifest.files.items()):
-            return Provided(manifest, folder, committed=False)
+            return Provided(manifest, folder)
     stage("loading what derives", 0.0)
     try:
         from pmjoint_codegen.emit.pipeline import generate
@@ -214,7 +212,7 @@ def _derived(
     stage("reading the model", 0.0)
     artifacts = generate(document, model_of(document, str(path)), stage=stage)
     replace_folder(folder, {name: text.encode() for name, text in artifacts.files.items()}, private=True)
-    return Provided(artifacts.manifest, folder, committed=False)
+    return Provided(artifacts.manifest, folder)
 
 
 def _toolchain_key() -> str:

@@ -18,12 +18,13 @@ from pathlib import Path
 from pmjoint_codegen.check import harness
 from pmjoint_codegen.check.result import Difference, GateResult, failed, not_run, passed
 from pmjoint_codegen.check.subject import Subject
+from pmjoint_codegen.compile.library import ARITHMETIC
 from pmjoint_codegen.kernels.compiled import GENERATED
 from pmjoint_codegen.scratch import scratch
 
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror")
 CONVENTION = ("arg", "res", "iw", "w", "mem", "i")  # of CasADi: kernels take all but i; its accessors take i
-BITS = ("-std=c99", "-ffp-contract=off", "-O0", "-g")  # unoptimised: what the source says, quickly
+BITS = (*ARITHMETIC, "-O0", "-g")  # unoptimised: what the source says, quickly
 SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer")
 LIBRARY = frozenset({"sin", "cos", "tan", "exp", "log", "sqrt", "pow", "tanh", "fmin", "fmax", "fabs"})
 TIME_LIMIT = 120  # s, for any one tool
