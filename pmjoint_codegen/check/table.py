@@ -25,7 +25,6 @@ begins: ``trajectory`` for four.
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -48,7 +47,7 @@ from pmjoint_codegen.check.gates import (
 )
 from pmjoint_codegen.check.result import GateResult, failed, not_run
 from pmjoint_codegen.check.subject import Subject
-from pmjoint_codegen.errors import PmjointError, StaleError, UsageError, quoted
+from pmjoint_codegen.errors import PmjointError, StaleError, UsageError, did_you_mean, quoted
 from pmjoint_derive.progress import Stage, unwatched
 
 
@@ -108,8 +107,7 @@ def _guess(name: str) -> str:
     """Ask whether the gate, or beginning of several, that a wrong name comes closest to was meant."""
     meant = {gate.name.rpartition(".")[-1]: gate.name for gate in GATES}
     meant |= {word: word for gate in GATES for word in (gate.name, gate.name.partition(".")[0])}
-    close = difflib.get_close_matches(name, meant, n=1)
-    return f"did you mean {meant[close[0]]}? " if close else ""
+    return did_you_mean(name, meant, meant.__getitem__)
 
 
 def _stands_for(name: str, gate: Gate) -> bool:

@@ -20,8 +20,7 @@ from pmjoint_codegen import storage
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.simulate.figures import wrapped
-from pmjoint_codegen.simulate.style import png, styled
+from pmjoint_codegen.simulate.style import BLUE, RUST, png, styled, wrapped
 from pmjoint_codegen.sweep.metrics import INVALID
 from pmjoint_codegen.sweep.plan import DRAW
 from pmjoint_codegen.sweep.reach import Border, border, held, held_share
@@ -40,7 +39,7 @@ BINS: Final = 60
 FEW_DECADES: Final = 1e3
 ALIKE: Final = 1e-9  # of their size: values that differ by rounding or tolerance alone
 LOST: Final = "#c9c6c1"
-COLOURS: Final = ("#1f4e79", "#b5482a")
+COLOURS: Final = (BLUE, RUST)
 METRICS: Final = {  # name -> words, whether a logarithmic scale suits it
     "ise": ("integral of $e^2$", True),
     "max_abs_e": ("largest $|e|$", False),
