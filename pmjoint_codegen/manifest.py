@@ -172,7 +172,6 @@ class Manifest:
         title: one line for people.
         source: where model and numbers come from.
         model_hash: of all that the model file says.
-        structure_hash: of what shapes the kernels.
         versions: of the tools that shape the text.
         n: order of the design's plant.
         m: number of its zeros.
@@ -203,7 +202,6 @@ class Manifest:
     title: str
     source: str
     model_hash: str
-    structure_hash: str
     versions: Mapping[str, str]
     n: int
     m: int

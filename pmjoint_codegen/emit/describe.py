@@ -11,7 +11,7 @@ import sympy as sp
 
 from pmjoint_codegen import __version__
 from pmjoint_codegen.emit.table import Kernel, kernel_table, vocabulary
-from pmjoint_codegen.identity import Document, model_hash, structure_hash
+from pmjoint_codegen.identity import Document, model_hash
 from pmjoint_codegen.manifest import (
     Function,
     GuardRule,
@@ -103,7 +103,6 @@ def describe(
         title=model.title,
         source=model.source,
         model_hash=model_hash(document),
-        structure_hash=structure_hash(document),
         versions=tool_versions(),
         n=plant.order,
         m=plant.m,

@@ -199,7 +199,6 @@ def polynomial_manifest() -> Manifest:
         title="",
         source="",
         model_hash="",
-        structure_hash="",
         versions={},
         n=1,
         m=0,
