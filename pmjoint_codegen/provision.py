@@ -1,8 +1,8 @@
 """Which kernels serve a model: the committed ones when they are current, else ones derived into the cache.
 
 The common case touches neither SymPy nor CasADi: two hashes are compared, and ``generated/<name>/`` is used
-as it stands. A model file that says something else than ``generated/`` was made from, or another reference or
-disturbance on the command line, is derived anew; ``generated/`` is never written here.
+as it stands. A model file that differs from what ``generated/`` was made from is derived again, as is one
+with another reference or disturbance on the command line; ``generated/`` is never written here.
 """
 
 from __future__ import annotations
@@ -61,12 +61,12 @@ def provide(
         reference: another y_r, a function of t and parameters.
         disturbance: another disturbance, one expression a state.
         environment: for the cache folder.
-        notify: is told, in one line, what takes time or what the user should know.
-        stage: is told what is being derived, where something is.
+        notify: called with one line on what takes time or what the user should know.
+        stage: called with the stage of a derivation, where there is one.
 
     Raises:
         ModelError: for a model that cannot be found, read or derived; a fault in what was given in place of
-            the file's is told of the option.
+            the file's names the option.
         StaleError: when a committed file was edited by hand.
         MissingToolError: when something must be derived and the toolchain is not installed.
     """
@@ -121,7 +121,7 @@ def _committed(path: Path, document: Mapping[str, Any], notify: Notify) -> Provi
     manifest = Manifest.read(folder)
     if manifest.model_hash != model_hash(document):
         notify(
-            f"{path} says something else than {folder} was made from; deriving it anew into the cache "
+            f"{path} differs from what {folder} was made from; deriving it again, into the cache "
             f"(`pmjoint regenerate {called(path)}` makes it permanent)"
         )
         return None

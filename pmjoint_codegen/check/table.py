@@ -1,6 +1,6 @@
 """The flat table of gates, and what runs them.
 
-    gate                      what it holds against what
+    gate                      what it checks against what
     current                   generated/<name>/ against what the model and the tools give now
     proof                     the certificate's identities against zero, with symbolic gains
     interpreter               CasADi's interpreter against compiled C, bit for bit

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pmjoint_codegen.check import harness
+from pmjoint_codegen.check import harness, trajectory
 from pmjoint_codegen.check.gates import (
     certificate,
     compilers,
@@ -131,14 +131,14 @@ def test_a_disturbance_of_the_output_stays_within_the_bounds_of_its_certificate(
     subject = load_subject(file, os.environ, silent)
     found = run_gate(subject, select(["trajectory.certificate"])[0])
     assert found.verdict is Verdict.PASSED, found.detail
-    run = golden.default_run(subject.compiled or subject.interpreted)
+    run = trajectory.default_run(subject.compiled or subject.interpreted)
     largest = float(np.max(np.linalg.norm(certificate.disturbances(subject.interpreted, run), axis=1)))
     sharp = certify(subject.derivation, proof.design_values(subject.derivation), largest)
     late = run.t > 6
     z = np.column_stack([run[f"z{i + 1}"][late] for i in range(rho)])
     assert sharp.z_sharp is not None and sharp.z1_sharp is not None
-    assert np.max(np.linalg.norm(z, axis=1)) <= sharp.z_sharp + golden.ACCURACY
-    assert np.max(np.abs(z[:, 0])) <= sharp.z1_sharp + golden.ACCURACY  # where n = 1, it is attained
+    assert np.max(np.linalg.norm(z, axis=1)) <= sharp.z_sharp + trajectory.ACCURACY
+    assert np.max(np.abs(z[:, 0])) <= sharp.z1_sharp + trajectory.ACCURACY  # where n = 1, it is attained
     assert sharp.eta in sharp.lines()[-1] and sharp.eta.endswith("D_1")
 
 

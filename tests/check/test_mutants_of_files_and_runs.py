@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 import pytest
 
+from pmjoint_codegen.check import trajectory
 from pmjoint_codegen.check.gates import (
     certificate,
     compilers,
@@ -155,9 +156,9 @@ def moved(run: Run, column: str, factor: float, shift: float) -> Run:
 def test_changed_golden_trajectories_are_noticed(paper: Subject, tally: Tally) -> None:
     assert paper.compiled is not None
     true = golden.read(*golden.paths(paper))
-    found = golden.trajectory_of(golden.default_run(paper.compiled))
+    found = trajectory.trajectory_of(trajectory.default_run(paper.compiled))
 
-    def values(row: int, column: int, by: float) -> golden.Trajectory:
+    def values(row: int, column: int, by: float) -> trajectory.Trajectory:
         changed = true.values.copy()
         changed[row, column] += by * max(1.0, abs(changed[row, column]))
         return dataclasses.replace(true, values=changed)
@@ -175,7 +176,7 @@ def test_changed_golden_trajectories_are_noticed(paper: Subject, tally: Tally) -
         "other columns": dataclasses.replace(true, names=("x2", *true.names[1:])),
     }
     for what, changed in mutants.items():
-        tally("trajectory.golden", what, golden.compare(changed, found, "golden"))
+        tally("trajectory.golden", what, trajectory.compare(changed, found, "golden"))
 
 
 def test_other_loops_are_not_the_golden_one(paper: Subject, tally: Tally) -> None:
@@ -189,30 +190,30 @@ def test_other_loops_are_not_the_golden_one(paper: Subject, tally: Tally) -> Non
         "compensator": 0.0,
         "u_max": 10.001,
     }.items():
-        found = golden.trajectory_of(golden.default_run(paper.compiled, {name: value}))
+        found = trajectory.trajectory_of(trajectory.default_run(paper.compiled, {name: value}))
         tally(
             "trajectory.golden",
             f"{name} = {value}",
-            golden.compare(true, found, "golden"),
+            trajectory.compare(true, found, "golden"),
         )
 
 
 def test_other_loops_are_not_heyokas(paper: Subject, tally: Tally) -> None:
     heyoka = pytest.importorskip("heyoka")
     assert paper.compiled is not None
-    defaults = golden.default_run(paper.compiled).settings
+    defaults = trajectory.default_run(paper.compiled).settings
     loop = heyoka_loop.Loop(heyoka, paper, defaults.parameters)
     expected = independent.reference(loop, paper, defaults)
     scales = loop.scales(expected, defaults.parameters["u_max"])
     for name, value in {"c2": 15.001, "d1": 0.2001, "u_max": 10.001}.items():
-        found = golden.trajectory_of(golden.default_run(paper.compiled, {name: value}))
-        result = golden.compare(expected, found, "heyoka", scales)
+        found = trajectory.trajectory_of(trajectory.default_run(paper.compiled, {name: value}))
+        result = trajectory.compare(expected, found, "heyoka", scales)
         tally("trajectory.independent", f"{name} = {value}", result)
 
 
 def test_broken_invariants_are_noticed(paper: Subject, tally: Tally) -> None:
     assert paper.compiled is not None
-    run = golden.default_run(paper.compiled)
+    run = trajectory.default_run(paper.compiled)
     for column, factor, shift in (("e", 1 + 1e-12, 0.0), ("z1", -1.0, 0.0), ("e", 1.0, 1e-14)):
         finding = invariants.errors_add_up(moved(run, column, factor, shift))
         tally("trajectory.invariants", f"{factor} {column} + {shift}", invariants.judge([finding]))
@@ -222,7 +223,7 @@ def test_broken_invariants_are_noticed(paper: Subject, tally: Tally) -> None:
 
 def test_v_that_rises_is_noticed(paper: Subject, tally: Tally) -> None:
     assert paper.compiled is not None
-    run = golden.default_run(paper.compiled)
+    run = trajectory.default_run(paper.compiled)
     true = certify(paper.derivation, proof.design_values(paper.derivation), 0.1)
     assert true.Y is not None
     rising = run.signals.copy()

@@ -9,12 +9,12 @@ import numpy as np
 import numpy.typing as npt
 import sympy as sp
 
-from pmjoint_codegen.check.gates.golden import ACCURACY, default_run
 from pmjoint_codegen.check.gates.invariants import estimation_errors
 from pmjoint_codegen.check.gates.proof import design_values
 from pmjoint_codegen.check.oracles.certificate import Certificate, certify
 from pmjoint_codegen.check.result import Difference, GateResult, failed, not_run, passed
 from pmjoint_codegen.check.subject import Subject
+from pmjoint_codegen.check.trajectory import ACCURACY, default_run
 from pmjoint_codegen.kernels.evaluator import Evaluator
 from pmjoint_codegen.simulate.run import Run
 
@@ -45,7 +45,7 @@ def disturbances(evaluator: Evaluator, run: Run) -> Array:
 
 
 def decrease(run: Run, certificate: Certificate) -> GateResult:
-    """Hold V of every row against what (35) allows after the row before.
+    """Check V of every row against what (35) allows after the row before.
 
     Args:
         run: the run.

@@ -11,9 +11,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from pmjoint_codegen.check.gates.golden import ACCURACY, default_run
 from pmjoint_codegen.check.result import Difference, GateResult, failed, passed
 from pmjoint_codegen.check.subject import Subject
+from pmjoint_codegen.check.trajectory import ACCURACY, default_run
 from pmjoint_codegen.closed_loop import Source, evaluator_of
 from pmjoint_codegen.errors import PmjointError
 from pmjoint_codegen.kernels.evaluator import Evaluator
@@ -29,7 +29,7 @@ Finding = tuple[str, float, float]  # what, figure, bound
 
 
 def check(subject: Subject) -> GateResult:
-    """Run the model with and without its disturbance and its limit, and hold the runs against theory."""
+    """Run the model with and without its disturbance and its limit, and check the runs against theory."""
     findings = [errors_add_up(default_run(subject.compiled or subject.interpreted))]
     try:
         quiet = quiet_evaluator(subject)

@@ -39,7 +39,7 @@ LARGEST = float(np.finfo(np.float64).max)
 
 @dataclass(frozen=True)
 class Prepared:
-    """A kernel's points with everything that the code's results are held against.
+    """A kernel's points with everything that the code's results are checked against.
 
     Attributes:
         function: the kernel, as the manifest describes it.

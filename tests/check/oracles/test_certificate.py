@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_lyapunov
 
-from pmjoint_codegen.check.gates import golden, proof
+from pmjoint_codegen.check import trajectory
+from pmjoint_codegen.check.gates import proof
 from pmjoint_codegen.check.oracles.certificate import certify, estimation_gain
 from pmjoint_codegen.check.subject import Subject
 
@@ -24,7 +25,7 @@ def test_the_papers_constants(paper: Subject) -> None:
 def test_sharp_bounds_hold_along_the_run_and_are_sharper(paper: Subject) -> None:
     assert paper.compiled is not None
     found = certify(paper.derivation, proof.design_values(paper.derivation), 0.1)
-    run = golden.default_run(paper.compiled)
+    run = trajectory.default_run(paper.compiled)
     late = run.t > 10
     z = np.hypot(run["z1"][late], run["z2"][late])
     assert found.z_sharp is not None and found.z1_sharp is not None and found.z_bound is not None

@@ -1,4 +1,4 @@
-"""What the printed equations are held against, and the tables that say what each printed symbol stands for.
+"""What the printed equations are checked against, and tables of what each printed symbol stands for.
 
 Every quantity is an expression of *primitive* symbols: the plant's and the controller's states, the
 reference with its derivatives, the disturbance d, the applied input u (free: no saturation is assumed), the
@@ -131,10 +131,10 @@ def disturbance_symbol() -> sp.Symbol:
 class DesignScope(Mapping[str, Any]):
     """Symbols from (9) on; derivatives are computed when they are asked for."""
 
-    def __init__(self, ground: Context) -> None:
+    def __init__(self, context: Context) -> None:
         """Take the derivation."""
-        self._ground = ground
-        self._known = _design_table(ground)
+        self._context = context
+        self._known = _design_table(context)
 
     def __getitem__(self, name: str) -> Any:
         """What a printed name stands for; raises KeyError when nothing is known of it."""
@@ -145,9 +145,9 @@ class DesignScope(Mapping[str, Any]):
             arguments = [ast.unparse(argument) for argument in node.args]
             match ast.unparse(node.func):
                 case "dot":
-                    return self._ground.rate(value(arguments[0], self))
+                    return self._context.rate(value(arguments[0], self))
                 case "ddot":
-                    return self._ground.rate(self[f"dot({arguments[0]})"])
+                    return self._context.rate(self[f"dot({arguments[0]})"])
                 case "partial":
                     return self._partial(*arguments)
         raise KeyError(name)
@@ -166,15 +166,15 @@ class DesignScope(Mapping[str, Any]):
 
     def _partial(self, of: str, by: str) -> Any:
         """Derivative of one quantity by another; by a column it is a row."""
-        function = self._ground.expand(value(of, self))
-        argument = self._ground.expand(value(by, self))
+        function = self._context.expand(value(of, self))
+        argument = self._context.expand(value(by, self))
         if isinstance(argument, sp.MatrixBase):
             return sp.Matrix([[sp.diff(function, entry) for entry in argument]])
         return sp.diff(function, argument)
 
 
-def _design_table(ground: Context) -> Mapping[str, Any]:
-    s, P, d = ground.signals, ground.P, disturbance_symbol()
+def _design_table(context: Context) -> Mapping[str, Any]:
+    s, P, d = context.signals, context.P, disturbance_symbol()
     n, V_epsilon = len(s.x), error_function(s, P)
     table: dict[str, Any] = {
         "y": s.y,
