@@ -11,13 +11,16 @@ from pmjoint_derive.derivation import Derivation
 from pmjoint_derive.equation import Equation
 from pmjoint_derive.lyapunov import (
     certified_rate,
+    error_function,
     error_weight,
+    given_away,
+    lyapunov_function,
     lyapunov_matrix,
-    sensitivities,
-    squares,
+    projected_symbols,
     symmetric_matrix,
 )
 from pmjoint_derive.model import parameter_symbol
+from pmjoint_derive.signals import Signals
 
 _READABLE = 4  # order up to which P is written in the gains: its entries grow threefold with each order
 
@@ -33,12 +36,9 @@ def certificate_equations(derivation: Derivation) -> tuple[Equation, ...]:
     s, plant, bound = derivation.signals, derivation.plant, derivation.model.disturbance_bound
     short = plant.order <= _READABLE
     P, solved = symmetric_matrix(plant.order), lyapunov_matrix(s) if short else _at_gains(derivation)
-    symbols, epsilon = disturbance_symbols(plant), sp.Matrix(s.epsilon)
+    symbols, PD = disturbance_symbols(plant), projected_symbols(plant.order)
     acting = [symbol if rate != 0 else rate for symbol, rate in zip(symbols, plant.disturbance, strict=True)]
-    PD = sp.Matrix([parameter_symbol(f"PD{i}") for i in range(1, plant.order + 1)])
-    lost = sum(squares(derivation, PD, sensitivities(derivation)), sp.Integer(0))
     V_epsilon, V_lost = parameter_symbol("V_epsilon"), parameter_symbol("V_lost")
-    energy = sum((z**2 / 2 for z in s.z), sp.Integer(0)) + error_weight(s) * V_epsilon
     rows = [
         (
             P[i, j].name,
@@ -53,16 +53,21 @@ def certificate_equations(derivation: Derivation) -> tuple[Equation, ...]:
     rows += [
         (
             "V_epsilon",
-            sp.expand((epsilon.T * P * epsilon)[0]),
+            error_function(s, P),
             "(19)",
             "Lyapunov function of the estimation error",
         ),
-        ("V", energy, "(30)", "Lyapunov function"),
+        ("V", lyapunov_function(s, V_epsilon), "(30)", "Lyapunov function"),
         *(
             (name.name, value, "", "entry of P D")
             for name, value in zip(PD, P * sp.Matrix(acting), strict=True)
         ),
-        ("V_lost", lost, "", "what (32) gives away: squares with positive factors"),
+        (
+            "V_lost",
+            sum(given_away(derivation), sp.Integer(0)),
+            "",
+            "what (32) gives away: squares with positive factors",
+        ),
         ("V_dot", certified_rate(derivation, PD) - V_lost, "(32)", "rate of V under the law, whatever u is"),
         *_decay(derivation),
     ]
@@ -85,11 +90,26 @@ def certificate_equations(derivation: Derivation) -> tuple[Equation, ...]:
     )
 
 
+def least_rate(s: Signals) -> sp.Expr:
+    """``f_-`` of (34), with ``1/(4 e_2)`` where the paper prints ``1/(4 e_1)`` twice."""
+    return sp.Min(*s.c, *(1 / (4 * e) for e in s.e))
+
+
+def greatest_weight(s: Signals, lambda_P: sp.Symbol) -> sp.Expr:
+    """``f_+`` of (34), given the largest eigenvalue of P."""
+    return sp.Max(sp.Rational(1, 2), *(lambda_P / (2 * e) for e in s.e))
+
+
+def residual(derivation: Derivation, lambda_P: sp.Symbol, D_max: sp.Symbol) -> sp.Expr:
+    """``Y`` of (33), given the largest eigenvalue of P and the bound of the disturbance."""
+    norm = lambda_P**2
+    factor = norm if output_disturbance(derivation.plant) == 0 else 2 * norm + 1
+    return error_weight(derivation.signals) * factor * D_max**2
+
+
 def _decay(derivation: Derivation) -> list[tuple[str, sp.Expr, str, str]]:
     """(34): name, expression, number and meaning of each constant."""
     s, largest = derivation.signals, parameter_symbol("lambda_P")
-    least = sp.Min(*s.c, *(1 / (4 * e) for e in s.e))
-    greatest = sp.Max(sp.Rational(1, 2), *(largest / (2 * e) for e in s.e))
     rate = parameter_symbol("f_minus") / parameter_symbol("f_plus")
     return [
         (
@@ -98,8 +118,13 @@ def _decay(derivation: Derivation) -> list[tuple[str, sp.Expr, str, str]]:
             "",
             "largest eigenvalue of P, at the gains of the model",
         ),
-        ("f_minus", least, "(34)", "least rate in (32), with every e, where (34) prints the first one twice"),
-        ("f_plus", greatest, "(34)", "greatest weight in (30)"),
+        (
+            "f_minus",
+            least_rate(s),
+            "(34)",
+            "least rate in (32), with every e, where (34) prints the first one twice",
+        ),
+        ("f_plus", greatest_weight(s, largest), "(34)", "greatest weight in (30)"),
         ("f", rate, "(35)", "rate at which V decays at least"),
     ]
 
@@ -107,13 +132,11 @@ def _decay(derivation: Derivation) -> list[tuple[str, sp.Expr, str, str]]:
 def _residual(derivation: Derivation, bound: float) -> list[tuple[str, sp.Expr, str, str]]:
     """(33) and (35), likewise."""
     V, Y, f, D_max = (parameter_symbol(name) for name in ("V", "Y", "f", "D_max"))
-    norm = parameter_symbol("lambda_P") ** 2
-    factor = norm if output_disturbance(derivation.plant) == 0 else 2 * norm + 1
     return [
         ("D_max", sp.Rational(repr(bound)), "(9)", "bound of the disturbance"),
         (
             "Y",
-            error_weight(derivation.signals) * factor * D_max**2,
+            residual(derivation, parameter_symbol("lambda_P"), D_max),
             "(33)",
             "what the disturbance adds at most",
         ),

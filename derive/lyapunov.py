@@ -294,9 +294,30 @@ def squares(derivation: Derivation, PD: sp.MatrixBase, s_: tuple[sp.Expr, ...]) 
     return (*young, *inputs, *others, *apart)
 
 
-def error_weight(s: Signals) -> sp.Expr:
-    """``sum 1/(2 e_i)``, the weight of ``epsilon' P epsilon`` in V (30)."""
-    return sum((1 / (2 * e) for e in s.e), sp.Integer(0))
+def given_away(derivation: Derivation) -> tuple[sp.Expr, ...]:
+    """`squares` in the names of the derivation and in ``PD1``, ``PD2``, ... for the entries of P D."""
+    return squares(derivation, projected_symbols(derivation.plant.order), sensitivities(derivation))
+
+
+def projected_symbols(n: int) -> sp.ImmutableMatrix:
+    """``P D`` as symbols ``PD1``, ``PD2``, ..., n x 1."""
+    return sp.ImmutableMatrix([parameter_symbol(f"PD{i}") for i in range(1, n + 1)])
+
+
+def error_function(s: Signals, P: sp.MatrixBase) -> sp.Expr:
+    """``V_epsilon = epsilon' P epsilon`` (19), expanded."""
+    epsilon = sp.Matrix(s.epsilon)
+    return sp.expand((epsilon.T * P * epsilon)[0])
+
+
+def lyapunov_function(s: Signals, V_epsilon: sp.Expr, steps: int | None = None) -> sp.Expr:
+    """``V = sum z_i^2/2 + sum V_epsilon/(2 e_i)`` (30), over the first steps or over all."""
+    return sum((z**2 / 2 for z in s.z[:steps]), sp.Integer(0)) + error_weight(s, steps) * V_epsilon
+
+
+def error_weight(s: Signals, steps: int | None = None) -> sp.Expr:
+    """``sum 1/(2 e_i)``, the weight of ``epsilon' P epsilon`` in V (30), over the first steps or over all."""
+    return sum((1 / (2 * e) for e in s.e[:steps]), sp.Integer(0))
 
 
 def certified_rate(derivation: Derivation, PD: sp.MatrixBase) -> sp.Expr:

@@ -40,8 +40,8 @@ def compensator_figure(with_it: Run, without: Run) -> Figure:
         figure = Figure(figsize=(7.4, 2.9), layout="constrained")
         error, actuation = figure.subplots(1, 2)
         labelled = (
-            (with_it, "with the compensator (23)", "#1f4e79", "-"),
-            (without, "without, r = 0", "#b03a2e", "--"),
+            (with_it, "with the compensator (23)", style.BLUE, "-"),
+            (without, "without, r = 0", style.RED, "--"),
         )
         for done, label, colour, dashes in labelled:
             curve(error, done, "e", label, colour, dashes)

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import shlex
 import sys
+from collections.abc import Callable, Iterable
 from typing import Any, ClassVar
 
 __all__ = [
@@ -31,6 +32,7 @@ __all__ = [
     "SimulationError",
     "StaleError",
     "UsageError",
+    "did_you_mean",
     "installing",
     "quoted",
 ]
@@ -44,6 +46,14 @@ def quoted(value: object) -> str:
         return "a whole number of more than 60 digits"  # which Python may refuse to print
     shown = repr(value[: _LONGEST_QUOTE + 1]) if isinstance(value, str) else str(value)
     return shown if len(shown) <= _LONGEST_QUOTE else shown[: _LONGEST_QUOTE - 4] + " ..."
+
+
+def did_you_mean(asked: str, known: Iterable[str], shown: Callable[[str], str] = repr) -> str:
+    """Ask whether the known name closest to a wrong one was meant, a space after it; empty where none is."""
+    from difflib import get_close_matches  # slow to import, and of use to a wrong name alone
+
+    close = get_close_matches(asked[:300], list(known), n=1)
+    return f"did you mean {shown(close[0])}? " if close else ""
 
 
 def installing(requirement: str) -> str:

@@ -1,9 +1,8 @@
 """What makes two models the same: hashes over the parsed model file, not over its text.
 
-Comments, layout and ``15`` against ``15.0`` do not matter. Two hashes are kept: the *model* hash covers
-everything, the
-*structure* hash only what shapes the kernels, so that another value of a parameter or gain reuses compiled
-code.
+Comments, layout and ``15`` against ``15.0`` do not matter. The *model* hash covers everything; ``model.json``
+holds it. The *structure* hash covers only what shapes the kernels; their banners show it. Another value of a
+parameter or gain changes no kernel, so that compiled code is used again.
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ from pmjoint_codegen.storage import sha256
 from pmjoint_codegen.values import OWN_SUFFIX, SI, Numbers, Rule, evaluate, from_si
 
 FILE_NAME: Final = "model.json"
-SCHEMA: Final = 2
+SCHEMA: Final = 3
 _REMEDY: Final = "run pmjoint regenerate"
 
 
@@ -82,29 +82,6 @@ class Function:
     equation: str
     about: str
     operations: int
-
-
-@dataclass(frozen=True)
-class EquationText:
-    """One named equation of the symbolic reference.
-
-    Attributes:
-        name: left-hand side.
-        text: right-hand side, in Python's notation.
-        latex: right-hand side in LaTeX.
-        section: chapter of the derivation.
-        number: number in the paper.
-        meaning: one line for the reader.
-        unit: physical unit.
-    """
-
-    name: str
-    text: str
-    latex: str
-    section: str
-    number: str
-    meaning: str
-    unit: str
 
 
 @dataclass(frozen=True)
@@ -195,7 +172,6 @@ class Manifest:
         title: one line for people.
         source: where model and numbers come from.
         model_hash: of all that the model file says.
-        structure_hash: of what shapes the kernels.
         versions: of the tools that shape the text.
         n: order of the design's plant.
         m: number of its zeros.
@@ -218,7 +194,6 @@ class Manifest:
         signals: entries of the ``signals`` kernel.
         partials: names of the ``partials`` kernel's entries.
         functions: all kernels.
-        equations: the symbolic reference.
         simulation: default run.
         files: SHA-256 of every other generated file.
     """
@@ -227,7 +202,6 @@ class Manifest:
     title: str
     source: str
     model_hash: str
-    structure_hash: str
     versions: Mapping[str, str]
     n: int
     m: int
@@ -250,7 +224,6 @@ class Manifest:
     signals: tuple[Variable, ...]
     partials: tuple[str, ...]
     functions: tuple[Function, ...]
-    equations: tuple[EquationText, ...]
     simulation: Simulation
     files: Mapping[str, str]
 
@@ -347,12 +320,7 @@ class Manifest:
 
     @classmethod
     def _from_contents(cls, contents: dict[str, Any]) -> Manifest:
-        records = {
-            "states": Variable,
-            "signals": Variable,
-            "parameters": Parameter,
-            "equations": EquationText,
-        }
+        records = {"states": Variable, "signals": Variable, "parameters": Parameter}
         for key, record in records.items():
             contents[key] = tuple(record(**item) for item in contents[key])
         contents["rules"] = tuple(Rule(**_with_tuples(item, "terms")) for item in contents["rules"])

@@ -1,8 +1,8 @@
 """Which kernels serve a model: the committed ones when they are current, else ones derived into the cache.
 
 The common case touches neither SymPy nor CasADi: two hashes are compared, and ``generated/<name>/`` is used
-as it stands. A model file that says something else than ``generated/`` was made from, or another reference or
-disturbance on the command line, is derived anew; ``generated/`` is never written here.
+as it stands. A model file that differs from what ``generated/`` was made from is derived again, as is one
+with another reference or disturbance on the command line; ``generated/`` is never written here.
 """
 
 from __future__ import annotations
@@ -39,12 +39,10 @@ class Provided:
     Attributes:
         manifest: what the kernels are.
         folder: where ``kernels.c``, ``kernels.h`` and ``kernels.tape`` stand.
-        committed: whether that is ``generated/<name>/``.
     """
 
     manifest: Manifest
     folder: Path
-    committed: bool
 
 
 def provide(
@@ -63,12 +61,12 @@ def provide(
         reference: another y_r, a function of t and parameters.
         disturbance: another disturbance, one expression a state.
         environment: for the cache folder.
-        notify: is told, in one line, what takes time or what the user should know.
-        stage: is told what is being derived, where something is.
+        notify: called with one line on what takes time or what the user should know.
+        stage: called with the stage of a derivation, where there is one.
 
     Raises:
         ModelError: for a model that cannot be found, read or derived; a fault in what was given in place of
-            the file's is told of the option.
+            the file's names the option.
         StaleError: when a committed file was edited by hand.
         MissingToolError: when something must be derived and the toolchain is not installed.
     """
@@ -129,7 +127,7 @@ def _committed(path: Path, document: Mapping[str, Any], notify: Notify) -> Provi
     manifest = Manifest.read(folder)
     if manifest.model_hash != model_hash(document):
         notify(
-            f"{path} says something else than {folder} was made from; deriving it anew into the cache "
+            f"{path} differs from what {folder} was made from; deriving it again, into the cache "
             f"(`pmjoint regenerate {called(path)}` makes it permanent)"
         )
         return None
@@ -140,7 +138,7 @@ def _committed(path: Path, document: Mapping[str, Any], notify: Notify) -> Provi
                 where=str(folder / file),
                 remedy=f"run pmjoint regenerate {called(path)}",
             )
-    return Provided(manifest, folder, committed=True)
+    return Provided(manifest, folder)
 
 
 def _altered(file: Path, recorded: str) -> bool:
@@ -206,7 +204,7 @@ def _derived(
     with suppress(StaleError):  # not there yet
         manifest = Manifest.read(folder)
         if not any(_altered(folder / file, recorded) for file, recorded in manifest.files.items()):
-            return Provided(manifest, folder, committed=False)
+            return Provided(manifest, folder)
     stage("loading what derives", 0.0)
     try:
         from pmjoint_codegen.emit.pipeline import generate
@@ -220,7 +218,7 @@ def _derived(
     stage("reading the model", 0.0)
     artifacts = generate(document, model_of(document, str(path)), stage=stage)
     replace_folder(folder, {name: text.encode() for name, text in artifacts.files.items()}, private=True)
-    return Provided(artifacts.manifest, folder, committed=False)
+    return Provided(artifacts.manifest, folder)
 
 
 def _toolchain_key() -> str:

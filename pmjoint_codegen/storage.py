@@ -1,22 +1,20 @@
 """Files and folders that appear whole or not at all.
 
-A file is written beside its place under another name and renamed onto it. A folder is staged beside its place
-and exchanged with it in one system call: a process killed at any moment leaves the old folder or the new,
-never a mixture. Where the file system knows no exchange, two renames do it, and the next `replace_folder` or
-`recover_folder` undoes what a kill between them left.
+A file is written beside its place under another name and renamed onto it. A folder is staged beside its
+place; the old one is renamed away and the new one onto its place. A process killed at any moment leaves the
+old folder, the new one or, between the two renames, none: never a mixture. The next `replace_folder` clears
+up.
 
-What cannot be written is the user's to mend: every function raises `UsageError` with the path and a remedy,
+What cannot be written is the user's to fix: every function raises `UsageError` with the path and a remedy,
 of the kind `ResourceError` where not the path but the machine is at fault, as when a disk is full.
 """
 
 from __future__ import annotations
 
-import ctypes
 import errno
 import hashlib
 import os
 import shutil
-import sys
 import uuid
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -28,8 +26,7 @@ from pmjoint_codegen.scratch import clear, owned
 
 _EXHAUSTED = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})  # no fault of the path's
 _STAGED = ".pmjoint-new"  # beginning of the name of a file until it is whole
-_AT_FDCWD = -100  # Linux <fcntl.h>: paths are relative to the current directory
-_EXCHANGE = 2  # RENAME_EXCHANGE of Linux and RENAME_SWAP of macOS
+_FOLDER = "pmjoint"  # in the hidden name of a folder until it is whole, or when it is replaced
 
 
 def sha256(data: bytes) -> str:
@@ -147,7 +144,7 @@ def replace_folder(path: Path, files: Mapping[str, bytes], *, private: bool = Fa
         path: the folder; a symbolic link is followed unless `private`.
         files: what it holds afterwards.
         private: only this user may write the folder, whatever the umask, and a symbolic link in its place is
-            removed, not followed.
+            removed, not followed. A folder that holds these files stays: others may be reading it.
 
     Raises:
         UsageError: the folder cannot be written; whatever stood there before still stands.
@@ -161,14 +158,10 @@ def replace_folder(path: Path, files: Mapping[str, bytes], *, private: bool = Fa
         if path.exists() and not path.is_dir():
             raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR))
         with _locked(path.parent):
-            _recover(path)
-            _sweep(path)
-            staged = _sibling(path, "new")
-            try:
-                _fill(staged, files, 0o700 if private else 0o777)
-                _put(staged, path)
-            finally:
-                shutil.rmtree(staged, ignore_errors=True)
+            for leftover in path.parent.glob(f".{path.name}.{_FOLDER}-*"):  # of processes that were killed
+                shutil.rmtree(leftover, ignore_errors=True)
+            if not (private and _holds(path, files)):
+                _put(path, files, 0o700 if private else 0o777)
 
 
 def drop_link(path: Path) -> None:
@@ -182,36 +175,15 @@ def drop_link(path: Path) -> None:
             path.unlink(missing_ok=True)
 
 
-def recover_folder(path: Path) -> None:
-    """Bring back a folder whose replacement was killed between two renames; does nothing otherwise.
-
-    Raises:
-        UsageError: the old folder stands aside but cannot be moved back.
-    """
-    if not path.exists() and _aside(path).exists():
-        with explained(path), _locked(path.parent):
-            _recover(path)
-
-
 def _special(path: Path) -> bool:
     """Whether something other than a regular file or a folder stands at a path."""
     return path.exists() and not path.is_file() and not path.is_dir()
-
-
-def _sibling(path: Path, kind: str) -> Path:
-    """Name a hidden neighbour that no other process uses."""
-    return path.with_name(f".{path.name}.{kind}-{uuid.uuid4().hex}")
 
 
 def _staged(folder: Path) -> Path:
     """Name a hidden file in a folder for this process, and remove what killed ones left there."""
     clear(folder, _STAGED)
     return folder / f"{owned(_STAGED)}{uuid.uuid4().hex}"
-
-
-def _aside(path: Path) -> Path:
-    """Name the one place where the old folder waits during a replacement by two renames."""
-    return path.with_name(f".{path.name}.old")
 
 
 @contextmanager
@@ -231,63 +203,57 @@ def explained(path: Path) -> Iterator[None]:
         ) from error
 
 
+def lock(handle: int, *, wait: bool) -> bool:
+    """Lock an open folder for this process; closing it, or the end of the process, unlocks it.
+
+    Args:
+        handle: of the folder.
+        wait: for another process that has the lock.
+
+    Returns:
+        False where another process has it; True also where there are no locks, as on some networks.
+    """
+    with suppress(ImportError):
+        import fcntl  # absent outside POSIX
+
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+        except OSError as error:
+            return error.errno not in (errno.EWOULDBLOCK, errno.EACCES)
+    return True
+
+
 @contextmanager
 def _locked(folder: Path) -> Iterator[None]:
-    """Let one process at a time replace folders in `folder`; without locks, as on some networks, go on."""
+    """Let one process at a time replace folders in `folder`."""
     handle = os.open(folder, os.O_RDONLY)
     try:
-        with suppress(ImportError, OSError):
-            import fcntl  # absent outside POSIX
-
-            fcntl.flock(handle, fcntl.LOCK_EX)
+        lock(handle, wait=True)
         yield
     finally:
-        os.close(handle)  # releases the lock
+        os.close(handle)
 
 
-def _recover(path: Path) -> None:
-    """Under the lock: undo half a replacement, or drop what a whole one left behind."""
-    aside = _aside(path)
-    if path.exists():
-        shutil.rmtree(aside, ignore_errors=True)
-    elif aside.exists():
-        aside.rename(path)
+def _holds(folder: Path, files: Mapping[str, bytes]) -> bool:
+    """Whether a folder holds exactly these files."""
+    with suppress(OSError):
+        return {path.name: path.read_bytes() for path in folder.iterdir()} == files
+    return False
 
 
-def _sweep(path: Path) -> None:
-    """Under the lock: remove what killed replacements staged and never used."""
-    for leftover in path.parent.glob(f".{path.name}.new-*"):
-        shutil.rmtree(leftover, ignore_errors=True)
-
-
-def _fill(folder: Path, files: Mapping[str, bytes], mode: int) -> None:
-    """Write a new folder down to the disk, so that a power cut after the exchange finds it filled."""
-    folder.mkdir(mode)
-    for name, data in files.items():
-        with (folder / name).open("xb") as stream:
-            stream.write(data)
-            stream.flush()
-            os.fsync(stream.fileno())
-
-
-def _put(staged: Path, path: Path) -> None:
-    """Move a filled folder to its place; what stood there ends up in `staged` or nowhere."""
-    if not path.exists():
-        staged.rename(path)
-    elif not _exchange(staged, path):
-        aside = _aside(path)
-        path.rename(aside)
-        staged.rename(path)
-        shutil.rmtree(aside, ignore_errors=True)
-
-
-def _exchange(one: Path, other: Path) -> bool:
-    """Swap two folders in one system call; False where the system or the file system cannot."""
-    paths = os.fsencode(one), os.fsencode(other)
-    libc = ctypes.CDLL(None)
+def _put(path: Path, files: Mapping[str, bytes], mode: int) -> None:
+    """Under the lock: fill a new folder and put it in its place; where that fails, the old one stays."""
+    staged, old = (path.with_name(f".{path.name}.{_FOLDER}-{uuid.uuid4().hex}") for _ in range(2))
     try:
-        if sys.platform == "darwin":
-            return bool(libc.renamex_np(*paths, _EXCHANGE) == 0)
-        return bool(libc.renameat2(_AT_FDCWD, paths[0], _AT_FDCWD, paths[1], _EXCHANGE) == 0)
-    except AttributeError:  # a C library without that call
-        return False
+        staged.mkdir(mode)
+        for name, data in files.items():
+            (staged / name).write_bytes(data)
+        settle(staged)  # a power cut after the renames finds it filled
+        if path.exists():
+            path.rename(old)
+        staged.rename(path)
+    finally:
+        if old.exists() and not path.exists():
+            old.rename(path)
+        for folder in (staged, old):
+            shutil.rmtree(folder, ignore_errors=True)

@@ -7,7 +7,6 @@ models that the installed package carries.
 
 from __future__ import annotations
 
-import difflib
 import os
 import shlex
 import stat
@@ -15,7 +14,7 @@ import tempfile
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
-from pmjoint_codegen.errors import ModelError, quoted
+from pmjoint_codegen.errors import ModelError, did_you_mean, quoted
 from pmjoint_codegen.storage import make_private
 
 MODELS = "models"
@@ -134,8 +133,7 @@ def _shown(path: Path) -> str:
 
 
 def _advice(asked: str, names: Iterable[str], here: Path) -> str:
-    close = difflib.get_close_matches(asked[:300], list(names), n=1)
-    return f"did you mean {close[0]!r}? {_known(here)}" if close else _known(here)
+    return did_you_mean(asked, names) + _known(here)
 
 
 def _known(here: Path) -> str:

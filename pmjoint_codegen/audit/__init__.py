@@ -2,7 +2,7 @@
 
 notation     printed text -> SymPy, and printed text -> LaTeX in the printed order
 paper        the printed equations (1)-(37), and nothing else
-ground       what the printed equations are held against: the derivation, the physics, one symbol table
+context      what the printed equations are checked against: the derivation, the physics, one symbol table
 judgement    verdicts by comparison: equalities, inequalities, chains of both
 findings     the record that every examination ends in
 modelling, filtering, designing, stability, claims    one function an equation or claim

@@ -7,8 +7,8 @@ from typing import Any
 
 import sympy as sp
 
+from pmjoint_codegen.audit.context import Context
 from pmjoint_codegen.audit.findings import Evidence, Finding, derived_text, yes
-from pmjoint_codegen.audit.ground import Context
 from pmjoint_codegen.audit.joint import MEASURED, equation_of_motion, measured_joint
 from pmjoint_codegen.audit.judgement import Verdict, difference, vanishes
 from pmjoint_codegen.audit.notation import Scope, chain, names, value
@@ -19,26 +19,26 @@ from pmjoint_codegen.audit.stability import certificate
 _LUMPED = "vartheta/J - b_v/J*dot(theta)"  # what is left of (1)-(4) at theta = 0 and u = 0
 
 
-def bounded_disturbance(ground: Context, made: Experiments) -> Finding:
+def bounded_disturbance(context: Context, made: Experiments) -> Finding:
     """The sentence above (6): d is bounded because the joint's speed is."""
-    scope = ground.scope(JOINT)
-    lumped = value(chain(ground.paper["d(t)"].lines[0])[0][1], scope)
+    scope = context.scope(JOINT)
+    lumped = value(chain(context.paper["d(t)"].lines[0])[0][1], scope)
     slope = sp.diff(lumped, scope["dot(theta)"])
     rest = dict.fromkeys((scope["theta"], scope["u"]), sp.Integer(0))
-    exact = vanishes(lumped - equation_of_motion(ground.paper, scope).xreplace(rest))
-    mended = vanishes(value(_LUMPED, scope) - equation_of_motion(ground.paper, scope).xreplace(rest))
+    exact = vanishes(lumped - equation_of_motion(context.paper, scope).xreplace(rest))
+    mended = vanishes(value(_LUMPED, scope) - equation_of_motion(context.paper, scope).xreplace(rest))
     run = made.undisturbed.beyond
-    poles = _damping(ground, scope)
+    poles = _damping(context, scope)
     decisive = _number(poles, "right-most") < 0 <= _number(poles, "without")
     return Finding(
         "d(t)",
-        ground.paper["d(t)"].title,
+        context.paper["d(t)"].title,
         Verdict.ASSUMPTION,
         "d holds the damping, so its bound presumes that the speed is bounded, which Theorem 1 is to prove"
         + ("; nor is b_v/J small: it is all the damping that a measured joint has" if decisive else "")
         if slope != 0
         else "d does not depend on the speed",
-        ground.paper["d(t)"].lines,
+        context.paper["d(t)"].lines,
         (f"d = {_LUMPED}",) if mended and not exact else (),
         evidence=(
             Evidence("dd/d(speed)", str(slope)),
@@ -52,15 +52,15 @@ def bounded_disturbance(ground: Context, made: Experiments) -> Finding:
     )
 
 
-def error_boundedness(ground: Context, made: Experiments) -> Finding:
+def error_boundedness(context: Context, made: Experiments) -> Finding:
     """The half of Theorem 1 that is true: z and epsilon."""
-    s, numbers = ground.signals, certificate(ground)
-    rates = {z: ground.rate(ground.derivation.equations[z.name].expression) for z in s.z}
-    laws = {z: rate.xreplace({s.v: ground.expand(s.v, law=True)}) for z, rate in rates.items()}
+    s, numbers = context.signals, certificate(context)
+    rates = {z: context.rate(context.derivation.equations[z.name].expression) for z in s.z}
+    laws = {z: rate.xreplace({s.v: context.expand(s.v, law=True)}) for z, rate in rates.items()}
     free = all(vanishes(sp.diff(rate, s.u)) for rate in laws.values())
     names_ = [f"{z}_dot" for z in s.z]
     exact = all(
-        vanishes(laws[z] - ground.expand(ground.derivation.equations[name].expression, law=True))
+        vanishes(laws[z] - context.expand(context.derivation.equations[name].expression, law=True))
         for z, name in zip(s.z, names_, strict=True)
     )
     return Finding(
@@ -70,7 +70,7 @@ def error_boundedness(ground: Context, made: Experiments) -> Finding:
         "the errors are bounded whatever the saturation does, since u is not in their dynamics"
         if free
         else "the error dynamics contain u",
-        derived=derived_text(ground, *names_),
+        derived=derived_text(context, *names_),
         evidence=(
             Evidence(
                 "d(z_i')/du, i = 1, 2",
@@ -83,17 +83,17 @@ def error_boundedness(ground: Context, made: Experiments) -> Finding:
     )
 
 
-def all_signals_bounded(ground: Context, made: Experiments) -> Finding:
+def all_signals_bounded(context: Context, made: Experiments) -> Finding:
     """The other half: x_1 and r_1 run away together while z goes to zero."""
-    s = ground.signals
+    s = context.signals
     run, clipped = made.undisturbed.beyond, made.clipped
     parameters = run.settings.parameters
-    escapes = made.undisturbed.lost < made.strip and run["x1"][-1] > made.strip
+    escapes = made.undisturbed.diverging < made.strip and run["x1"][-1] > made.strip
     return Finding(
         "Theorem 1, all signals",
         "all signals are bounded",
         Verdict.FAILS if escapes else Verdict.FOLLOWS,
-        f"from x_1(0) = {made.undisturbed.lost:.2f} rad x_1 and r_1 run away together while z goes to 0,"
+        f"from x_1(0) = {made.undisturbed.diverging:.2f} rad x_1 and r_1 run away together while z goes to 0,"
         " which V does not see"
         if escapes
         else "no run escapes",
@@ -103,33 +103,33 @@ def all_signals_bounded(ground: Context, made: Experiments) -> Finding:
                 peak(made.with_compensator, "x1"),
                 "rad",
             ),
-            Evidence("w' - sqrt(d_1) w, for w = x_1 + x_2/sqrt(d_1)", _escape(ground)),
+            Evidence("w' - sqrt(d_1) w, for w = x_1 + x_2/sqrt(d_1)", _escape(context)),
             Evidence("so no input holds the joint beyond b_0 u_M/d_1", made.strip, "rad"),
             Evidence("and, with the disturbance against it, (b_0 u_M - D_max)/d_1", made.sure_strip, "rad"),
-            Evidence("paper's law, no disturbance: held from", made.undisturbed.held, "rad"),
-            Evidence("paper's law, no disturbance: lost from", made.undisturbed.lost, "rad"),
-            Evidence("paper's law with (37): held from", made.disturbed.held, "rad"),
-            Evidence("paper's law with (37): lost from", made.disturbed.lost, "rad"),
-            Evidence("same law, r = 0 (plain clipping): held from", clipped.held, "rad"),
-            Evidence("same law, r = 0 (plain clipping): lost from", clipped.lost, "rad"),
+            Evidence("paper's law, no disturbance: bounded from", made.undisturbed.bounded, "rad"),
+            Evidence("paper's law, no disturbance: diverging from", made.undisturbed.diverging, "rad"),
+            Evidence("paper's law with (37): bounded from", made.disturbed.bounded, "rad"),
+            Evidence("paper's law with (37): diverging from", made.disturbed.diverging, "rad"),
+            Evidence("same law, r = 0 (plain clipping): bounded from", clipped.bounded, "rad"),
+            Evidence("same law, r = 0 (plain clipping): diverging from", clipped.diverging, "rad"),
             Evidence("all this needs d_1 > 0, as in the example", parameters["d1"], "1/s^2"),
-            Evidence("the lost run was stopped at", float(run.t[-1]), "s"),
+            Evidence("the diverging run was stopped at", float(run.t[-1]), "s"),
             Evidence("x_1 there", float(run["x1"][-1]), "rad"),
             Evidence("r_1 there", float(run["r1"][-1]), "rad"),
             Evidence("z_1 = x_1 - y_r - r_1 there is below 1e-6", yes(abs(run["z1"][-1]) < 1e-6)),
             Evidence(
                 "z and epsilon, which V_2 bounds, are independent combinations of the states in number",
-                _seen(ground),
+                _seen(context),
             ),
             Evidence("of so many states", float(len((*s.x, *s.controller_state)))),
         ),
     )
 
 
-def compensation(ground: Context, made: Experiments) -> Finding:
+def compensation(context: Context, made: Experiments) -> Finding:
     """Section VI: what compensation is, and what it costs in the example."""
     with_, without = made.with_compensator.summary, made.without.summary
-    identity = vanishes(ground.value("y - y_r - (z_1 + r_1)"))
+    identity = vanishes(context.value("y - y_r - (z_1 + r_1)"))
     dearer = with_["ise"] > without["ise"]
     verdict = Verdict.CORRECTED if identity and dearer else Verdict.FOLLOWS
     return Finding(
@@ -153,19 +153,19 @@ def compensation(ground: Context, made: Experiments) -> Finding:
     )
 
 
-def unknown_saturation(ground: Context, made: Experiments) -> Finding:
+def unknown_saturation(context: Context, made: Experiments) -> Finding:
     """(10) calls u_M unknown; the controller needs the applied u."""
-    s, equations = ground.signals, ground.derivation.equations
+    s, equations = context.signals, context.derivation.equations
     reading = [
         state.name
         for state in s.controller_state
-        if s.u in ground.expand(equations[f"{state}_dot"].expression).free_symbols
+        if s.u in context.expand(equations[f"{state}_dot"].expression).free_symbols
     ]
     assumed = sp.Symbol("u_assumed", real=True)
     rate = {state: equations[f"{state}_dot"].expression for state in s.lambda_}
-    wrong = {state: ground.expand(entry).xreplace({s.u: assumed}) for state, entry in rate.items()}
-    right = {state: ground.expand(entry) for state, entry in rate.items()}
-    shifts = [_shift(ground, estimate, right, wrong) for estimate in ("x_hat1", "x_hat2")]
+    wrong = {state: context.expand(entry).xreplace({s.u: assumed}) for state, entry in rate.items()}
+    right = {state: context.expand(entry) for state, entry in rate.items()}
+    shifts = [_shift(context, estimate, right, wrong) for estimate in ("x_hat1", "x_hat2")]
     needed = bool(reading)
     return Finding(
         "u_M unknown",
@@ -183,16 +183,16 @@ def unknown_saturation(ground: Context, made: Experiments) -> Finding:
     )
 
 
-def adaptive_title(ground: Context, made: Experiments) -> Finding:
+def adaptive_title(context: Context, made: Experiments) -> Finding:
     """The title of Section III: an update law is a controller state that a tracking error drives."""
-    s, equations = ground.signals, ground.derivation.equations
+    s, equations = context.signals, context.derivation.equations
     driven = [
         state.name
         for state in s.controller_state
-        if set(s.y_r) & ground.expand(equations[f"{state}_dot"].expression).free_symbols
+        if set(s.y_r) & context.expand(equations[f"{state}_dot"].expression).free_symbols
     ]
-    law = ground.expand(s.v, law=True).free_symbols
-    needed = [item.name for item in ground.derivation.model.parameters if item.symbol in law]
+    law = context.expand(s.v, law=True).free_symbols
+    needed = [item.name for item in context.derivation.model.parameters if item.symbol in law]
     return Finding(
         "Section III",
         "design of adaptive controllers",
@@ -207,10 +207,10 @@ def adaptive_title(ground: Context, made: Experiments) -> Finding:
     )
 
 
-def smooth_reference(ground: Context, made: Experiments) -> Finding:
+def smooth_reference(context: Context, made: Experiments) -> Finding:
     """Assumption 1: the law's need of the reference's derivatives."""
-    law = ground.expand(ground.signals.v, law=True)
-    orders = [order for order, symbol in enumerate(ground.signals.y_r) if symbol in law.free_symbols]
+    law = context.expand(context.signals.v, law=True)
+    orders = [order for order, symbol in enumerate(context.signals.y_r) if symbol in law.free_symbols]
     return Finding(
         "Assumption 1",
         "the reference and its first two derivatives are bounded",
@@ -220,15 +220,15 @@ def smooth_reference(ground: Context, made: Experiments) -> Finding:
     )
 
 
-def example_numbers(ground: Context, made: Experiments) -> Finding:
+def example_numbers(context: Context, made: Experiments) -> Finding:
     """Section V's numbers against the model file and the run, and what it does not say."""
-    display = ground.paper["Section V"]
-    known = _example_scope(ground, made)
+    display = context.paper["Section V"]
+    known = _example_scope(context, made)
     wrong = [line for line in display.lines if not _agrees(line, known)]
     said = {
         name
         for number in ("(36)", "(37)", "Section V")
-        for line in ground.paper[number].lines
+        for line in context.paper[number].lines
         for name in names(line)
     }
     return Finding(
@@ -250,9 +250,9 @@ def example_numbers(ground: Context, made: Experiments) -> Finding:
     )
 
 
-def one_name_two_meanings(ground: Context, made: Experiments) -> Finding:
+def one_name_two_meanings(context: Context, made: Experiments) -> Finding:
     """Clashes in the symbol table of the printed equations."""
-    meanings, spellings = _symbol_table(ground)
+    meanings, spellings = _symbol_table(context)
     clashes = {name: found for name, found in meanings.items() if len(found) > 1}
     doubles = {meaning: found for meaning, found in spellings.items() if len(found) > 1}
     facts = [
@@ -274,13 +274,13 @@ def one_name_two_meanings(ground: Context, made: Experiments) -> Finding:
     )
 
 
-def _damping(ground: Context, scope: Scope) -> tuple[Evidence, ...]:
+def _damping(context: Context, scope: Scope) -> tuple[Evidence, ...]:
     """``b_v/J`` of the measured joint beside the rates that it would have to be small against."""
     numbers = measured_joint(scope)
     rate = (scope["b_v"] / scope["J"]).xreplace(dict(numbers))
-    rest = equation_of_motion(ground.paper, scope).coeff(scope["u"], 0).coeff(scope["theta"], 1)
+    rest = equation_of_motion(context.paper, scope).coeff(scope["u"], 0).coeff(scope["theta"], 1)
     stiffness = rest.xreplace(dict(numbers))
-    example = value("d_1", ground.scope(DESIGN)).xreplace(dict(ground.numbers()))
+    example = value("d_1", context.scope(DESIGN)).xreplace(dict(context.numbers()))
     where = f"measured joint (model {MEASURED})"
     return tuple(
         Evidence(label, float(sp.N(figure)), "1/s")
@@ -310,20 +310,20 @@ def _assumed(made: Experiments) -> str:
     return f"y_r = {run.manifest.simulation.reference} and {run.settings.horizon:g} s"
 
 
-def _seen(ground: Context) -> float:
+def _seen(context: Context) -> float:
     """Rank of (z, epsilon) as a function of the closed loop's state: how many directions V_2 sees."""
-    s = ground.signals
-    seen = sp.Matrix([ground.expand(symbol) for symbol in (*s.z, *s.epsilon)])
+    s = context.signals
+    seen = sp.Matrix([context.expand(symbol) for symbol in (*s.z, *s.epsilon)])
     return float(seen.jacobian(sp.Matrix([*s.x, *s.controller_state])).rank())
 
 
-def _escape(ground: Context) -> str:
+def _escape(context: Context) -> str:
     """``w' - sqrt(d_1) w`` for ``w = x_1 + x_2/sqrt(d_1)``, d_1 > 0."""
     positive = sp.Symbol("d_1", positive=True)
-    x_1, x_2 = ground.signals.x
+    x_1, x_2 = context.signals.x
     w = x_1 + x_2 / sp.sqrt(positive)
     rates = [
-        ground.rate(state).xreplace({value("d_1", ground.scope(DESIGN)): positive}) for state in (x_1, x_2)
+        context.rate(state).xreplace({value("d_1", context.scope(DESIGN)): positive}) for state in (x_1, x_2)
     ]
     rate = sum(
         (sp.diff(w, state) * rate for state, rate in zip((x_1, x_2), rates, strict=True)), sp.Integer(0)
@@ -332,20 +332,22 @@ def _escape(ground: Context) -> str:
 
 
 def _shift(
-    ground: Context, estimate: str, right: Mapping[sp.Symbol, sp.Expr], wrong: Mapping[sp.Symbol, sp.Expr]
+    context: Context, estimate: str, right: Mapping[sp.Symbol, sp.Expr], wrong: Mapping[sp.Symbol, sp.Expr]
 ) -> sp.Expr:
     """How a wrong u in the filters enters the rate of one estimation error."""
-    expression = ground.expand(sp.Symbol(estimate, real=True))
+    expression = context.expand(sp.Symbol(estimate, real=True))
     return sp.factor(
         sum((sp.diff(expression, state) * (right[state] - wrong[state]) for state in right), sp.Integer(0))
     )
 
 
-def _example_scope(ground: Context, made: Experiments) -> dict[str, Any]:
+def _example_scope(context: Context, made: Experiments) -> dict[str, Any]:
     """Printed names of Section V -> the numbers of the model file and of the run's first instant."""
-    scope, numbers = ground.scope(DESIGN), dict(ground.numbers())
+    scope, numbers = context.scope(DESIGN), dict(context.numbers())
     known: dict[str, Any] = {}
-    for name in (name for line in ground.paper["Section V"].lines for name in names(line) if "(" not in name):
+    for name in (
+        name for line in context.paper["Section V"].lines for name in names(line) if "(" not in name
+    ):
         known[name] = scope[name].xreplace(numbers)
     run = made.with_compensator
     for name in ("x_1", "x_2", "r_1", "r_2"):
@@ -361,13 +363,13 @@ def _agrees(line: str, known: Mapping[str, Any]) -> bool:
     return all(vanishes(difference(number, item)) for item in said)
 
 
-def _symbol_table(ground: Context) -> tuple[dict[str, dict[str, list[str]]], dict[str, list[str]]]:
+def _symbol_table(context: Context) -> tuple[dict[str, dict[str, list[str]]], dict[str, list[str]]]:
     """Printed name -> meaning -> displays, and meaning -> printed names, for names of one symbol."""
     meanings: dict[str, dict[str, list[str]]] = {}
     spellings: dict[str, list[str]] = {}
-    defined = {line for display in ground.paper.values() for line in display.lines}
-    for number, display in ground.paper.items():
-        scope = ground.scope(display.scope)
+    defined = {line for display in context.paper.values() for line in display.lines}
+    for number, display in context.paper.items():
+        scope = context.scope(display.scope)
         for name in (name for line in display.lines for name in names(line) if name.isidentifier()):
             symbol = scope.get(name)
             if not isinstance(symbol, sp.Symbol):

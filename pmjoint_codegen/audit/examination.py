@@ -1,8 +1,8 @@
 """The driver: every display and claim, in the paper's order.
 
-ground           model file "paper" -> derivation, beside the printed equations
+context          model file "paper" -> derivation, beside the printed equations
 experiments      generated kernels  -> the runs that claims are tested with
-EXAMINATIONS     ground, experiments -> one finding each
+EXAMINATIONS     context, experiments -> one finding each
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from pmjoint_codegen.audit import claims, designing, filtering, modelling, stability
+from pmjoint_codegen.audit.context import Context
 from pmjoint_codegen.audit.findings import Finding
-from pmjoint_codegen.audit.ground import Context
 from pmjoint_codegen.audit.paper import Printed, printed_equations
 from pmjoint_codegen.audit.runs import ExperimentRunner, Notify, experiments
 from pmjoint_codegen.modelfile import model_of
@@ -82,7 +82,7 @@ TRIALS = (
 )
 
 
-def paper_ground(paper: Mapping[str, Printed] | None = None) -> Context:
+def paper_context(paper: Mapping[str, Printed] | None = None) -> Context:
     """The printed equations beside the derivation of the model ``paper``.
 
     Args:
@@ -106,17 +106,17 @@ def audit(progress: Progress, notify: Notify) -> tuple[Finding, ...]:
     Raises:
         PmjointError: the model cannot be read, or its kernels cannot be built.
     """
-    ground = paper_ground()
-    made = experiments(ExperimentRunner(_once(notify)), ground.derivation.model.disturbance_bound or 0.0)
+    context = paper_context()
+    made = experiments(ExperimentRunner(_once(notify)), context.derivation.model.disturbance_bound or 0.0)
     found: list[Finding] = []
     total = len(COMPARISONS) + len(TRIALS)
     for compare in COMPARISONS:
-        found.append(compare(ground))
+        found.append(compare(context))
         progress(len(found) / total)
     for attempt in TRIALS:
-        found.append(attempt(ground, made))
+        found.append(attempt(context, made))
         progress(len(found) / total)
-    places = {number: place for place, number in enumerate(ground.paper)}
+    places = {number: place for place, number in enumerate(context.paper)}
     return tuple(sorted(found, key=lambda finding: places.get(finding.number, len(places))))
 
 

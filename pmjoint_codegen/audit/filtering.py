@@ -4,91 +4,91 @@ from __future__ import annotations
 
 import sympy as sp
 
+from pmjoint_codegen.audit.context import Context
 from pmjoint_codegen.audit.findings import Case, Evidence, Finding, Remedy, derived_text, undefined, yes
-from pmjoint_codegen.audit.ground import Context
 from pmjoint_codegen.audit.judgement import Verdict
 from pmjoint_codegen.audit.notation import value
 from pmjoint_codegen.audit.paper import DESIGN
 
 
-def system_in_matrices(ground: Context) -> Finding:
+def system_in_matrices(context: Context) -> Finding:
     """(12)."""
-    return Case(ground, "(12)", calm="(11) in matrices").judged()
+    return Case(context, "(12)", calm="(11) in matrices").judged()
 
 
-def matrices(ground: Context) -> Finding:
+def matrices(context: Context) -> Finding:
     """(13)."""
     return Case(
-        ground, "(13)", calm="the matrices that make (12) equal to (11)", otherwise=Verdict.DEFINITION
+        context, "(13)", calm="the matrices that make (12) equal to (11)", otherwise=Verdict.DEFINITION
     ).judged()
 
 
-def filters(ground: Context) -> Finding:
+def filters(context: Context) -> Finding:
     """(14)."""
-    names = [f"{state}_dot" for state in ground.signals.controller_state[:6]]
-    standing = undefined(ground, "E_2", "E_2")
+    names = [f"{state}_dot" for state in context.signals.controller_state[:6]]
+    standing = undefined(context, "E_2", "E_2")
     nowhere = standing[-1].value == "no display"
     missing = ", and E_2, which nothing defines, is the second unit vector" if nowhere else ""
     return Case(
-        ground,
+        context,
         "(14)",
         calm=f"the filters that are derived and generated; the third needs the applied input u{missing}",
         otherwise=Verdict.DEFINITION,
-        derived=derived_text(ground, *names),
+        derived=derived_text(context, *names),
     ).judged(
         *standing,
-        Evidence("b_0 E_2 less the column of (12), with E_2 the second unit vector", _column_gap(ground)),
+        Evidence("b_0 E_2 less the column of (12), with E_2 the second unit vector", _column_gap(context)),
     )
 
 
-def lyapunov_equation(ground: Context) -> Finding:
+def lyapunov_equation(context: Context) -> Finding:
     """A_0 and P, with the example's numbers."""
-    scope, numbers = ground.scope(DESIGN), dict(ground.numbers())
+    scope, numbers = context.scope(DESIGN), dict(context.numbers())
     poles = [float(sp.re(pole)) for pole in scope["A_0"].xreplace(numbers).eigenvals()]
-    P = ground.P.xreplace(numbers)
+    P = context.P.xreplace(numbers)
     return Case(
-        ground,
+        context,
         "A_0, P",
         calm="P exists, is unique, and is positive for the example's gains",
-        derived=(f"P = {ground.P.tolist()}",),
+        derived=(f"P = {context.P.tolist()}",),
     ).judged(
-        *undefined(ground, "E_1", "E_1"),
+        *undefined(context, "E_1", "E_1"),
         Evidence("eigenvalues of A_0 for k = (6, 8)", str(sorted(poles)), "1/s"),
         Evidence("P", str([[float(entry) for entry in P.row(i)] for i in range(P.rows)])),
         Evidence("P is positive definite", yes(P.is_positive_definite)),
     )
 
 
-def _column_gap(ground: Context) -> str:
+def _column_gap(context: Context) -> str:
     """What (18) needs to be zero: the difference of the two ways in which u enters."""
-    return str(list(value("b_0*E_2 - [[0], [b_0]]", ground.scope(DESIGN))))
+    return str(list(value("b_0*E_2 - [[0], [b_0]]", context.scope(DESIGN))))
 
 
-def state_estimate(ground: Context) -> Finding:
+def state_estimate(context: Context) -> Finding:
     """(15)."""
     return Case(
-        ground,
+        context,
         "(15)",
         calm="the estimate that is derived and generated",
         otherwise=Verdict.DEFINITION,
-        derived=derived_text(ground, "x_hat1", "x_hat2"),
+        derived=derived_text(context, "x_hat1", "x_hat2"),
     ).judged()
 
 
-def estimate_rate(ground: Context) -> Finding:
+def estimate_rate(context: Context) -> Finding:
     """(16)."""
-    return Case(ground, "(16)", calm="follows from (14) and (15), step by step").judged()
+    return Case(context, "(16)", calm="follows from (14) and (15), step by step").judged()
 
 
-def estimation_error(ground: Context) -> Finding:
+def estimation_error(context: Context) -> Finding:
     """(17)."""
-    return Case(ground, "(17)", calm="names the error", otherwise=Verdict.DEFINITION).judged()
+    return Case(context, "(17)", calm="names the error", otherwise=Verdict.DEFINITION).judged()
 
 
-def error_dynamics(ground: Context) -> Finding:
+def error_dynamics(context: Context) -> Finding:
     """(18)."""
     return Case(
-        ground,
+        context,
         "(18)",
         calm="the error obeys its own stable dynamics, whatever u is",
         corrected="the result is right, whatever u is; the first line lacks a dot over the estimate",
@@ -97,21 +97,21 @@ def error_dynamics(ground: Context) -> Finding:
     ).judged()
 
 
-def error_function(ground: Context) -> Finding:
+def error_function(context: Context) -> Finding:
     """(19)."""
     return Case(
-        ground, "(19)", calm="names a positive function of the error", otherwise=Verdict.DEFINITION
+        context, "(19)", calm="names a positive function of the error", otherwise=Verdict.DEFINITION
     ).judged()
 
 
-def error_function_rate(ground: Context) -> Finding:
+def error_function_rate(context: Context) -> Finding:
     """(20), by completing a square, and Remark 3's bound."""
-    numbers = dict(ground.numbers())
-    largest = sp.N(max(ground.P.xreplace(numbers).eigenvals(), key=sp.N))
-    bound = largest**3 * (ground.derivation.model.disturbance_bound or 0.0) ** 2
+    numbers = dict(context.numbers())
+    largest = sp.N(max(context.P.xreplace(numbers).eigenvals(), key=sp.N))
+    bound = largest**3 * (context.derivation.model.disturbance_bound or 0.0) ** 2
     square = "norm(epsilon - P*D)**2"
     return Case(
-        ground,
+        context,
         "(20)",
         calm="follows: P^T A_0 has the quadratic form of A_0^T P, which is meant; the inequality is Young's",
         proofs={(0, 3): square},
@@ -121,33 +121,33 @@ def error_function_rate(ground: Context) -> Finding:
     )
 
 
-def output_rate(ground: Context) -> Finding:
+def output_rate(context: Context) -> Finding:
     """(21)."""
     return Case(
-        ground,
+        context,
         "(21)",
         calm="the output's rate, as the law uses it",
         corrected="the result is right; the scalar x_hat_1 and the vector epsilon are added for epsilon_1",
         remedy=Remedy((("dot(epsilon) =", "dot(epsilon_1) ="),)),
-        derived=derived_text(ground, "Omega"),
+        derived=derived_text(context, "Omega"),
         reading="doubtful: an index that may have been lost in the copy that was read",
     ).judged()
 
 
-def regressors(ground: Context) -> Finding:
+def regressors(context: Context) -> Finding:
     """(22), and that both regressors say the same of the output's rate."""
-    scope = ground.scope(DESIGN)
+    scope = context.scope(DESIGN)
     same = value("T(omega)*Theta - b_0*v_0_2 - T(bar(omega))*Theta", scope)
-    return Case(ground, "(22)", calm="names the regressors", otherwise=Verdict.DEFINITION).judged(
+    return Case(context, "(22)", calm="names the regressors", otherwise=Verdict.DEFINITION).judged(
         Evidence("omega' Theta - b_0 v_0,2 - bar(omega)' Theta", str(sp.expand(same)))
     )
 
 
-def input_filter_entries(ground: Context) -> Finding:
+def input_filter_entries(context: Context) -> Finding:
     """The sentence below (22), from which v_{0,3} can be read."""
-    entry = value("T(E_2)*A*v_0", ground.scope(DESIGN))
+    entry = value("T(E_2)*A*v_0", context.scope(DESIGN))
     return Case(
-        ground,
+        context,
         "below (22)",
         calm="names the entries",
         corrected="v_0,2 is said twice, as two different things; the second sentence gives v_0,3 = 0",

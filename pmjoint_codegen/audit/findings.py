@@ -8,7 +8,7 @@ from typing import Any
 
 import sympy as sp
 
-from pmjoint_codegen.audit.ground import Context
+from pmjoint_codegen.audit.context import Context
 from pmjoint_codegen.audit.judgement import Evaluate, Link, Proofs, Verdict, judge_lines, no_proofs, verdict
 from pmjoint_codegen.audit.notation import Scope, chain, names, value
 from pmjoint_codegen.audit.paper import DESIGN, JOINT
@@ -84,7 +84,7 @@ class Case:
     """A display before the judge.
 
     Attributes:
-        ground: what it is compared with.
+        context: what it is compared with.
         number: of the display.
         calm: the summary when every link holds.
         corrected: the summary when the remedy was needed.
@@ -96,7 +96,7 @@ class Case:
         reading: a doubt about the print, shown when the remedy was needed.
     """
 
-    ground: Context
+    context: Context
     number: str
     calm: str
     corrected: str = ""
@@ -109,8 +109,8 @@ class Case:
 
     def judged(self, *evidence: Evidence) -> Finding:
         """Judge the display; ``evidence`` is kept beside what the judge finds."""
-        display = self.ground.paper[self.number]
-        setting = self.setting or design(self.ground)
+        display = self.context.paper[self.number]
+        setting = self.setting or design(self.context)
         printed = judge_lines(display.lines, setting(()), self.proofs)
         found = verdict(printed, self._mended(display.lines, setting), self.otherwise)
         mended = found is Verdict.CORRECTED
@@ -153,19 +153,19 @@ def _relations(line: str) -> list[str]:
     return [f"{left} {sign} {right}" for left, sign, right in zip(sides, signs, sides[1:], strict=False)]
 
 
-def design(ground: Context, law: bool = False) -> Setting:
+def design(context: Context, law: bool = False) -> Setting:
     """Evaluate in the design part: in primitive symbols, with the derived law for v if wanted."""
 
     def given(definitions: Sequence[str]) -> Evaluate:
-        known = _definitions(definitions, ground.scope(DESIGN))
-        return lambda text: _replaced(ground.value(text, law), known)
+        known = _definitions(definitions, context.scope(DESIGN))
+        return lambda text: _replaced(context.value(text, law), known)
 
     return given
 
 
-def joint(ground: Context, meaning: Mapping[sp.Symbol, sp.Expr]) -> Setting:
+def joint(context: Context, meaning: Mapping[sp.Symbol, sp.Expr]) -> Setting:
     """Evaluate in the physical part, some symbols put in terms of others."""
-    scope = ground.scope(JOINT)
+    scope = context.scope(JOINT)
 
     def given(definitions: Sequence[str]) -> Evaluate:
         known = {**meaning, **_definitions(definitions, scope)}
@@ -182,16 +182,16 @@ def _replaced(item: Any, known: Mapping[sp.Symbol, sp.Expr]) -> Any:
     return item.xreplace(dict(known))
 
 
-def derived_text(ground: Context, *names: str) -> tuple[str, ...]:
+def derived_text(context: Context, *names: str) -> tuple[str, ...]:
     """Equations of the derivation as text."""
-    equations = ground.derivation.equations
+    equations = context.derivation.equations
     return tuple(f"{name} = {text_expression(equations[name].expression)}" for name in names)
 
 
-def undefined(ground: Context, name: str, shown: str) -> tuple[Evidence, ...]:
+def undefined(context: Context, name: str, shown: str) -> tuple[Evidence, ...]:
     """Where a symbol is used, and which displays have it on their left."""
     used, defined = [], []
-    for number, display in ground.paper.items():
+    for number, display in context.paper.items():
         if any(name in names(line) for line in display.lines):
             used.append(number)
         if any(line.startswith(f"{name} =") for line in display.lines):
@@ -202,15 +202,15 @@ def undefined(ground: Context, name: str, shown: str) -> tuple[Evidence, ...]:
     )
 
 
-def units_of(ground: Context, *terms: str) -> Evidence:
+def units_of(context: Context, *terms: str) -> Evidence:
     """Units of terms that a display adds."""
     listed = ", ".join(term.replace("**", "^") for term in terms)
-    return Evidence(f"units of {listed}", ", ".join(str(ground.unit(term)) for term in terms))
+    return Evidence(f"units of {listed}", ", ".join(str(context.unit(term)) for term in terms))
 
 
-def one_unit(ground: Context, *terms: str) -> bool:
+def one_unit(context: Context, *terms: str) -> bool:
     """Whether terms have one unit, so that their sum is independent of the units chosen."""
-    return len({frozenset(ground.unit(term).powers.items()) for term in terms}) == 1
+    return len({frozenset(context.unit(term).powers.items()) for term in terms}) == 1
 
 
 def yes(fact: object) -> str:

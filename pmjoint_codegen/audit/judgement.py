@@ -46,17 +46,10 @@ class Link:
     """One relation of a printed chain, judged.
 
     Attributes:
-        left, right: its two sides, as printed.
-        relation: ``=`` or ``<=``.
-        gap: right minus left in primitive symbols, or None where the sides do not fit together.
         holds: whether it was shown to hold.
         remark: why it does not.
     """
 
-    left: str
-    relation: str
-    right: str
-    gap: Any
     holds: bool
     remark: str
 
@@ -100,7 +93,7 @@ def _judge_line(number: int, line: str, evaluate: Evaluate, proofs: Proofs) -> I
         try:
             gap = difference(evaluate(right), evaluate(left))
         except TypeError as error:
-            yield Link(left, relation, right, None, False, str(error))
+            yield Link(False, str(error))
             continue
         proof = proofs.get((number, place))
         larger = proof is not None and _proves(proof, gap, evaluate)
@@ -108,7 +101,7 @@ def _judge_line(number: int, line: str, evaluate: Evaluate, proofs: Proofs) -> I
         remark = (
             "" if holds else "it is an inequality: right - left is the sum below" if larger else shown(gap)
         )
-        yield Link(left, relation, right, gap, holds, remark)
+        yield Link(holds, remark)
 
 
 def difference(right: Any, left: Any) -> Any:

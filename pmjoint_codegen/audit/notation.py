@@ -209,7 +209,7 @@ def _typeset(node: ast.expr, binding: int) -> str:
 
 
 def _typeset_operation(node: ast.BinOp, binding: int) -> str:
-    own = _PRECEDENCE[type(node.op)]
+    precedence = _PRECEDENCE[type(node.op)]
     if isinstance(node.op, ast.Div):
         negative = isinstance(node.left, ast.UnaryOp)
         above = node.left.operand if isinstance(node.left, ast.UnaryOp) else node.left
@@ -219,12 +219,16 @@ def _typeset_operation(node: ast.BinOp, binding: int) -> str:
         base = rf"\left({base}\right)" if base.startswith(r"\frac") else base
         return f"{base}^{{{_typeset(node.right, 0)}}}"
     sign = {ast.Add: " + ", ast.Sub: " - ", ast.Mult: " "}[type(node.op)]
-    text = _typeset(node.left, own) + sign + _typeset(node.right, own + (not isinstance(node.op, ast.Add)))
-    return _bracketed(text, own, binding)
+    text = (
+        _typeset(node.left, precedence)
+        + sign
+        + _typeset(node.right, precedence + (not isinstance(node.op, ast.Add)))
+    )
+    return _bracketed(text, precedence, binding)
 
 
-def _bracketed(text: str, own: int, binding: int) -> str:
-    return rf"\left({text}\right)" if own < binding else text
+def _bracketed(text: str, precedence: int, binding: int) -> str:
+    return rf"\left({text}\right)" if precedence < binding else text
 
 
 def _typeset_name(node: ast.Name | ast.Call) -> str:

@@ -3,7 +3,7 @@
 Cai, Qian, Yu, Shen, "Output Feedback Control for Pneumatic Muscle Joint System With Saturation Input", IEEE
 Access 8 (2020), DOI 10.1109/ACCESS.2020.2991729. Notation is that of `pmjoint_codegen.audit.notation`; the
 argument (t) of signals is left out; displays without a number stand where the paper has them, under a name.
-What a symbol means depends on the place: ``scope`` names the table of `pmjoint_codegen.audit.ground` that
+What a symbol means depends on the place: ``scope`` names the table of `pmjoint_codegen.audit.context` that
 says so.
 """
 

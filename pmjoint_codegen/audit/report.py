@@ -114,9 +114,9 @@ def markdown_report(findings: Sequence[Finding]) -> str:
         "",
         f"{SOURCE}.",
         "",
-        "Each display is held against what follows from the paper's own model: by expanding differences to "
-        "zero, by writing remainders as sums of squares, and by running the closed loop with the generated "
-        "kernels. Every verdict and every number "
+        "Each display is checked against what follows from the paper's own model: by expanding differences "
+        "to zero, by writing remainders as sums of squares, and by running the closed loop with the "
+        "generated kernels. Every verdict and every number "
         f"below is computed; `{COMMAND}` computes them again.",
         "",
         f"**{tally(findings)}.**",

@@ -2,7 +2,7 @@
 
 Outside a strip the plant escapes whatever u does: with ``w = x_1 + x_2/sqrt(d_1)``, (11) gives ``w' =
 sqrt(d_1) (w + (b_0 u + d)/d_1)``, so ``|w| > (b_0 u_M + D_max)/d_1`` grows for ever. That is how a run is
-called lost here: by a certificate, not by a large number.
+called diverging here: by a certificate, not by a large number.
 """
 
 from __future__ import annotations
@@ -52,16 +52,16 @@ class ExperimentRunner:
 
 @dataclass(frozen=True)
 class Bracket:
-    """Neighbouring initial angles, one held by the law and one lost.
+    """Neighbouring initial angles, one from which the law keeps x bounded and one from which it diverges.
 
     Attributes:
-        held: rad.
-        lost: rad.
-        beyond: the run from ``lost``.
+        bounded: rad.
+        diverging: rad.
+        beyond: the run from ``diverging``.
     """
 
-    held: float
-    lost: float
+    bounded: float
+    diverging: float
     beyond: Run
 
 
@@ -81,7 +81,7 @@ def limit(loop: ClosedLoop, disturbance_bound: float) -> float:
     return (values["b0"] * values["u_max"] + disturbance_bound) / values["d1"]
 
 
-def lost(done: Run, bound: float) -> bool:
+def diverges(done: Run, bound: float) -> bool:
     """Whether a run has passed the point of no return."""
     w = done["x1"] + done["x2"] / np.sqrt(done.settings.parameters["d1"])
     return bool(np.max(np.abs(w)) > bound)
@@ -90,12 +90,12 @@ def lost(done: Run, bound: float) -> bool:
 def bracket(
     loop: ClosedLoop, low: float, high: float, steps: int, bound: float, compensator: bool = True
 ) -> Bracket:
-    """Bisect between an initial angle that is held and one that is lost.
+    """Bisect between an initial angle from which x stays bounded and one from which it diverges.
 
     Args:
         loop: with y_r = 0.
-        low: rad, held.
-        high: rad, lost.
+        low: rad, bounded.
+        high: rad, diverging.
         steps: halvings.
         bound: point of no return, rad.
         compensator: False: plain clipping.
@@ -106,7 +106,7 @@ def bracket(
 
     def fate(x1: float) -> tuple[Run, bool]:
         done = go(loop, x1, HORIZON, compensator)
-        return done, lost(done, bound)
+        return done, diverges(done, bound)
 
     beyond, gone = fate(high)
     if fate(low)[1] or not gone:
@@ -139,15 +139,15 @@ class Experiments:
     sure_strip: float
 
 
-def experiments(laboratory: ExperimentRunner, disturbance_bound: float, steps: int = 10) -> Experiments:
+def experiments(runner: ExperimentRunner, disturbance_bound: float, steps: int = 10) -> Experiments:
     """Make all runs.
 
     Args:
-        laboratory: with the kernels.
+        runner: with the kernels.
         disturbance_bound: D_max of (9).
         steps: halvings of every bracket.
     """
-    example, quiet, disturbed = laboratory.example(), laboratory.at_rest(False), laboratory.at_rest(True)
+    example, quiet, disturbed = runner.example(), runner.at_rest(False), runner.at_rest(True)
     strip = limit(quiet, 0.0)
     beyond = limit(quiet, disturbance_bound)
     return Experiments(

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from pmjoint_codegen.check.points import Batch, describe_point
+from pmjoint_codegen.check.inputs.points import Batch, describe_point
 from pmjoint_codegen.check.result import Difference, GateResult, failed, passed
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Function
@@ -31,11 +31,10 @@ class Answers:
     found: tuple[Array, ...]
 
 
-def judge(name: str, answers: Iterable[Answers], of: str) -> GateResult:
+def judge(answers: Iterable[Answers], of: str) -> GateResult:
     """Count the values whose bits differ.
 
     Args:
-        name: of the gate.
         answers: of both sides.
         of: how many functions there are, in words.
     """
@@ -48,8 +47,8 @@ def judge(name: str, answers: Iterable[Answers], of: str) -> GateResult:
         differing += sum(int(mask.sum()) for mask in unequal)
         first = first or _difference(item, unequal)
     if differing:
-        return failed(name, f"{differing} of {values} values differ in their bits", differing, 0, first)
-    return passed(name, f"values with other bits, of {values} at {points} points in {of}", 0, 0)
+        return failed(f"{differing} of {values} values differ in their bits", differing, 0, first)
+    return passed(f"values with other bits, of {values} at {points} points in {of}", 0, 0)
 
 
 def different_bits(a: Array, b: Array) -> npt.NDArray[np.bool_]:

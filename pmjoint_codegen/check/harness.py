@@ -12,7 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from pmjoint_codegen.check.points import batches
+from pmjoint_codegen.check.bits import different_bits
+from pmjoint_codegen.check.inputs.points import batches
 from pmjoint_codegen.kernels.evaluator import Evaluator
 from pmjoint_codegen.manifest import Function, Manifest
 
@@ -102,7 +103,5 @@ def differing(expected: bytes, found: bytes) -> int:
     """Number of results that differ in any bit; NaNs are equal to each other, a missing result differs."""
     a, b = (np.frombuffer(data[: len(data) // 8 * 8]) for data in (expected, found))
     common = min(len(a), len(b))
-    same = (a[:common].view(np.int64) == b[:common].view(np.int64)) | (
-        np.isnan(a[:common]) & np.isnan(b[:common])
-    )
-    return int(max(len(a), len(b)) - np.count_nonzero(same))
+    unequal = np.count_nonzero(different_bits(a[:common], b[:common]))
+    return int(unequal + max(len(a), len(b)) - common)

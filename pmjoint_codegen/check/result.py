@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import StrEnum
 
 
@@ -54,32 +54,32 @@ class GateResult:
     """Outcome of one gate for one model.
 
     Attributes:
-        name: of the gate.
         verdict: passed, failed or not run.
         figure: what was measured, or None where there is nothing to measure.
         bound: what the figure may be at most.
         detail: one line: what the figure is, or why the gate failed or could not run.
-        seconds: time it took.
         difference: the first difference, when there is one.
         findings: everything else worth reading, one line each.
+        name: of the gate, from the table: `table.run_gate` adds it.
+        seconds: time it took, likewise.
 
     Raises:
         ValueError: the verdict is passed and the figure is not within its bound, as nan is not.
     """
 
-    name: str
     verdict: Verdict
     figure: float | None
     bound: float | None
     detail: str
-    seconds: float = 0.0
     difference: Difference | None = None
-    findings: tuple[str, ...] = field(default=())
+    findings: tuple[str, ...] = ()
+    name: str = ""
+    seconds: float = 0.0
 
     def __post_init__(self) -> None:
         """Refuse to pass what was not measured to be within its bound, whoever makes the result."""
         if self.verdict is Verdict.PASSED and not within(self.figure, self.bound):
-            raise ValueError(f"{self.name} cannot pass: {self.figure} is not within {self.bound}")
+            raise ValueError(f"cannot pass: {self.figure} is not within {self.bound}")
 
 
 def within(figure: float | None, bound: float | None) -> bool:
@@ -90,17 +90,16 @@ def within(figure: float | None, bound: float | None) -> bool:
 
 
 def passed(
-    name: str, detail: str, figure: float | None = None, bound: float | None = None, *findings: str
+    detail: str, figure: float | None = None, bound: float | None = None, *findings: str
 ) -> GateResult:
     """A gate that found nothing; it fails all the same where its figure is nan or beyond its bound."""
     if not within(figure, bound):
         why = f"{figure} is not within {'any bound' if bound is None else bound}: {detail}"
-        return failed(name, why, figure, bound, findings=findings)
-    return GateResult(name, Verdict.PASSED, figure, bound, detail, findings=findings)
+        return failed(why, figure, bound, findings=findings)
+    return GateResult(Verdict.PASSED, figure, bound, detail, findings=findings)
 
 
 def failed(
-    name: str,
     detail: str,
     figure: float | None = None,
     bound: float | None = None,
@@ -108,9 +107,9 @@ def failed(
     findings: tuple[str, ...] = (),
 ) -> GateResult:
     """A gate that found a difference."""
-    return GateResult(name, Verdict.FAILED, figure, bound, detail, difference=difference, findings=findings)
+    return GateResult(Verdict.FAILED, figure, bound, detail, difference=difference, findings=findings)
 
 
-def not_run(name: str, reason: str) -> GateResult:
+def not_run(reason: str) -> GateResult:
     """A gate that could not look."""
-    return GateResult(name, Verdict.NOT_RUN, None, None, reason)
+    return GateResult(Verdict.NOT_RUN, None, None, reason)

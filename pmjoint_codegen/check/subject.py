@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from pmjoint_codegen.check.features import Features
+from pmjoint_codegen.check.inputs.features import Features
 from pmjoint_codegen.compile.compiler import Compiler, find_compiler
 from pmjoint_codegen.emit.table import Kernel, kernel_table, vocabulary
 from pmjoint_codegen.identity import Document

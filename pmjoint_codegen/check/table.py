@@ -1,6 +1,6 @@
 """The flat table of gates, and what runs them.
 
-    gate                      what it holds against what
+    gate                      what it checks against what
     current                   generated/<name>/ against what the model and the tools give now
     proof                     the certificate's identities against zero, with symbolic gains
     interpreter               CasADi's interpreter against compiled C, bit for bit
@@ -25,7 +25,6 @@ begins: ``trajectory`` for four.
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -33,6 +32,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from pmjoint_codegen.check.gates import (
+    certificate,
     compilers,
     current,
     derivatives,
@@ -47,7 +47,7 @@ from pmjoint_codegen.check.gates import (
 )
 from pmjoint_codegen.check.result import GateResult, failed, not_run
 from pmjoint_codegen.check.subject import Subject
-from pmjoint_codegen.errors import PmjointError, StaleError, UsageError, quoted
+from pmjoint_codegen.errors import PmjointError, StaleError, UsageError, did_you_mean, quoted
 from pmjoint_derive.progress import Stage, unwatched
 
 
@@ -77,8 +77,8 @@ GATES: Final = (
     Gate("guards", guards.check),
     Gate("derivatives", derivatives.check),
     Gate("trajectory.golden", golden.check),
-    Gate("trajectory.invariants", invariants.check_invariants),
-    Gate("trajectory.certificate", invariants.check_certificate),
+    Gate("trajectory.invariants", invariants.check),
+    Gate("trajectory.certificate", certificate.check),
     Gate("trajectory.independent", independent.check),
     Gate("compilers.gcc", compilers.check_gcc, outside=True),
     Gate("compilers.clang", compilers.check_clang, outside=True),
@@ -107,8 +107,7 @@ def _guess(name: str) -> str:
     """Ask whether the gate, or beginning of several, that a wrong name comes closest to was meant."""
     meant = {gate.name.rpartition(".")[-1]: gate.name for gate in GATES}
     meant |= {word: word for gate in GATES for word in (gate.name, gate.name.partition(".")[0])}
-    close = difflib.get_close_matches(name, meant, n=1)
-    return f"did you mean {meant[close[0]]}? " if close else ""
+    return did_you_mean(name, meant, meant.__getitem__)
 
 
 def _stands_for(name: str, gate: Gate) -> bool:
@@ -171,13 +170,13 @@ def run_gate(subject: Subject, gate: Gate, obstacle: str = "") -> GateResult:
     """
     begun = time.perf_counter()
     if obstacle and gate.needs_generated:
-        result = not_run(gate.name, obstacle)
+        result = not_run(obstacle)
     else:
         try:
             result = gate.check(subject)
         except PmjointError as error:
-            result = failed(gate.name, str(error))
+            result = failed(str(error))
         except (ArithmeticError, LookupError, RuntimeError, ValueError) as error:
             words = f"{type(error).__name__} {error}".strip()
-            result = failed(gate.name, f"nothing sound to judge: {' '.join(words.split())[:200]}")
-    return dataclasses.replace(result, seconds=time.perf_counter() - begun)
+            result = failed(f"nothing sound to judge: {' '.join(words.split())[:200]}")
+    return dataclasses.replace(result, name=gate.name, seconds=time.perf_counter() - begun)

@@ -33,11 +33,8 @@ from pmjoint_codegen.storage import drop_link, ensure_folder, replace_folder, sh
 # They stand behind what CC brings, so that they win. Bits must not depend on the machine or the optimiser:
 # sums stay in order, quotients are quotients, nothing is contracted into fused operations; and no start-up
 # code that flushes denormal numbers is linked. -ffp-contract follows -fno-fast-math, which resets it in
-# clang. Neither of -fno-math-errno, -fno-trapping-math changes a result; without them sine and cosine of one
-# angle are two calls, choices are jumps, and square roots and selections are not vectors. -Wno-psabi: no
-# vector crosses the border of a file.
-FLAGS: Final = (
-    "-O2",
+# clang.
+ARITHMETIC: Final = (
     "-std=c99",
     "-fno-fast-math",
     "-fno-unsafe-math-optimizations",
@@ -46,6 +43,13 @@ FLAGS: Final = (
     "-fno-finite-math-only",
     "-fsigned-zeros",
     "-ffp-contract=off",
+)
+# Neither of -fno-math-errno, -fno-trapping-math changes a result; without them sine and cosine of one angle
+# are two calls, choices are jumps, and square roots and selections are not vectors. -Wno-psabi: no vector
+# crosses the border of a file.
+FLAGS: Final = (
+    "-O2",
+    *ARITHMETIC,
     "-fno-math-errno",
     "-fno-trapping-math",
     "-Wno-psabi",

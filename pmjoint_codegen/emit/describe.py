@@ -1,17 +1,18 @@
-"""What ``model.json`` says of a derivation and its kernels."""
+"""What ``model.json`` says of a derivation and its kernels; ``equations.json``, the derivation alone."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
+from typing import Final
 
 import casadi as ca
 import sympy as sp
 
 from pmjoint_codegen import __version__
 from pmjoint_codegen.emit.table import Kernel, kernel_table, vocabulary
-from pmjoint_codegen.identity import Document, model_hash, structure_hash
+from pmjoint_codegen.identity import Document, model_hash
 from pmjoint_codegen.manifest import (
-    EquationText,
     Function,
     GuardRule,
     Manifest,
@@ -20,9 +21,10 @@ from pmjoint_codegen.manifest import (
     Start,
     Variable,
 )
-from pmjoint_codegen.report.notation import latex_expression
 from pmjoint_codegen.values import Rule
-from pmjoint_derive import Derivation, Equation, Model, parameter_symbol
+from pmjoint_derive import Derivation, Model, parameter_symbol
+
+EQUATIONS: Final = "equations.json"
 
 
 def tool_versions() -> dict[str, str]:
@@ -58,6 +60,22 @@ def _function(
     return Function(name, inputs, outputs, equation, about, operations)
 
 
+def equations_text(derivation: Derivation) -> str:
+    """``equations.json``: every named equation, right-hand sides in Python's notation; no run reads it."""
+    rows = [
+        {
+            "name": item.name,
+            "text": str(item.expression),
+            "section": item.section,
+            "number": item.number,
+            "meaning": item.meaning,
+            "unit": str(item.unit or ""),
+        }
+        for item in derivation.equations.values()
+    ]
+    return json.dumps({"equations": rows}, indent=1, ensure_ascii=False) + "\n"
+
+
 def describe(
     document: Document,
     derivation: Derivation,
@@ -85,7 +103,6 @@ def describe(
         title=model.title,
         source=model.source,
         model_hash=model_hash(document),
-        structure_hash=structure_hash(document),
         versions=tool_versions(),
         n=plant.order,
         m=plant.m,
@@ -108,7 +125,6 @@ def describe(
         signals=tuple(_signal(derivation, symbol) for symbol in words.signals),
         partials=tuple(symbol.name for symbol in words.partials),
         functions=functions,
-        equations=tuple(_equation(item) for item in derivation.equations.values()),
         simulation=Simulation(
             reference=str(model.reference),
             disturbance=tuple(str(entry) for entry in model.plant.disturbance),
@@ -248,11 +264,3 @@ def _python(expression: sp.Expr) -> str:
 def _signal(derivation: Derivation, symbol: sp.Symbol) -> Variable:
     item = derivation.equations[symbol.name]
     return Variable(item.name, str(item.unit) if item.unit else "", item.meaning)
-
-
-def _equation(item: Equation) -> EquationText:
-    unit = str(item.unit) if item.unit else ""
-    text = str(item.expression)
-    return EquationText(
-        item.name, text, latex_expression(item.expression), item.section, item.number, item.meaning, unit
-    )

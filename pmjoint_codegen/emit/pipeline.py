@@ -9,6 +9,7 @@ Stages, input to output:
     kernels_header   function records    -> kernels.h
     tapes_of         functions           -> kernels.tape, for the interpreted evaluator
     lane_functions   functions           -> functions over lanes -> lanes.c, lanes.h, for sweeps
+    equations_text   Derivation          -> equations.json, for comparisons
     describe         all of the above    -> model.json
 """
 
@@ -21,7 +22,13 @@ import casadi as ca
 
 from pmjoint_codegen.emit.c_text import banner, kernels_header, kernels_source
 from pmjoint_codegen.emit.compact import Compact, compact_where_long
-from pmjoint_codegen.emit.describe import describe, describe_functions, tool_versions
+from pmjoint_codegen.emit.describe import (
+    EQUATIONS,
+    describe,
+    describe_functions,
+    equations_text,
+    tool_versions,
+)
 from pmjoint_codegen.emit.functions import build_functions
 from pmjoint_codegen.emit.guard import looks_at_actuator, rule_of
 from pmjoint_codegen.emit.lane_text import lanes_header, lanes_source
@@ -83,6 +90,7 @@ def generate(
     stage("writing C for sweeps", 0.0)
     texts |= _lane_files(document, derivation, functions)
     stage("describing the kernels", 0.0)
+    texts[EQUATIONS] = equations_text(derivation)
     hashes = {name: sha256(text.encode()) for name, text in texts.items()}
     guards = {
         "taylor": rule_of(functions["closed_loop"], order),

@@ -12,7 +12,7 @@ from pmjoint_codegen.errors import ModelError, quoted
 from pmjoint_codegen.identity import Document
 from pmjoint_codegen.modelfile import model_of
 from pmjoint_codegen.modelfile.reader import read_document
-from pmjoint_codegen.storage import recover_folder, replace_folder
+from pmjoint_codegen.storage import replace_folder
 from pmjoint_codegen.workspace import called, find_model, generated_root, model_folders
 from pmjoint_derive.progress import Stage, unwatched
 
@@ -112,8 +112,6 @@ def _one(file: Path, document: Document, stage: Stage, *, check: bool) -> Report
             raise
         return _failed(file, document, error)
     folder = generated_root(file) / artifacts.manifest.name
-    if not check:
-        recover_folder(folder)
     comparison = compare(read_folder(folder), artifacts.files, artifacts.manifest)
     write = comparison.verdict is not Verdict.CURRENT and not check
     if write:

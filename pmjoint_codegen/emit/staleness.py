@@ -10,13 +10,15 @@ orphan             the folder has no model file
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from enum import StrEnum
 from pathlib import Path
 
+from pmjoint_codegen.emit.describe import EQUATIONS
 from pmjoint_codegen.errors import OtherVersionError, StaleError
-from pmjoint_codegen.manifest import FILE_NAME, EquationText, Manifest
+from pmjoint_codegen.manifest import FILE_NAME, Manifest
 from pmjoint_codegen.storage import sha256
 
 
@@ -113,7 +115,9 @@ def compare(files: Mapping[str, bytes], fresh: Mapping[str, str], wanted: Manife
     """
     if not files:
         return Comparison(
-            Verdict.MISSING, ("nothing is generated yet",), equation_changes((), wanted.equations)
+            Verdict.MISSING,
+            ("nothing is generated yet",),
+            equation_changes({}, equations_in(fresh[EQUATIONS])),
         )
     if files == {name: text.encode() for name, text in fresh.items()}:
         return Comparison(Verdict.CURRENT)
@@ -123,7 +127,7 @@ def compare(files: Mapping[str, bytes], fresh: Mapping[str, str], wanted: Manife
         return Comparison(Verdict.GENERATOR_CHANGED, (f"{error.where} {error.what}",))
     if recorded is None or edits:
         return Comparison(Verdict.EDITED, tuple(edits))
-    changes = equation_changes(recorded.equations, wanted.equations)
+    changes = equation_changes(equations_in(files[EQUATIONS]), equations_in(fresh[EQUATIONS]))
     if recorded.model_hash != wanted.model_hash:
         return Comparison(Verdict.MODEL_CHANGED, _value_changes(recorded, wanted), changes)
     versions = [
@@ -137,14 +141,17 @@ def compare(files: Mapping[str, bytes], fresh: Mapping[str, str], wanted: Manife
     return Comparison(Verdict.GENERATOR_CHANGED, (*versions, *differing), changes)
 
 
-def equation_changes(
-    before: tuple[EquationText, ...], after: tuple[EquationText, ...]
-) -> tuple[EquationChange, ...]:
+def equations_in(text: str | bytes) -> dict[str, str]:
+    """Right-hand sides by name, in order, from the text of ``equations.json``."""
+    return {item["name"]: item["text"] for item in json.loads(text)["equations"]}
+
+
+def equation_changes(before: Mapping[str, str], after: Mapping[str, str]) -> tuple[EquationChange, ...]:
     """Named equations that are new, gone or different, in the order of the derivation."""
-    old, new = ({item.name: item.text for item in side} for side in (before, after))
-    names = dict.fromkeys((*new, *old))
     return tuple(
-        EquationChange(name, old.get(name), new.get(name)) for name in names if old.get(name) != new.get(name)
+        EquationChange(name, before.get(name), after.get(name))
+        for name in dict.fromkeys((*after, *before))
+        if before.get(name) != after.get(name)
     )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Sequence
 from types import UnionType
 from typing import Annotated, Any, Union, get_args, get_origin
@@ -11,7 +10,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
-from pmjoint_codegen.errors import ModelError, quoted
+from pmjoint_codegen.errors import ModelError, did_you_mean, quoted
 from pmjoint_codegen.modelfile.names import key_path
 
 
@@ -66,9 +65,7 @@ def _allowed(detail: ErrorDetails, path: Sequence[int | str], schema: type[BaseM
 
 
 def _known_keys(asked: str, keys: list[str]) -> str:
-    close = difflib.get_close_matches(asked[:60], keys, n=1)
-    guess = f"did you mean {close[0]!r}? " if close else ""
-    return f"{guess}allowed: {', '.join(keys)}"
+    return f"{did_you_mean(asked, keys)}allowed: {', '.join(keys)}"
 
 
 def _schema_at(path: Sequence[int | str], schema: type[BaseModel]) -> tuple[Any, FieldInfo | None]:

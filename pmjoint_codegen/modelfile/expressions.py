@@ -9,7 +9,6 @@ Decimal literals become exact fractions (0.1 is 1/10), so that identities of the
 from __future__ import annotations
 
 import ast
-import difflib
 import math
 import operator
 import re
@@ -21,7 +20,7 @@ from typing import Any
 
 import sympy as sp
 
-from pmjoint_codegen.errors import ModelError, quoted
+from pmjoint_codegen.errors import ModelError, did_you_mean, quoted
 from pmjoint_codegen.modelfile.bounds import (
     LARGEST_EXPONENT,
     exponential_too_large,
@@ -189,8 +188,7 @@ def _name(name: str, place: _Place) -> _Term:
         return _Term(sp.pi, math.pi)
     if name in place.functions:
         raise _Refused(f"{name} is a function", f"write {name}(...)")
-    close = difflib.get_close_matches(name, list(symbols), n=1)
-    guess = f"did you mean {close[0]!r}? " if close else ""
+    guess = did_you_mean(name, symbols)
     raise _Refused(f"unknown symbol {quoted(name)}", f"{guess}allowed here: {', '.join((*symbols, 'pi'))}")
 
 
@@ -287,8 +285,7 @@ def _refused_node(node: ast.expr, place: _Place) -> _Refused:
         case ast.Call(func=ast.Name(id=name)):
             if name in _KINKED:
                 return _kinked(name)
-            close = difflib.get_close_matches(name, place.functions, n=1)
-            guess = f"did you mean {close[0]!r}? " if close else ""
+            guess = did_you_mean(name, place.functions)
             return _Refused(
                 f"unknown function {quoted(name)}", f"{guess}allowed: {' '.join(place.functions)}"
             )

@@ -7,15 +7,12 @@ a figure can be drawn in any program.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from pmjoint_codegen import storage
-from pmjoint_codegen.simulate import style
 from pmjoint_codegen.simulate.sheets import (
-    GREY,
     Panel,
     Sheet,
     caption,
@@ -26,6 +23,7 @@ from pmjoint_codegen.simulate.sheets import (
     sheets,
     transient_window,
 )
+from pmjoint_codegen.simulate.style import GREY, png, styled, wrapped
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,9 +36,8 @@ LEFT, RIGHT, TOP, BOTTOM = 0.62, 0.16, 0.24, 0.42  # inches around the panels
 GAP, COLUMN_GAP = 0.22, 0.42  # inches between panels
 LABEL = 0.37  # inches from a panel to its vertical label
 CAPTION_LINE = 0.165  # inches
-CAPTION_CHARACTERS = 124  # printed ones in a line
 SHADE = {-1: "#d9e3ee", 1: "#f3dcd6"}  # saturated below, above
-_STYLE: Final = {
+STYLE: Final = {
     "axes.labelsize": 10.0,
     "axes.xmargin": 0.0,
     "axes.ymargin": 0.08,
@@ -80,21 +77,16 @@ def write_figures(
     for done, sheet in enumerate((None, *plans), start=1):
         figure = draw(run, sheet, detail=detail, notes=notes) if sheet else overview(run, notes=notes)
         path = folder / f"{sheet.stem if sheet else 'overview'}.png"
-        storage.write_bytes(path, png(figure))
+        storage.write_bytes(path, png(figure, STYLE))
         paths.append(path)
         progress(done / (len(plans) + 1))
     return tuple(paths)
 
 
-def png(figure: Figure) -> bytes:
-    """Give a figure of a run as the bytes of a PNG file, the same for the same figure."""
-    return style.png(figure, _STYLE)
-
-
 def draw(run: Record, sheet: Sheet, *, detail: Record | None = None, notes: Sequence[str] = ()) -> Figure:
     """Draw one figure: the whole run on the right, the saturated transient, if there is one, on the left."""
     window = transient_window(run)
-    with style.styled(_STYLE):
+    with styled(STYLE):
         lines = wrapped(caption(run, sheet, notes))
         height = 1.75 if len(sheet.panels) == 1 else 1.3
         figure, grid = _canvas(len(sheet.panels), (1.0, 1.9) if window else (1.0,), height, len(lines))
@@ -112,7 +104,7 @@ def draw(run: Record, sheet: Sheet, *, detail: Record | None = None, notes: Sequ
 
 def overview(run: Record, *, notes: Sequence[str] = ()) -> Figure:
     """Draw the whole run on one page."""
-    with style.styled(_STYLE):
+    with styled(STYLE):
         lines = wrapped(overview_caption(run, notes))
         figure, grid = _canvas(3, (1.0, 1.0), 1.25, len(lines), gap=LEFT)
         for axes, panel in zip((axes for row in grid for axes in row), overview_panels(run), strict=True):
@@ -212,18 +204,3 @@ def _finish(figure: Figure, grid: list[list[Axes]], caption_lines: Sequence[str]
     for index, line in enumerate(caption_lines):
         y = (CAPTION_LINE * (len(caption_lines) - index) - 0.02) / height
         figure.text((LEFT - LABEL) / WIDTH, y, line, fontsize=8.2, va="top")
-
-
-def wrapped(text: str, characters: int = CAPTION_CHARACTERS) -> list[str]:
-    """Break a caption into lines by its printed length; a formula stays in one piece."""
-    lines: list[str] = []
-    length = 0
-    for word in re.findall(r"(?:\$[^$]*\$|\\\$|[^\s$])+", text):
-        printed = len(re.sub(r"\\[a-z]+|[\\${}_^\s]", "", word))
-        if not lines or length + 1 + printed > characters:
-            lines.append(word)
-            length = printed
-        else:
-            lines[-1] += " " + word
-            length += 1 + printed
-    return lines

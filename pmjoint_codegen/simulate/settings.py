@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,7 +9,7 @@ from typing import Final, Literal, TypedDict, Unpack
 
 import numpy as np
 
-from pmjoint_codegen.errors import UsageError
+from pmjoint_codegen.errors import UsageError, did_you_mean
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.values import COMPENSATOR, OWN_SUFFIX, SI, check_rules, check_values, of_plant, to_si
@@ -169,8 +168,7 @@ def _values(manifest: Manifest, overrides: Mapping[str, float], compensator: boo
                 remedy=f"set {base}; the plant can differ in: {', '.join(manifest.own)}",
             )
         if name not in values:
-            close = difflib.get_close_matches(name, values, n=1)
-            hint = f"did you mean {close[0]}? " if close else ""
+            hint = did_you_mean(name, values, str)
             raise UsageError(
                 f"{manifest.name} has no parameter {name!r}", remedy=f"{hint}names: {', '.join(values)}"
             )

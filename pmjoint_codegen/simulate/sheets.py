@@ -12,11 +12,11 @@ from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.assumptions import sentence
 from pmjoint_codegen.simulate.disturbance import disturbance_names, pressures
 from pmjoint_codegen.simulate.record import RATE
+from pmjoint_codegen.simulate.style import BLACK, BLUE, GREY, RED
 
 if TYPE_CHECKING:
     from pmjoint_codegen.simulate.record import Record
 
-BLACK, BLUE, RED, GREY = "#111111", "#1f4e79", "#b03a2e", "#777777"
 PASCALS_IN_BAR = 1e5
 _COLOURS = (BLACK, BLUE, RED, GREY)
 _LIMITS = {-1: "$-u_{\\max}$", 1: "$u_{\\max}$"}

@@ -6,6 +6,7 @@ within `styled`, which starts from Matplotlib's defaults and leaves the process 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from io import BytesIO
@@ -15,6 +16,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 DPI: Final = 220
+CAPTION_CHARACTERS: Final = 124  # printed ones in a line
+BLACK, BLUE, RED, GREY = "#111111", "#1f4e79", "#b03a2e", "#777777"
+RUST, STONE = "#b5482a", "#8a8782"
 Look = Mapping[str, object]
 BASE: Final[Look] = {
     "font.family": ["STIXGeneral", "DejaVu Serif"],  # by name: a text keeps it wherever it is drawn
@@ -51,3 +55,18 @@ def png(figure: Figure, look: Look) -> bytes:
     with styled(look):
         figure.savefig(stream, format="png", backend="agg", dpi=DPI, metadata={"Software": None})
     return stream.getvalue()
+
+
+def wrapped(text: str, characters: int = CAPTION_CHARACTERS) -> list[str]:
+    """Break a caption into lines by its printed length; a formula stays in one piece."""
+    lines: list[str] = []
+    length = 0
+    for word in re.findall(r"(?:\$[^$]*\$|\\\$|[^\s$])+", text):
+        printed = len(re.sub(r"\\[a-z]+|[\\${}_^\s]", "", word))
+        if not lines or length + 1 + printed > characters:
+            lines.append(word)
+            length = printed
+        else:
+            lines[-1] += " " + word
+            length += 1 + printed
+    return lines

@@ -21,8 +21,7 @@ from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.loops.metrics import REPORTED
 from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.simulate.figures import wrapped
-from pmjoint_codegen.simulate.style import png, styled
+from pmjoint_codegen.simulate.style import BLUE, RUST, png, styled, wrapped
 from pmjoint_codegen.sweep.metrics import INVALID
 from pmjoint_codegen.sweep.plan import DRAW
 from pmjoint_codegen.sweep.reach import Border, border, held, held_share
@@ -41,7 +40,7 @@ BINS: Final = 60
 FEW_DECADES: Final = 1e3
 ALIKE: Final = 1e-9  # of their size: values that differ by rounding or tolerance alone
 LOST: Final = "#c9c6c1"
-COLOURS: Final = ("#1f4e79", "#b5482a")
+COLOURS: Final = (BLUE, RUST)
 MOST_CELLS: Final = 1024  # drawn along an axis: more than there are pixels
 FOUR: Final = ("ise", "settling_s", "max_abs_e", "max_abs_v")
 _STYLE: Final = {

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Collection
 from dataclasses import asdict, dataclass
@@ -11,7 +10,7 @@ from typing import Any, Final, Unpack
 
 import numpy as np
 
-from pmjoint_codegen.errors import StaleError, UsageError
+from pmjoint_codegen.errors import StaleError, UsageError, did_you_mean
 from pmjoint_codegen.identity import canonical_hash
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.loops.batch import loops_hash
@@ -179,8 +178,7 @@ def _check_names(manifest: Manifest, plan: Plan, fixed: Collection[str]) -> None
     names = varied_names(manifest)
     for name in plan.names:
         if name not in names:
-            close = difflib.get_close_matches(name, names, n=1)
-            hint = f"did you mean {close[0]}? " if close else ""
+            hint = did_you_mean(name, names, str)
             raise UsageError(
                 f"{manifest.name} has no {name!r} to vary", remedy=f"{hint}names: {', '.join(names)}"
             )

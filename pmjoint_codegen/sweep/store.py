@@ -12,13 +12,12 @@ a time works in a folder. What stands there counts only where its hash is the on
 
 from __future__ import annotations
 
-import errno
 import io
 import json
 import os
 import shutil
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -28,7 +27,7 @@ import numpy as np
 from pmjoint_codegen.errors import UsageError
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.loops.metrics import REPORTED, Column
-from pmjoint_codegen.storage import ensure_folder, sha256_view, writing
+from pmjoint_codegen.storage import ensure_folder, lock, sha256_view, writing
 from pmjoint_codegen.sweep.chunks import Result
 from pmjoint_codegen.sweep.request import Request
 from pmjoint_codegen.sweep.sums import as_text, is_sound, recorded
@@ -106,7 +105,7 @@ class Store:
         ensure_folder(self.folder)
         handle = os.open(self.folder, os.O_RDONLY)
         try:
-            if not _locked(handle):
+            if not lock(handle, wait=False):
                 raise UsageError(
                     "another sweep is at work there",
                     where=str(self.folder),
@@ -261,18 +260,6 @@ def _write(path: Path, data: bytes | memoryview) -> None:
         stream.write(data)
         stream.flush()
         os.fsync(stream.fileno())
-
-
-def _locked(handle: int) -> bool:
-    """Lock an open folder; True also where there are no locks, as on some networks."""
-    with suppress(ImportError):
-        import fcntl  # absent outside POSIX
-
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            return error.errno not in (errno.EWOULDBLOCK, errno.EACCES)
-    return True
 
 
 def _recorded(path: Path) -> Any:

@@ -10,8 +10,7 @@ import numpy as np
 from pmjoint_codegen import storage
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.loops.metrics import Column
-from pmjoint_codegen.simulate.figures import wrapped
-from pmjoint_codegen.simulate.style import png, styled
+from pmjoint_codegen.simulate.style import BLUE, RUST, STONE, png, styled, wrapped
 from pmjoint_codegen.tune.comparison import Comparison, Traces, traces, transient
 from pmjoint_codegen.tune.cost import CostFunction
 
@@ -19,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-COLOURS: Final = ("#8a8782", "#1f4e79")  # before, after
+COLOURS: Final = (STONE, BLUE)  # before, after
 LABELS: Final = ("before", "after")
 SIZE: Final = (6.6, 4.3)  # inches
 _STYLE: Final = {"axes.xmargin": 0.0}
@@ -57,7 +56,7 @@ def draw(costing: CostFunction, comparison: Comparison) -> Figure:
 
 
 def _curves(panel: Axes, drawn: Traces, values: Array) -> None:
-    panel.axhline(0.0, color="#8a8782", lw=0.3, zorder=1)
+    panel.axhline(0.0, color=STONE, lw=0.3, zorder=1)
     for side, (colour, label) in enumerate(zip(COLOURS, LABELS, strict=True)):
         others = values[side, 1:]
         if len(others):
@@ -73,11 +72,11 @@ def _limits(panels: Array, comparison: Comparison) -> None:
     left, right = panels[0], panels[1]
     if request.max_v is not None:
         for sign in (-1, 1):
-            left.axhline(sign * request.max_v, color="#b5482a", lw=0.7, ls=(0, (4, 2)), zorder=1)
+            left.axhline(sign * request.max_v, color=RUST, lw=0.7, ls=(0, (4, 2)), zorder=1)
     if manifest.limit in manifest.parameter_names:
         level = dict(zip(manifest.parameter_names, request.runs.p, strict=True))[manifest.limit]
         for sign in (-1, 1):
-            right.axhline(sign * level, color="#8a8782", lw=0.5, ls=(0, (1, 2)), zorder=1)
+            right.axhline(sign * level, color=STONE, lw=0.5, ls=(0, (1, 2)), zorder=1)
         if peak > 2 * level:
             right.set_ylim(-1.5 * level, 1.5 * level)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -11,7 +10,7 @@ from typing import Final, Literal, Unpack
 
 import numpy as np
 
-from pmjoint_codegen.errors import UsageError
+from pmjoint_codegen.errors import UsageError, did_you_mean
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.settings import RunOptions
@@ -214,8 +213,7 @@ def _check_perturbed(manifest: Manifest, space: Space, name: str, names: list[st
     known = [item for item in varied_names(manifest) if item not in manifest.parameter_names]
     known += [item.name for item in manifest.parameters if item.kind in ("plant", "own")]
     if name not in known:
-        close = difflib.get_close_matches(name, known, n=1)
-        hint = f"did you mean {close[0]}? " if close else ""
+        hint = did_you_mean(name, known, str)
         raise UsageError(
             f"{manifest.name} has no {name!r} to perturb",
             where="--perturb",

@@ -6,15 +6,15 @@ from collections.abc import Mapping
 
 import pytest
 
-from pmjoint_codegen.audit.examination import COMPARISONS, audit, paper_ground
+from pmjoint_codegen.audit.context import Context
+from pmjoint_codegen.audit.examination import COMPARISONS, audit, paper_context
 from pmjoint_codegen.audit.findings import Finding
-from pmjoint_codegen.audit.ground import Context
 
 
 @pytest.fixture(scope="session")
-def ground() -> Context:
+def context() -> Context:
     """Return the printed equations beside the derivation."""
-    return paper_ground()
+    return paper_context()
 
 
 @pytest.fixture(scope="session")

@@ -8,8 +8,8 @@ from dataclasses import replace
 import pytest
 
 from pmjoint_codegen.audit import designing, filtering, modelling, stability
+from pmjoint_codegen.audit.context import Context
 from pmjoint_codegen.audit.findings import Finding
-from pmjoint_codegen.audit.ground import Context
 from pmjoint_codegen.audit.judgement import Verdict
 from pmjoint_codegen.audit.paper import by_number, printed_equations
 
@@ -80,35 +80,35 @@ MENDED: tuple[tuple[str, Examination, str, str], ...] = (
 )
 
 
-def altered(ground: Context, number: str, old: str, new: str) -> Context:
+def altered(context: Context, number: str, old: str, new: str) -> Context:
     """Return the paper with one display changed, beside the same derivation."""
     displays = dict(printed_equations())
     lines = tuple(line.replace(old, new) for line in displays[number].lines)
     assert lines != displays[number].lines, f"{number} does not hold {old!r}"
     displays[number] = replace(displays[number], lines=lines)
-    return replace(ground, paper=by_number(displays.values()))
+    return replace(context, paper=by_number(displays.values()))
 
 
 @pytest.mark.parametrize(("number", "examine", "old", "new"), MISTAKES, ids=[row[0] for row in MISTAKES])
 def test_a_further_mistake_does_not_follow(
-    ground: Context, number: str, examine: Examination, old: str, new: str
+    context: Context, number: str, examine: Examination, old: str, new: str
 ) -> None:
-    assert examine(altered(ground, number, old, new)).verdict is Verdict.FAILS
+    assert examine(altered(context, number, old, new)).verdict is Verdict.FAILS
 
 
 @pytest.mark.parametrize(("number", "examine", "old", "new"), INHERITED, ids=[row[0] for row in INHERITED])
 def test_another_premise_has_other_consequences(
-    ground: Context, number: str, examine: Examination, old: str, new: str
+    context: Context, number: str, examine: Examination, old: str, new: str
 ) -> None:
-    assert examine(ground).verdict is not Verdict.FAILS
-    assert examine(altered(ground, number, old, new)).verdict is Verdict.FAILS
+    assert examine(context).verdict is not Verdict.FAILS
+    assert examine(altered(context, number, old, new)).verdict is Verdict.FAILS
 
 
 @pytest.mark.parametrize(("number", "examine", "old", "new"), MENDED, ids=[row[0] for row in MENDED])
 def test_a_mended_print_needs_no_correction(
-    ground: Context, number: str, examine: Examination, old: str, new: str
+    context: Context, number: str, examine: Examination, old: str, new: str
 ) -> None:
-    before, after = examine(ground), examine(altered(ground, number, old, new))
+    before, after = examine(context), examine(altered(context, number, old, new))
     assert before.verdict is Verdict.CORRECTED
     assert before.corrected
     assert after.verdict in (Verdict.FOLLOWS, Verdict.DEFINITION)
@@ -120,6 +120,6 @@ def test_no_display_escapes() -> None:
     assert set(printed_equations()) - tried == {"(9)", "Section V"}  # an assumption; tried with the runs
 
 
-def test_the_factor_in_the_gain_comes_from_the_pressures(ground: Context) -> None:
-    scaled = altered(ground, "(4)", "k_u*u", "k_0*k_u*u")
+def test_the_factor_in_the_gain_comes_from_the_pressures(context: Context) -> None:
+    scaled = altered(context, "(4)", "k_u*u", "k_0*k_u*u")
     assert modelling.constants(scaled).verdict is Verdict.FOLLOWS

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from pmjoint_codegen.audit.runs import ExperimentRunner, bracket, go, limit, lost
+from pmjoint_codegen.audit.runs import ExperimentRunner, bracket, diverges, go, limit
 from pmjoint_codegen.closed_loop import ClosedLoop
 
 
@@ -19,13 +19,15 @@ def test_a_lost_run_never_returns(loop: ClosedLoop) -> None:
     assert bound == pytest.approx(100.0, rel=1e-15)
     done = go(loop, 71.0, 60.0)
     passed = abs(done["x1"] + done["x2"] / 0.2**0.5) > bound
-    assert lost(done, bound)
+    assert diverges(done, bound)
     assert passed[passed.argmax() :].all()
-    assert not lost(go(loop, 69.0, 60.0), bound)
+    assert not diverges(go(loop, 69.0, 60.0), bound)
 
 
 def test_each_halving_halves(loop: ClosedLoop) -> None:
-    widths = [found.lost - found.held for found in (bracket(loop, 60.0, 80.0, n, 100.0) for n in (0, 1, 3))]
+    widths = [
+        found.diverging - found.bounded for found in (bracket(loop, 60.0, 80.0, n, 100.0) for n in (0, 1, 3))
+    ]
     assert widths == [20.0, 10.0, 2.5]
 
 

@@ -17,7 +17,7 @@ import numpy.typing as npt
 import pytest
 
 from pmjoint_codegen.check.gates import derivatives, interpreter, symbolic
-from pmjoint_codegen.check.points import batches
+from pmjoint_codegen.check.inputs.points import batches
 from pmjoint_codegen.check.result import GateResult
 from pmjoint_codegen.check.subject import Subject
 from pmjoint_codegen.kernels.evaluator import Kind

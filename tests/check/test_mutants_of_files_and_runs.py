@@ -9,8 +9,18 @@ from collections.abc import Callable, Mapping
 import numpy as np
 import pytest
 
-from pmjoint_codegen.check.gates import compilers, current, golden, independent, invariants, proof
-from pmjoint_codegen.check.oracles import certificate, heyoka_loop
+from pmjoint_codegen.check import trajectory
+from pmjoint_codegen.check.gates import (
+    certificate,
+    compilers,
+    current,
+    golden,
+    independent,
+    invariants,
+    proof,
+)
+from pmjoint_codegen.check.oracles import heyoka_loop
+from pmjoint_codegen.check.oracles.certificate import certify
 from pmjoint_codegen.check.result import GateResult
 from pmjoint_codegen.check.subject import Subject
 from pmjoint_codegen.check.table import GATES, run_gate
@@ -99,15 +109,15 @@ def with_statement(subject: Subject, statement: str) -> dict[str, str]:
 def judge_of(subject: Subject, gate: str, files: Mapping[str, str]) -> GateResult:
     """What one of the compilers' gates says of some sources."""
     assert subject.compiler is not None
-    cc, name = subject.compiler.command, f"compilers.{gate}"
+    cc = subject.compiler.command
     watch = ["valgrind", "--quiet", "--error-exitcode=9", "--exit-on-first-error=yes"]
     judges: Mapping[str, Callable[[], GateResult]] = {
-        "warnings": lambda: compilers.warnings(name, cc[0], files),
-        "objects": lambda: compilers.objects(name, cc, files),
+        "warnings": lambda: compilers.warnings(cc[0], files),
+        "objects": lambda: compilers.objects(cc, files),
         "sanitizers": lambda: compilers.watched(
-            subject, name, [*cc, *compilers.BITS, *compilers.SANITIZERS], [], files
+            subject, [*cc, *compilers.BITS, *compilers.SANITIZERS], [], files
         ),
-        "valgrind": lambda: compilers.watched(subject, name, [*cc, *compilers.BITS], watch, files),
+        "valgrind": lambda: compilers.watched(subject, [*cc, *compilers.BITS], watch, files),
     }
     return judges[gate]()
 
@@ -124,7 +134,7 @@ def test_misbehaving_c_is_caught(paper: Subject, tally: Tally, gate: str) -> Non
 def test_a_parameter_that_only_looks_like_the_convention_is_caught(paper: Subject, tally: Tally) -> None:
     files = compilers.sources(paper)
     stray = "\nint stray(double unused_input);\nint stray(double unused_input) { return 0; }\n"
-    result = compilers.warnings("compilers.gcc", "cc", {**files, "kernels.c": files["kernels.c"] + stray})
+    result = compilers.warnings("cc", {**files, "kernels.c": files["kernels.c"] + stray})
     tally("compilers.gcc", "an unused parameter of our own", result)
 
 
@@ -132,7 +142,7 @@ def test_cppcheck_catches_what_it_should(paper: Subject, tally: Tally) -> None:
     if shutil.which("cppcheck") is None:
         pytest.skip("no cppcheck")
     files = with_statement(paper, "double a[2]; a[0] = 1; a[2] = a[0]; (void) a;")
-    tally("compilers.cppcheck", "an index out of bounds", compilers.cppcheck("compilers.cppcheck", files))
+    tally("compilers.cppcheck", "an index out of bounds", compilers.cppcheck(files))
 
 
 def moved(run: Run, column: str, factor: float, shift: float) -> Run:
@@ -146,9 +156,9 @@ def moved(run: Run, column: str, factor: float, shift: float) -> Run:
 def test_changed_golden_trajectories_are_noticed(paper: Subject, tally: Tally) -> None:
     assert paper.compiled is not None
     true = golden.read(*golden.paths(paper))
-    found = golden.trajectory_of(golden.default_run(paper.compiled))
+    found = trajectory.trajectory_of(trajectory.default_run(paper.compiled))
 
-    def values(row: int, column: int, by: float) -> golden.Trajectory:
+    def values(row: int, column: int, by: float) -> trajectory.Trajectory:
         changed = true.values.copy()
         changed[row, column] += by * max(1.0, abs(changed[row, column]))
         return dataclasses.replace(true, values=changed)
@@ -166,7 +176,7 @@ def test_changed_golden_trajectories_are_noticed(paper: Subject, tally: Tally) -
         "other columns": dataclasses.replace(true, names=("x2", *true.names[1:])),
     }
     for what, changed in mutants.items():
-        tally("trajectory.golden", what, golden.compare("trajectory.golden", changed, found, "golden"))
+        tally("trajectory.golden", what, trajectory.compare(changed, found, "golden"))
 
 
 def test_other_loops_are_not_the_golden_one(paper: Subject, tally: Tally) -> None:
@@ -180,41 +190,41 @@ def test_other_loops_are_not_the_golden_one(paper: Subject, tally: Tally) -> Non
         "compensator": 0.0,
         "u_max": 10.001,
     }.items():
-        found = golden.trajectory_of(golden.default_run(paper.compiled, {name: value}))
+        found = trajectory.trajectory_of(trajectory.default_run(paper.compiled, {name: value}))
         tally(
             "trajectory.golden",
             f"{name} = {value}",
-            golden.compare("trajectory.golden", true, found, "golden"),
+            trajectory.compare(true, found, "golden"),
         )
 
 
 def test_other_loops_are_not_heyokas(paper: Subject, tally: Tally) -> None:
     heyoka = pytest.importorskip("heyoka")
     assert paper.compiled is not None
-    defaults = golden.default_run(paper.compiled).settings
+    defaults = trajectory.default_run(paper.compiled).settings
     loop = heyoka_loop.Loop(heyoka, paper, defaults.parameters)
     expected = independent.reference(loop, paper, defaults)
     scales = loop.scales(expected, defaults.parameters["u_max"])
     for name, value in {"c2": 15.001, "d1": 0.2001, "u_max": 10.001}.items():
-        found = golden.trajectory_of(golden.default_run(paper.compiled, {name: value}))
-        result = golden.compare("x", expected, found, "heyoka", scales)
+        found = trajectory.trajectory_of(trajectory.default_run(paper.compiled, {name: value}))
+        result = trajectory.compare(expected, found, "heyoka", scales)
         tally("trajectory.independent", f"{name} = {value}", result)
 
 
 def test_broken_invariants_are_noticed(paper: Subject, tally: Tally) -> None:
     assert paper.compiled is not None
-    run = golden.default_run(paper.compiled)
+    run = trajectory.default_run(paper.compiled)
     for column, factor, shift in (("e", 1 + 1e-12, 0.0), ("z1", -1.0, 0.0), ("e", 1.0, 1e-14)):
         finding = invariants.errors_add_up(moved(run, column, factor, shift))
-        tally("trajectory.invariants", f"{factor} {column} + {shift}", invariants.judge("x", [finding]))
+        tally("trajectory.invariants", f"{factor} {column} + {shift}", invariants.judge([finding]))
     noisy = invariants.quiet_findings(paper.compiled)  # as if a disturbance were none
-    tally("trajectory.invariants", "a disturbance that should not be there", invariants.judge("x", noisy))
+    tally("trajectory.invariants", "a disturbance that should not be there", invariants.judge(noisy))
 
 
 def test_v_that_rises_is_noticed(paper: Subject, tally: Tally) -> None:
     assert paper.compiled is not None
-    run = golden.default_run(paper.compiled)
-    true = certificate.certify(paper.derivation, proof.design_values(paper.derivation), 0.1)
+    run = trajectory.default_run(paper.compiled)
+    true = certify(paper.derivation, proof.design_values(paper.derivation), 0.1)
     assert true.Y is not None
     rising = run.signals.copy()
     rising[:, [item.name for item in run.manifest.signals].index("z2")] += np.linspace(0, 10, len(run.t))
@@ -224,7 +234,7 @@ def test_v_that_rises_is_noticed(paper: Subject, tally: Tally) -> None:
         "z2 that grows": (dataclasses.replace(run, signals=rising), dataclasses.replace(true, Y=0.0)),
     }
     for what, (changed, constants) in mutants.items():
-        tally("trajectory.certificate", what, invariants.decrease(changed, constants))
+        tally("trajectory.certificate", what, certificate.decrease(changed, constants))
 
 
 def test_a_smaller_bound_than_the_disturbance_is_noticed(paper: Subject, tally: Tally) -> None:

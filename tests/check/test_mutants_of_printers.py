@@ -22,7 +22,7 @@ import numpy.typing as npt
 import pytest
 
 from pmjoint_codegen.check.gates import interpreter, lanes
-from pmjoint_codegen.check.points import Batch, batches
+from pmjoint_codegen.check.inputs.points import Batch, batches
 from pmjoint_codegen.check.result import GateResult, Verdict
 from pmjoint_codegen.check.subject import Subject
 from pmjoint_codegen.compile.compiler import Compiler

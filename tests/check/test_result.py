@@ -16,16 +16,16 @@ from pmjoint_codegen.check.subject import Subject
     ("figure", "bound"), [(math.nan, 1.0), (math.nan, None), (0.5, math.nan), (1.5, 1.0), (math.inf, 1.0)]
 )
 def test_nothing_passes_on_what_is_not_within_its_bound(figure: float, bound: float | None) -> None:
-    result = passed("gate", "largest error", figure, bound)
+    result = passed("largest error", figure, bound)
     assert result.verdict is Verdict.FAILED
     assert "largest error" in result.detail and str(figure) in result.detail
     with pytest.raises(ValueError, match="cannot pass"):
-        GateResult("gate", Verdict.PASSED, figure, bound, "made by hand")
+        GateResult(Verdict.PASSED, figure, bound, "made by hand")
 
 
 @pytest.mark.parametrize(("figure", "bound"), [(1.0, 1.0), (0.0, 0.0), (7.0, None), (None, None)])
 def test_what_is_within_its_bound_passes(figure: float | None, bound: float | None) -> None:
-    assert passed("gate", "largest error", figure, bound).verdict is Verdict.PASSED
+    assert passed("largest error", figure, bound).verdict is Verdict.PASSED
 
 
 @pytest.mark.parametrize("value", [8e30, 8e300])

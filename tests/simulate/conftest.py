@@ -199,7 +199,6 @@ def polynomial_manifest() -> Manifest:
         title="",
         source="",
         model_hash="",
-        structure_hash="",
         versions={},
         n=1,
         m=0,
@@ -222,7 +221,6 @@ def polynomial_manifest() -> Manifest:
         signals=tuple(Variable(name, "", "") for name in ("y", "y_r", "e", "v", "u")),
         partials=(),
         functions=tuple(Function(name, *size, "", "", 0) for name, size in sizes.items()),
-        equations=(),
         simulation=Simulation("0", ("0",), (0.0,), 1.0, 0.1, 0.1, False),
         files={},
     )

@@ -16,7 +16,7 @@ from pmjoint_codegen import ClosedLoop
 from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.manifest import Manifest, Variable
 from pmjoint_codegen.simulate.assumptions import changes, sentence
-from pmjoint_codegen.simulate.figures import draw, overview, png, wrapped, write_figures
+from pmjoint_codegen.simulate.figures import STYLE, draw, overview, write_figures
 from pmjoint_codegen.simulate.run import Run
 from pmjoint_codegen.simulate.settings import make_settings
 from pmjoint_codegen.simulate.sheets import (
@@ -26,6 +26,7 @@ from pmjoint_codegen.simulate.sheets import (
     transient_window,
     unit_text,
 )
+from pmjoint_codegen.simulate.style import png, wrapped
 
 LIMIT = 10.0
 
@@ -116,7 +117,7 @@ def test_every_figure_is_written_whole_and_reproducibly(run: Run, tmp_path: Path
         assert width == 1386  # 6.3 inches at 220 dots an inch
         assert 600 < height < 1400
     sheet = sheets(run)[0]
-    assert png(draw(run, sheet)) == png(draw(run, sheet))
+    assert png(draw(run, sheet), STYLE) == png(draw(run, sheet), STYLE)
 
 
 def test_curves_are_the_runs_own(run: Run) -> None:
@@ -203,8 +204,8 @@ def test_a_run_that_failed_is_drawn_as_far_as_it_went(run: Run, rows: int) -> No
     run.states[-1] = 1e9
     for sheet in sheets(run):
         assert message in caption(run, sheet, ())
-    png(draw(run, sheets(run)[4]))
-    png(overview(run))
+    png(draw(run, sheets(run)[4]), STYLE)
+    png(overview(run), STYLE)
 
 
 def test_the_actuators_limit_is_marked_and_v_is_clipped_beside_its_transient(run: Run) -> None:
@@ -249,4 +250,4 @@ def test_drawing_leaves_matplotlib_as_it_was(run: Run) -> None:
 
 def test_a_run_without_numbers_still_draws(run: Run) -> None:
     run.signals[5:] = math.nan
-    png(overview(run))
+    png(overview(run), STYLE)

@@ -18,12 +18,13 @@ from pathlib import Path
 from pmjoint_codegen.check import harness
 from pmjoint_codegen.check.result import Difference, GateResult, failed, not_run, passed
 from pmjoint_codegen.check.subject import Subject
+from pmjoint_codegen.compile.library import ARITHMETIC
 from pmjoint_codegen.kernels.compiled import GENERATED
 from pmjoint_codegen.scratch import scratch
 
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror")
 CONVENTION = ("arg", "res", "iw", "w", "mem", "i")  # of CasADi: kernels take all but i; its accessors take i
-BITS = ("-std=c99", "-ffp-contract=off", "-O0", "-g")  # unoptimised: what the source says, quickly
+BITS = (*ARITHMETIC, "-O0", "-g")  # unoptimised: what the source says, quickly
 SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer")
 LIBRARY = frozenset({"sin", "cos", "tan", "exp", "log", "sqrt", "pow", "tanh", "fmin", "fmax", "fabs"})
 TIME_LIMIT = 120  # s, for any one tool
@@ -96,15 +97,13 @@ def check_clang(subject: Subject) -> GateResult:
 
 
 def _warnings(subject: Subject, tool: str) -> GateResult:
-    name = f"compilers.{tool}"
-    return not_run(name, f"no {tool}") if missing(subject, tool) else warnings(name, tool, sources(subject))
+    return not_run(f"no {tool}") if missing(subject, tool) else warnings(tool, sources(subject))
 
 
-def warnings(name: str, tool: str, files: Mapping[str, str]) -> GateResult:
+def warnings(tool: str, files: Mapping[str, str]) -> GateResult:
     """Compile with all warnings; unused parameters are looked at apart: the calling convention makes some.
 
     Args:
-        name: of the gate.
         tool: compiler.
         files: the C sources by name.
     """
@@ -119,9 +118,8 @@ def warnings(name: str, tool: str, files: Mapping[str, str]) -> GateResult:
     ]
     if strict.code or stray:
         line = strict.first_line if strict.code else stray[0]
-        return failed(name, line, None, None, Difference(tool, "warning", "", "none", line, "", ""))
+        return failed(line, None, None, Difference(tool, "warning", "", "none", line, "", ""))
     return passed(
-        name,
         f"warnings of {' '.join(WARNINGS)}; unused {', '.join(CONVENTION)} of CasADi's convention allowed",
         0,
         0,
@@ -135,27 +133,24 @@ def _of_the_convention(line: str) -> bool:
 
 def check_sanitizers(subject: Subject) -> GateResult:
     """No memory error, no undefined behaviour, and the same bits."""
-    name = "compilers.sanitizers"
     tool = next((tool for tool in ("gcc", "clang") if not missing(subject, tool)), "")
     if not tool:
-        return not_run(name, "no gcc or clang")
-    return watched(subject, name, [tool, *BITS, *SANITIZERS], [])
+        return not_run("no gcc or clang")
+    return watched(subject, [tool, *BITS, *SANITIZERS], [])
 
 
 def check_valgrind(subject: Subject) -> GateResult:
     """No uninitialised value reaches a result, no memory error."""
-    name = "compilers.valgrind"
     if missing(subject, "valgrind"):
-        return not_run(name, "no valgrind")
+        return not_run("no valgrind")
     if subject.compiler is None:
-        return not_run(name, "no C compiler")
+        return not_run("no C compiler")
     watch = ["valgrind", "--quiet", "--error-exitcode=9", "--exit-on-first-error=yes", "--leak-check=full"]
-    return watched(subject, name, [*subject.compiler.command, *BITS], watch)
+    return watched(subject, [*subject.compiler.command, *BITS], watch)
 
 
 def watched(
     subject: Subject,
-    name: str,
     compiler: Sequence[str],
     watch: Sequence[str],
     files: Mapping[str, str] | None = None,
@@ -164,7 +159,6 @@ def watched(
 
     Args:
         subject: the model.
-        name: of the gate.
         compiler: command and flags.
         watch: command that runs the program; empty to run it as it is.
         files: C sources by name, the generated ones by default.
@@ -174,10 +168,9 @@ def watched(
         write(folder, {**(files or sources(subject)), "main.c": harness.program(subject.manifest)})
         made = run([*compiler, "main.c", "kernels.c", "-o", "watched", "-lm"], folder)
         if made.code and "sanitize" in " ".join(compiler) and "cannot find" in made.messages:
-            return not_run(name, f"no sanitizer library: {made.first_line}")
+            return not_run(f"no sanitizer library: {made.first_line}")
         if made.code:
             return failed(
-                name,
                 made.first_line,
                 None,
                 None,
@@ -187,25 +180,25 @@ def watched(
     unequal = harness.differing(answers, done.output)
     if done.code or unequal:
         line = done.first_line if done.code else f"{unequal} results differ in their bits"
-        return failed(name, line, unequal, 0, Difference(name, "run", "", "", done.messages[:2000], "", ""))
-    return passed(name, f"findings and results with other bits, of {len(answers) // 8} results", 0, 0)
+        return failed(
+            line, unequal, 0, Difference((*watch, "watched")[0], "run", "", "", done.messages[:2000], "", "")
+        )
+    return passed(f"findings and results with other bits, of {len(answers) // 8} results", 0, 0)
 
 
 def check_objects(subject: Subject) -> GateResult:
     """Nothing allocates, nothing is remembered, nothing recurs: read off the object file."""
-    name = "compilers.objects"
     if subject.compiler is None:
-        return not_run(name, "no C compiler")
+        return not_run("no C compiler")
     if lacking := missing(subject, "nm", "objdump"):
-        return not_run(name, f"no {lacking}")
-    return objects(name, subject.compiler.command, sources(subject))
+        return not_run(f"no {lacking}")
+    return objects(subject.compiler.command, sources(subject))
 
 
-def objects(name: str, compiler: Sequence[str], files: Mapping[str, str]) -> GateResult:
+def objects(compiler: Sequence[str], files: Mapping[str, str]) -> GateResult:
     """Look at the symbols and relocations of the compiled kernels, a section a function.
 
     Args:
-        name: of the gate.
         compiler: command.
         files: the C sources by name.
     """
@@ -215,7 +208,6 @@ def objects(name: str, compiler: Sequence[str], files: Mapping[str, str]) -> Gat
         made = run([*compiler, *flags, "-c", "kernels.c", "-o", "kernels.o"], folder)
         if made.code:
             return failed(
-                name,
                 made.first_line,
                 None,
                 None,
@@ -226,13 +218,12 @@ def objects(name: str, compiler: Sequence[str], files: Mapping[str, str]) -> Gat
     faults = [*symbol_faults(symbols), *recursion_faults(relocations)]
     if faults:
         return failed(
-            name,
             faults[0],
             len(faults),
             0,
             Difference("kernels.o", "symbols", "", "", "; ".join(faults), "", ""),
         )
-    return passed(name, "calls outside the mathematical library, static mutable objects and recursions", 0, 0)
+    return passed("calls outside the mathematical library, static mutable objects and recursions", 0, 0)
 
 
 def symbol_faults(listing: str) -> list[str]:
@@ -274,15 +265,13 @@ def _reachable(start: str, calls: Mapping[str, Iterable[str]]) -> set[str]:
 
 def check_cppcheck(subject: Subject) -> GateResult:
     """No finding of cppcheck."""
-    name = "compilers.cppcheck"
-    return not_run(name, "no cppcheck") if missing(subject, "cppcheck") else cppcheck(name, sources(subject))
+    return not_run("no cppcheck") if missing(subject, "cppcheck") else cppcheck(sources(subject))
 
 
-def cppcheck(name: str, files: Mapping[str, str]) -> GateResult:
+def cppcheck(files: Mapping[str, str]) -> GateResult:
     """Analyse the C with cppcheck.
 
     Args:
-        name: of the gate.
         files: the C sources by name.
     """
     with scratch("pmjoint-check") as folder:
@@ -292,5 +281,5 @@ def cppcheck(name: str, files: Mapping[str, str]) -> GateResult:
         done = run(["cppcheck", *flags, "kernels.c"], folder)
     if done.code:
         found = Difference("cppcheck", "finding", "", "none", done.messages[:2000], "", "")
-        return failed(name, done.first_line, None, None, found)
-    return passed(name, "findings of warning, performance and portability", 0, 0)
+        return failed(done.first_line, None, None, found)
+    return passed("findings of warning, performance and portability", 0, 0)

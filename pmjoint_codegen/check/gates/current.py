@@ -10,8 +10,6 @@ from pmjoint_codegen.emit.pipeline import Artifacts, generate
 from pmjoint_codegen.emit.staleness import REMEDIES, Verdict, compare, read_folder
 from pmjoint_codegen.workspace import called
 
-NAME = "current"
-
 
 def check(subject: Subject) -> GateResult:
     """Generate anew, in memory, and compare."""
@@ -31,7 +29,7 @@ def judge(subject: Subject, files: Mapping[str, bytes], fresh: Artifacts) -> Gat
         files
     ) - set(fresh.files)
     if comparison.verdict is Verdict.CURRENT:
-        return passed(NAME, f"files that differ, of {len(files)} generated anew", 0, 0)
+        return passed(f"files that differ, of {len(files)} generated anew", 0, 0)
     remedy = REMEDIES[comparison.verdict].format(name=called(subject.file))
     changes = [
         f"{item.name}: {item.before} -> {item.after}"
@@ -42,6 +40,4 @@ def judge(subject: Subject, files: Mapping[str, bytes], fresh: Artifacts) -> Gat
     first = Difference(
         str(subject.folder), min(differing), "", "as generated", comparison.verdict.value, "", ""
     )
-    return failed(
-        NAME, f"{comparison.verdict.value}: {comparison.details[0]}", len(differing), 0, first, findings
-    )
+    return failed(f"{comparison.verdict.value}: {comparison.details[0]}", len(differing), 0, first, findings)

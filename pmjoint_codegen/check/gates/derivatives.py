@@ -13,8 +13,8 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
+from pmjoint_codegen.check.inputs.points import batches, describe_point
 from pmjoint_codegen.check.oracles.error_bound import Bounded, walk
-from pmjoint_codegen.check.points import batches, describe_point
 from pmjoint_codegen.check.result import Difference, GateResult, failed, not_run, passed
 from pmjoint_codegen.check.subject import Subject
 from pmjoint_codegen.emit.tape import tapes_of
@@ -23,7 +23,6 @@ from pmjoint_codegen.kernels.tape import Tape
 
 Array = npt.NDArray[np.float64]
 
-NAME = "derivatives"
 SEED = 20200530
 POINTS = 200  # of each kind
 
@@ -31,9 +30,9 @@ POINTS = 200  # of each kind
 def check(subject: Subject) -> GateResult:
     """Compare every partial derivative of every virtual control."""
     if subject.compiled is None:
-        return not_run(NAME, "no C compiler")
+        return not_run("no C compiler")
     if subject.manifest.rho == 1:
-        return passed(NAME, "a plant of relative degree one has no virtual controls", 0, 0)
+        return passed("a plant of relative degree one has no virtual controls", 0, 0)
     function = subject.manifest.function("partials")
     found = batches(subject.interpreted, function, POINTS, SEED, extreme=False, features=subject.features)
     arguments = tuple(
@@ -57,7 +56,7 @@ def compare(subject: Subject, arguments: Sequence[Array], results: Array) -> Gat
     places = {name: i for i, name in enumerate(subject.manifest.partials)}
     stray = sorted(set(places) - set(names))
     if stray:
-        return failed(NAME, f"model.json names derivatives that do not exist: {', '.join(stray)}")
+        return failed(f"model.json names derivatives that do not exist: {', '.join(stray)}")
     worst, first = 0.0, None
     for column, name in enumerate(names):
         mine = _column(results, emitted, places.get(name))
@@ -74,7 +73,7 @@ def compare(subject: Subject, arguments: Sequence[Array], results: Array) -> Gat
             )
     counts = f"{len(names)} derivatives, {len(places)} of them not zero, at {len(results)} points"
     detail = f"largest difference/bound of {counts}"
-    return failed(NAME, detail, worst, 1, first) if first else passed(NAME, detail, worst, 1)
+    return failed(detail, worst, 1, first) if first else passed(detail, worst, 1)
 
 
 def jacobian_tape(law: Tape) -> Tape:

@@ -13,15 +13,14 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
+from pmjoint_codegen.check.inputs.points import batches, describe_point
 from pmjoint_codegen.check.oracles.precise import Numbers
 from pmjoint_codegen.check.oracles.reference import Array, Reference, reference_of
-from pmjoint_codegen.check.points import batches, describe_point
 from pmjoint_codegen.check.result import Difference, GateResult, failed, passed
 from pmjoint_codegen.check.subject import Subject
 from pmjoint_codegen.emit.functions import GUARDS
 from pmjoint_codegen.manifest import Function
 
-NAME = "guards"
 SEED = 20260117
 POINTS = 2  # of each kind
 RIMS = 4  # complex points for each
@@ -53,7 +52,7 @@ def check(subject: Subject) -> GateResult:
                 if not ratios[entry] <= LIMIT and first is None:
                     first = _difference(function, reference, batch.arguments, row, entry, swings, bound)
     detail = f"largest swing/bound of {values} bounds on complex discs"
-    return failed(NAME, detail, worst, LIMIT, first) if first else passed(NAME, detail, worst, LIMIT)
+    return failed(detail, worst, LIMIT, first) if first else passed(detail, worst, LIMIT)
 
 
 def _swings(reference: Reference, point: list[Array], random: np.random.Generator) -> Array:

@@ -2,10 +2,10 @@
 
 It shares nothing with what it checks but the symbolic derivation: no CasADi, no C of ours, no Taylor
 recurrence, no event search of ours, no step control either: its steps are short, and compared with the
-right-hand side at points inside. Held against it are the model's own run and runs with a drawn limit of u
+right-hand side at points inside. Compared with it are the model's own run and runs with a drawn limit of u
 from drawn initial states. heyoka says which of these saturate and come back, so that a switch that our loop
-does not see keeps no run from being held. heyoka locates kinks too. A run that is stuck to a kink ends with
-a word: it must end between the same rows in both, and is then left out.
+does not see keeps no run from being compared. heyoka locates kinks too. A run that is stuck to a kink ends
+with a word: it must end between the same rows in both, and is then left out.
 """
 
 from __future__ import annotations
@@ -16,8 +16,12 @@ from typing import Any, Final
 
 import numpy as np
 
-from pmjoint_codegen.check.drawn import Draw, draws
-from pmjoint_codegen.check.gates.golden import (
+from pmjoint_codegen.check.inputs.drawn import Draw, draws
+from pmjoint_codegen.check.oracles.heyoka_kinks import SlidingError, UntrustedError
+from pmjoint_codegen.check.oracles.heyoka_loop import Loop
+from pmjoint_codegen.check.result import GateResult, Verdict, failed, not_run
+from pmjoint_codegen.check.subject import Subject
+from pmjoint_codegen.check.trajectory import (
     ACCURACY,
     TOLERANCE,
     Trajectory,
@@ -26,10 +30,6 @@ from pmjoint_codegen.check.gates.golden import (
     kept_rows,
     trajectory_of,
 )
-from pmjoint_codegen.check.oracles.heyoka_kinks import SlidingError, UntrustedError
-from pmjoint_codegen.check.oracles.heyoka_loop import Loop
-from pmjoint_codegen.check.result import GateResult, Verdict, failed, not_run
-from pmjoint_codegen.check.subject import Subject
 from pmjoint_codegen.errors import installing
 from pmjoint_codegen.kernels.evaluator import Evaluator
 from pmjoint_codegen.loops.modes import Actuator, make_actuator
@@ -37,10 +37,9 @@ from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.simulate.run import Run, initial_state, run
 from pmjoint_codegen.simulate.settings import Settings, make_settings
 
-NAME = "trajectory.independent"
-RUNS: Final = (2, 48)  # drawn runs that are held: at least, at most
+RUNS: Final = (2, 48)  # drawn runs that are compared: at least, at most
 STEPS: Final = {"compiled": 500_000, "interpreted": 2_000}  # what they may take between them: some seconds
-TRIES: Final = 4  # draws for each of them at most: a limit may be too wide, or the joint lost
+TRIES: Final = 4  # draws for each of them at most: a limit may be too wide, or the run diverge
 
 
 def check(subject: Subject) -> GateResult:
@@ -48,21 +47,21 @@ def check(subject: Subject) -> GateResult:
     try:
         import heyoka
     except ImportError:
-        return not_run(NAME, f"no heyoka; {installing('heyoka')}")
+        return not_run(f"no heyoka; {installing('heyoka')}")
     evaluator = subject.compiled or subject.interpreted
     done = default_run(evaluator)
     loop = Loop(heyoka, subject, done.settings.parameters)
-    result = hold(loop, subject, done)
-    # A run of the model's own that is stuck to a kink leaves the drawn ones to be held.
+    result = compare_run(loop, subject, done)
+    # A run of the model's own that is stuck to a kink leaves the drawn ones to be compared.
     if result.verdict is not Verdict.PASSED and not (
         result.verdict is Verdict.NOT_RUN and done.status == Status.SLIDING
     ):
         return result
     affordable = STEPS[evaluator.kind] // max(done.steps, 1)
-    return hold_drawn(loop, subject, evaluator, result, min(max(affordable, RUNS[0]), RUNS[1]))
+    return compare_drawn(loop, subject, evaluator, result, min(max(affordable, RUNS[0]), RUNS[1]))
 
 
-def hold(loop: Loop, subject: Subject, done: Run) -> GateResult:
+def compare_run(loop: Loop, subject: Subject, done: Run) -> GateResult:
     """Hold a run against heyoka's from the same state, at the instants that a golden file keeps.
 
     Args:
@@ -71,31 +70,31 @@ def hold(loop: Loop, subject: Subject, done: Run) -> GateResult:
         done: the run.
     """
     if done.status not in (Status.DONE, Status.SLIDING):
-        return failed(NAME, f"the run ended early: {done.message}")
+        return failed(f"the run ended early: {done.message}")
     try:
         expected = reference(loop, subject, done.settings)
     except SlidingError as error:
         return _both_stuck(error, done)
     except UntrustedError as error:
-        return not_run(NAME, f"heyoka's run is no reference: it {error}")
+        return not_run(f"heyoka's run is no reference: it {error}")
     if done.status != Status.DONE:
-        return failed(NAME, f"the run ended early, and heyoka's does not: {done.message}")
+        return failed(f"the run ended early, and heyoka's does not: {done.message}")
     return _compare(loop, expected, done)
 
 
-def hold_drawn(
-    loop: Loop, subject: Subject, evaluator: Evaluator, own: GateResult, wanted: int
+def compare_drawn(
+    loop: Loop, subject: Subject, evaluator: Evaluator, default: GateResult, wanted: int
 ) -> GateResult:
-    """Hold drawn runs, and say the worst of all.
+    """Compare drawn runs, and give the worst of all.
 
     Args:
         loop: heyoka's side.
         subject: the model.
         evaluator: of our side.
-        own: what the model's own run gave.
+        default: what the model's own run gave.
         wanted: how many runs.
     """
-    worst, held, switches, untrusted, stuck = own, 0, 0, 0, 0
+    worst, compared, switches, untrusted, stuck = default, 0, 0, 0, 0
     for draw in islice(draws(subject.manifest), TRIES * wanted):
         settings = drawn_settings(subject, draw)
         expected: Trajectory | SlidingError
@@ -112,38 +111,38 @@ def hold_drawn(
         if isinstance(expected, SlidingError):
             result = _both_stuck(expected, done)
         elif done.status != Status.DONE:
-            return failed(NAME, f"a drawn run ended early, with {_said(subject, draw)}: {done.message}")
+            return failed(f"a drawn run ended early, with {_options(subject, draw)}: {done.message}")
         else:
             result = _compare(loop, expected, done)
         if result.verdict is Verdict.FAILED:
-            return dataclasses.replace(result, detail=f"{result.detail}, with {_said(subject, draw)}")
+            return dataclasses.replace(result, detail=f"{result.detail}, with {_options(subject, draw)}")
         if isinstance(expected, SlidingError):
             stuck += 1
             continue
-        held, switches = held + 1, switches + len(expected.switches)
+        compared, switches = compared + 1, switches + len(expected.switches)
         if worst.verdict is not Verdict.PASSED or (result.figure or 0.0) > (worst.figure or 0.0):
             worst = result
-        if held == wanted:
+        if compared == wanted:
             break
     drawn = (
-        f"{held} drawn runs with {switches} switching instants"
-        if held
+        f"{compared} drawn runs with {switches} switching instants"
+        if compared
         else "no drawn run that saturates and returns"
     )
     left = f"; heyoka gave no reference for {untrusted} more" if untrusted else ""
     left += f"; {stuck} more are stuck to a kink and left out" if stuck else ""
-    return dataclasses.replace(worst, detail=f"{own.detail}, and {drawn}{left}")
+    return dataclasses.replace(worst, detail=f"{default.detail}, and {drawn}{left}")
 
 
 def _both_stuck(found: SlidingError, done: Run) -> GateResult:
-    """Where heyoka's run is stuck to a kink, ours must end too, between the same rows; no more is held."""
+    """Where heyoka's run is stuck to a kink, ours must end too, between the same rows."""
     if done.status != Status.SLIDING:
-        return failed(NAME, f"heyoka's run {found}, and the run does not end there: {done.message}")
+        return failed(f"heyoka's run {found}, and the run does not end there: {done.message}")
     around = np.array([found.t - ACCURACY, found.t + ACCURACY])
     least, most = np.searchsorted(done.settings.times(), around, side="right")
     if not least <= len(done.t) <= most:
-        return failed(NAME, f"heyoka's run {found}, and the run elsewhere: {done.message}")
-    return not_run(NAME, f"the run and heyoka's are stuck to a kink at t = {found.t:.6g} s")
+        return failed(f"heyoka's run {found}, and the run elsewhere: {done.message}")
+    return not_run(f"the run and heyoka's are stuck to a kink at t = {found.t:.6g} s")
 
 
 def drawn_settings(subject: Subject, draw: Draw) -> Settings:
@@ -165,13 +164,13 @@ def reference(loop: Loop, subject: Subject, settings: Settings) -> Trajectory:
 
 
 def saturates_and_returns(found: Trajectory) -> bool:
-    """Whether u is at a limit for a while and inside at the end: a run that is lost stays at its limit."""
+    """Whether u is at a limit for a while and inside at the end: a diverging run stays at its limit."""
     return bool(found.switches) and found.switches[-1][1] == 0 and bool(np.all(np.isfinite(found.values)))
 
 
 def _compare(loop: Loop, expected: Trajectory, done: Run) -> GateResult:
     limit = done.settings.parameters[done.manifest.limit]
-    return compare(NAME, expected, trajectory_of(done), "heyoka", loop.scales(expected, limit))
+    return compare(expected, trajectory_of(done), "heyoka", loop.scales(expected, limit))
 
 
 def _actuator(subject: Subject, settings: Settings) -> Actuator:
@@ -179,7 +178,7 @@ def _actuator(subject: Subject, settings: Settings) -> Actuator:
     return make_actuator(limits)
 
 
-def _said(subject: Subject, draw: Draw) -> str:
+def _options(subject: Subject, draw: Draw) -> str:
     """The options of `pmjoint simulate` that make a drawn run again."""
     x0 = ",".join(repr(value) for value in draw.x0.tolist())
     return f"--set {subject.manifest.limit}={draw.limit!r} --x0={x0}"

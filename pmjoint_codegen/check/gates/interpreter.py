@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from pmjoint_codegen.check.bits import Answers, judge
-from pmjoint_codegen.check.features import Features
-from pmjoint_codegen.check.points import batches
+from pmjoint_codegen.check.inputs.features import Features
+from pmjoint_codegen.check.inputs.points import batches
 from pmjoint_codegen.check.result import GateResult, not_run
 from pmjoint_codegen.check.subject import Subject
 from pmjoint_codegen.kernels.evaluator import Evaluator
 
-NAME = "interpreter"
 SEED = 20200501
 POINTS = 120  # of each kind
 
@@ -17,7 +16,7 @@ POINTS = 120  # of each kind
 def check(subject: Subject) -> GateResult:
     """Compare every kernel on random and on hard points."""
     if subject.compiled is None:
-        return not_run(NAME, "no C compiler")
+        return not_run("no C compiler")
     return compare(subject.interpreted, subject.compiled, features=subject.features)
 
 
@@ -43,4 +42,4 @@ def compare(
         for function in functions
         for batch in batches(interpreted, function, count, SEED, extreme=True, features=features)
     )
-    return judge(NAME, answers, f"{len(functions)} kernels")
+    return judge(answers, f"{len(functions)} kernels")

@@ -1,13 +1,9 @@
-"""What theory says of every trajectory: invariants of the closed loop, and the certificate along the run.
+"""What theory says of every trajectory: invariants of the closed loop.
 
 errors        y - y_r = z_1 + r_1 at every instant                          to the rounding of four operations
 estimation    without disturbance, x - x_hat = exp(A0 t) (x - x_hat)(0)     as epsilon' = A0 epsilon
 limits        without disturbance, z(t) does not depend on u_max            the z-dynamics hold no u
 no saturation with u_max out of reach, r = 0                                bit for bit
-certificate   V <= V_0 exp(-f h) + (Y/f) (1 - exp(-f h)) from row to row     (35), integrated
-
-A disturbance with a kink allows sampled runs alone. The errors then add up at every sample, the invariants
-without disturbance stay what they are, and the certificate, that of the continuous controller, is not held.
 """
 
 from __future__ import annotations
@@ -15,11 +11,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from pmjoint_codegen.check.gates.golden import ACCURACY, default_run
-from pmjoint_codegen.check.gates.proof import design_values
-from pmjoint_codegen.check.oracles.certificate import Certificate, certify
-from pmjoint_codegen.check.result import Difference, GateResult, failed, not_run, passed
+from pmjoint_codegen.check.result import Difference, GateResult, failed, passed
 from pmjoint_codegen.check.subject import Subject
+from pmjoint_codegen.check.trajectory import ACCURACY, default_run
 from pmjoint_codegen.closed_loop import Source, evaluator_of
 from pmjoint_codegen.errors import PmjointError
 from pmjoint_codegen.kernels.evaluator import Evaluator
@@ -28,22 +22,20 @@ from pmjoint_codegen.simulate.run import Run
 
 Array = npt.NDArray[np.float64]
 
-INVARIANTS = "trajectory.invariants"
-CERTIFICATE = "trajectory.certificate"
 OUT_OF_REACH = 1e9  # times the model's u_max
 ROUNDOFF = 2.0**-53
 
 Finding = tuple[str, float, float]  # what, figure, bound
 
 
-def check_invariants(subject: Subject) -> GateResult:
-    """Run the model with and without its disturbance and its limit, and hold the runs against theory."""
+def check(subject: Subject) -> GateResult:
+    """Run the model with and without its disturbance and its limit, and check the runs against theory."""
     findings = [errors_add_up(default_run(subject.compiled or subject.interpreted))]
     try:
         quiet = quiet_evaluator(subject)
     except PmjointError as error:
-        return judge(INVARIANTS, findings, f"no loop without disturbance: {error}")
-    return judge(INVARIANTS, [*findings, *quiet_findings(quiet)])
+        return judge(findings, f"no loop without disturbance: {error}")
+    return judge([*findings, *quiet_findings(quiet)])
 
 
 def quiet_evaluator(subject: Subject) -> Evaluator:
@@ -121,65 +113,13 @@ def _block(run: Run, name: str) -> Array:
     return run.states[:, first:last]
 
 
-def judge(name: str, findings: list[Finding], *notes: str) -> GateResult:
+def judge(findings: list[Finding], *notes: str) -> GateResult:
     """One result from several findings, the worst of them in the foreground."""
     broken = [item for item in findings if not item[1] <= item[2]]
     lines = (*(f"{what}: {figure:.2e}, bound {bound:.2e}" for what, figure, bound in findings), *notes)
     if broken:
         what, figure, bound = broken[0]
         difference = Difference("run", what, "", "", "", f"{figure:.3g}", f"{bound:.3g}")
-        return failed(name, what, figure, bound, difference, lines)
+        return failed(what, figure, bound, difference, lines)
     what, figure, bound = max(findings, key=lambda item: item[1] / item[2] if item[2] > 0 else 0.0)
-    return passed(name, f"{what}, and {len(findings) - 1} more", figure, bound, *lines)
-
-
-def check_certificate(subject: Subject) -> GateResult:
-    """V along the default run, against (35) with the model's bound of the disturbance, or the run's."""
-    if not subject.model.gains.compensator:
-        return not_run(CERTIFICATE, "the certificate is that of the loop with compensator")
-    evaluator, stated = subject.compiled or subject.interpreted, subject.model.disturbance_bound
-    run = default_run(evaluator)
-    largest = float(np.max(np.linalg.norm(disturbances(evaluator, run), axis=1)))
-    if stated is not None and largest > stated * (1 + 4 * ROUNDOFF):
-        return failed(CERTIFICATE, "the disturbance exceeds the model's disturbance_bound", largest, stated)
-    bound = largest if stated is None else stated
-    return decrease(run, certify(subject.derivation, design_values(subject.derivation), bound))
-
-
-def disturbances(evaluator: Evaluator, run: Run) -> Array:
-    """D of (12) along a run, shape (rows, n)."""
-    limits = evaluator.call("actuation", run.settings.p)[0].reshape(-1, 4)
-    w = np.clip(limits[:, 0] + limits[:, 1] * run["v"][:, np.newaxis], limits[:, 2], limits[:, 3])
-    x = run.states[:, : run.manifest.nx]
-    return evaluator.call("disturbance", run.t[:, np.newaxis], x, w, run.settings.p)[0]
-
-
-def decrease(run: Run, certificate: Certificate) -> GateResult:
-    """Hold V of every row against what (35) allows after the row before.
-
-    Args:
-        run: the run.
-        certificate: f, Y and P.
-    """
-    V = energy(run, certificate)
-    falling = np.exp(-certificate.f * np.diff(run.t))
-    allowed = V[:-1] * falling + (certificate.Y or 0.0) / certificate.f * (1 - falling)
-    allowed += ACCURACY * (1 + V[:-1])  # what the trajectory itself is worth
-    ratio = V[1:] / allowed
-    row = int(np.argmax(ratio))
-    detail = f"largest V / what (35) allows, row to row; V goes from {V[0]:.4g} to {V[-1]:.3g}"
-    if ratio[row] <= 1:
-        return passed(CERTIFICATE, detail, float(ratio[row]), 1)
-    point, values = f"t={float(run.t[row + 1])!r} s", (repr(float(allowed[row])), repr(float(V[row + 1])))
-    return failed(CERTIFICATE, detail, float(ratio[row]), 1, Difference("run", "V", point, *values, "", ""))
-
-
-def energy(run: Run, certificate: Certificate) -> Array:
-    """``V = sum z_i^2/2 + sum epsilon' P epsilon/(2 e_i)`` (30), shape (rows,)."""
-    rho = run.manifest.rho
-    epsilon = estimation_errors(run)
-    weight = sum(1 / (2 * run.settings.parameters[f"e{i}"]) for i in range(1, rho + 1))
-    quadratic = np.einsum("ri,ij,rj->r", epsilon, certificate.P, epsilon)
-    return np.asarray(
-        sum(run[f"z{i}"] ** 2 for i in range(1, rho + 1)) / 2 + weight * quadratic, dtype=np.float64
-    )
+    return passed(f"{what}, and {len(findings) - 1} more", figure, bound, *lines)

@@ -17,8 +17,8 @@ import numpy as np
 
 from pmjoint_codegen.check.bits import Answers, judge
 from pmjoint_codegen.check.gates.interpreter import POINTS, SEED
+from pmjoint_codegen.check.inputs.points import Batch, batches
 from pmjoint_codegen.check.oracles.lane_tape import Operation, walk
-from pmjoint_codegen.check.points import Batch, batches
 from pmjoint_codegen.check.result import GateResult, not_run
 from pmjoint_codegen.check.subject import Subject
 from pmjoint_codegen.compile.compiler import Compiler
@@ -33,7 +33,6 @@ from pmjoint_codegen.loops.batch import Target, batch_sources, compile_batch, le
 from pmjoint_codegen.manifest import Function
 from pmjoint_codegen.workspace import cache_dir
 
-NAME: Final = "lanes"
 PROBE: Final = "lane_probe.c"
 HEADER: Final = "pmjoint_lanes.h"
 ELEMENTARY: Final = {"sin": 1, "cos": 1, "tan": 1, "tanh": 1, "exp": 1, "log": 1, "pow": 2}
@@ -109,7 +108,7 @@ class LaneLibrary:
 def check(subject: Subject) -> GateResult:
     """Compare every function over lanes on random and on hard points."""
     if subject.compiler is None:
-        return not_run(NAME, "no C compiler")
+        return not_run("no C compiler")
     cache = cache_dir(subject.environment, subject.notify)
     levels = usable_levels(subject.environment)
     target = compile_batch(batch_sources(subject.folder), levels, subject.compiler, cache)
@@ -169,4 +168,4 @@ def compare(
         for tape in tapes
         for batch in points(functions[tape.name])
     )
-    return judge(NAME, answers, f"{len(tapes)} functions over lanes")
+    return judge(answers, f"{len(tapes)} functions over lanes")

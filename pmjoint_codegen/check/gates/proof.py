@@ -10,12 +10,10 @@ from pmjoint_codegen.check.oracles.certificate import certify, numeric
 from pmjoint_codegen.check.result import Difference, GateResult, failed, passed
 from pmjoint_codegen.check.subject import Subject
 from pmjoint_derive import Derivation
-from pmjoint_derive.closed_loop import output_disturbance
 from pmjoint_derive.consistency import consistency_identities
 from pmjoint_derive.filters import filter_matrix
-from pmjoint_derive.lyapunov import Identity, prove
+from pmjoint_derive.lyapunov import Identity, given_away, prove
 
-NAME = "proof"
 LONGEST = 300  # characters of a remainder that a report shows
 
 
@@ -49,7 +47,7 @@ def prove_for(derivation: Derivation, values: Mapping[str, float]) -> GateResult
     if broken:
         names = ", ".join(item.name for item in broken)
         detail = f"{len(broken)} of {len(identities)} identities do not expand to zero: {names}"
-        return failed(NAME, detail, len(broken), 0, _difference(broken[0]))
+        return failed(detail, len(broken), 0, _difference(broken[0]))
     faults = unfit_gains(derivation, values)
     certificate = certify(derivation, values, derivation.model.disturbance_bound) if not faults else None
     if certificate is None or not np.all(np.linalg.eigvalsh(certificate.P) > 0):
@@ -58,10 +56,10 @@ def prove_for(derivation: Derivation, values: Mapping[str, float]) -> GateResult
         faults = [f"not a finite number at these gains: {', '.join(beyond)}"]
     if certificate is None or faults:
         return failed(
-            NAME, "; ".join(faults), len(faults), 0, Difference("certificate", faults[0], "", "", "", "", "")
+            "; ".join(faults), len(faults), 0, Difference("certificate", faults[0], "", "", "", "", "")
         )
     detail = f"identities that do not expand to zero, of {len(identities)}; {certificate.lines()[1]}"
-    return passed(NAME, detail, 0, 0, *certificate.lines(), remainder_text(derivation))
+    return passed(detail, 0, 0, *certificate.lines(), remainder_text(derivation))
 
 
 def unfit_gains(derivation: Derivation, values: Mapping[str, float]) -> list[str]:
@@ -80,18 +78,7 @@ def unfit_gains(derivation: Derivation, values: Mapping[str, float]) -> list[str
 
 def remainder_text(derivation: Derivation) -> str:
     """What V' gives away, as the sum of squares that it is."""
-    n, rho = derivation.plant.order, derivation.plant.rho
-    disturbed = output_disturbance(derivation.plant) != 0
-    s_ = ["-1", *(f"dalpha{i - 1}_dy" for i in range(2, rho + 1))]
-    steps, eta = range(1, rho + 1), ["epsilon2"] * (n > 1) + ["D1"] * disturbed
-    unknown = f"({' + '.join(eta)})" if len(eta) > 1 else "".join(eta)
-    young = [f"e{i} ({s_[i - 1]} z{i}{f' + {unknown}/(2 e{i})' if eta else ''})^2" for i in steps]
-    inputs = [f"|epsilon - {'2 P D|^2/(4' if disturbed else 'P D|^2/(2'} e{i})" for i in steps]
-    others = [
-        f"epsilon{j}^2/({2 if disturbed else 4} e{i})" for i in steps for j in range(1, n + 1) if j != 2
-    ]
-    apart = [f"{'(epsilon2 - D1)' if n > 1 else 'D1'}^2/(4 e{i})" for i in steps if disturbed]
-    return f"squares given away: {' + '.join([*young, *inputs, *others, *apart])}"
+    return f"squares given away: {' + '.join(str(square) for square in given_away(derivation))}"
 
 
 def _difference(identity: Identity) -> Difference:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from pmjoint_codegen.check.inputs.points import batches, describe_point
 from pmjoint_codegen.check.oracles.error_bound import LITERAL_ROUNDINGS, walk
 from pmjoint_codegen.check.oracles.precise import Numbers
 from pmjoint_codegen.check.oracles.reference import (
@@ -22,7 +23,6 @@ from pmjoint_codegen.check.oracles.reference import (
     sample_reference,
     taylor_reference,
 )
-from pmjoint_codegen.check.points import batches, describe_point
 from pmjoint_codegen.check.result import Difference, GateResult, failed, not_run, passed
 from pmjoint_codegen.check.subject import Subject
 from pmjoint_codegen.emit.functions import COMPOSED, GUARDS
@@ -31,7 +31,6 @@ from pmjoint_codegen.manifest import Function
 
 Array = npt.NDArray[np.float64]
 
-NAME = "symbolic"
 SEED = 20200529
 POINTS = 8  # of each kind
 TAYLOR_POINTS = 2
@@ -40,7 +39,7 @@ LARGEST = float(np.finfo(np.float64).max)
 
 @dataclass(frozen=True)
 class Prepared:
-    """A kernel's points with everything that the code's results are held against.
+    """A kernel's points with everything that the code's results are checked against.
 
     Attributes:
         function: the kernel, as the manifest describes it.
@@ -83,10 +82,10 @@ class Judgement:
 def check(subject: Subject) -> GateResult:
     """Compare every compiled kernel with its reference; those that are bounds have a gate of their own."""
     if subject.compiled is None:
-        return not_run(NAME, "no C compiler")
+        return not_run("no C compiler")
     mismatch = vocabulary_mismatch(subject)
     if mismatch:
-        return failed(NAME, mismatch)
+        return failed(mismatch)
     judgements = []
     for function in subject.manifest.functions:
         if function.name in GUARDS:
@@ -185,7 +184,7 @@ def judge(prepared: Prepared, results: Sequence[Array]) -> Judgement:
     return Judgement(values, unbounded, *worst, first)
 
 
-def conclude(judgements: Sequence[Judgement], name: str = NAME) -> GateResult:
+def conclude(judgements: Sequence[Judgement]) -> GateResult:
     """One result from the kernels' judgements."""
     values = sum(item.values for item in judgements)
     unbounded = sum(item.unbounded for item in judgements)
@@ -193,12 +192,10 @@ def conclude(judgements: Sequence[Judgement], name: str = NAME) -> GateResult:
     first = next((item.difference for item in judgements if item.difference), None)
     detail = f"largest error/bound of {values} values: {worst.error:.2e}/{worst.bound:.2e} in {worst.where}"
     if unbounded:
-        return failed(
-            name, f"{unbounded} of {values} values have no finite error bound", worst.ratio, 1, first
-        )
+        return failed(f"{unbounded} of {values} values have no finite error bound", worst.ratio, 1, first)
     if first is not None:
-        return failed(name, detail, worst.ratio, 1, first)
-    return passed(name, detail, worst.ratio, 1)
+        return failed(detail, worst.ratio, 1, first)
+    return passed(detail, worst.ratio, 1)
 
 
 def _difference(

@@ -17,10 +17,10 @@ import numpy as np
 import numpy.typing as npt
 import sympy as sp
 
-from pmjoint_codegen.check.gates.golden import ACCURACY, Switches, Trajectory
 from pmjoint_codegen.check.oracles.heyoka_kinks import UNIT, Kinks, SlidingError, UntrustedError
 from pmjoint_codegen.check.oracles.program import Program, compile_program
 from pmjoint_codegen.check.subject import Subject
+from pmjoint_codegen.check.trajectory import ACCURACY, Switches, Trajectory
 from pmjoint_codegen.loops.modes import Actuator
 
 Array = npt.NDArray[np.float64]
@@ -244,7 +244,7 @@ class Loop:
             )
 
     def scales(self, trajectory: Trajectory, limit: float) -> Array:
-        """What the entries of a trajectory are held relative to, shape (rows, columns).
+        """What the entries of a trajectory are compared relative to, shape (rows, columns).
 
         A state's is max(1, |X_i|). v is a function of the states, which multiplies what they are off by: its
         scale is max(1, |v|) and, on top of it, the sum of |dv/dX_i| times the state's.
@@ -360,7 +360,7 @@ def operation_count(program: Program) -> int:
 
 
 def told_apart(actuator: Actuator) -> Actuator:
-    """The actuator without modes that are narrower than anything held here.
+    """The actuator without modes that are narrower than anything compared here.
 
     Limits of two channels that follow one another are thresholds which round apart. No event can be located
     between them; w is continuous in v, so that leaving the mode between out changes w by as little.

@@ -1,6 +1,6 @@
 """Named equations as a straight-line program over any algebra: numbers of 60 digits, or power series of them.
 
-This is the reference that generated code is held against. It is read off the SymPy expressions of the
+This is the reference that generated code is checked against. It is read off the SymPy expressions of the
 derivation alone; CasADi has no part in it, so that a fault of the translation to CasADi, of CasADi itself, of
 its C printer or of the C compiler shows as a difference.
 """

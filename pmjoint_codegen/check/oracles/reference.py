@@ -31,7 +31,7 @@ class Reference:
         taylor: number of states whose rates the first results are, for a kernel of Taylor coefficients; else
             0.
         order: highest Taylor coefficient.
-        held: for ``sample``, the reference of the plant's coefficients under the w of output 1; they are
+        plant: for ``sample``, the reference of the plant's coefficients under the w of output 1; they are
             output 2, which the program leaves out.
         kinks: how many of the last results of a rate are arguments of kinks.
     """
@@ -42,7 +42,7 @@ class Reference:
     program: Program
     taylor: int = 0
     order: int = 0
-    held: Reference | None = None
+    plant: Reference | None = None
     kinks: int = 0
 
     def values(self, arguments: Sequence[Array]) -> list[Rows]:
@@ -65,20 +65,20 @@ class Reference:
         if self.taylor:
             return self._series(numbers, exact)
         results = self.program.run(numbers, exact)
-        return results if self.held is None else self._with_held(self.held, numbers, exact, results)
+        return results if self.plant is None else self._with_plant(self.plant, numbers, exact, results)
 
-    def _with_held(
-        self, held: Reference, numbers: Numbers, exact: dict[sp.Symbol, Number], results: list[Number]
+    def _with_plant(
+        self, plant: Reference, numbers: Numbers, exact: dict[sp.Symbol, Number], results: list[Number]
     ) -> list[Number]:
         """Results with the plant's coefficients in their place."""
         first, last = len(self.entries[0]), len(self.entries[0]) + len(self.entries[1])
-        w = dict(zip(held.inputs[2], results[first:last], strict=False))
-        sides = held.inputs[2][len(w) :]
+        w = dict(zip(plant.inputs[2], results[first:last], strict=False))
+        sides = plant.inputs[2][len(w) :]
         known = exact | w | dict.fromkeys(sides, numbers.context.one)
         for j, side in enumerate(sides):  # an argument depends on the sides before its own
-            arguments = held.program.run(numbers, known)[-held.kinks :]
+            arguments = plant.program.run(numbers, known)[-plant.kinks :]
             known[side] = numbers.apply("sign", arguments[j])
-        return [*results[:last], *held._series(numbers, known), *results[last:]]
+        return [*results[:last], *plant._series(numbers, known), *results[last:]]
 
     def _series(self, numbers: Numbers, exact: dict[sp.Symbol, Number]) -> list[Number]:
         """Taylor coefficients by Picard's iteration: each pass over the right-hand side fixes one more."""
@@ -122,13 +122,13 @@ def taylor_reference(name: str, derivation: Derivation, kernel: Kernel, order: i
     return replace(plain, name=name, entries=(entries,), taylor=len(plain.inputs[1]), order=order)
 
 
-def sample_reference(derivation: Derivation, update: Kernel, held: Reference) -> Reference:
+def sample_reference(derivation: Derivation, update: Kernel, plant: Reference) -> Reference:
     """The reference of ``sample``.
 
     Args:
         derivation: the symbolic reference.
         update: row of the table that gives the controller's next state.
-        held: reference of the plant's coefficients under held w.
+        plant: reference of the coefficients of the plant under the w that is held.
     """
     words, v = vocabulary(derivation), derivation.signals.v
     (label, s_next), (h,) = update.outputs[0], [block for block in update.inputs if block[0] == "h"]
@@ -143,10 +143,10 @@ def sample_reference(derivation: Derivation, update: Kernel, held: Reference) ->
     entries = (
         (v.name,),
         tuple(symbol.name for symbol in words.w),
-        *held.entries,
+        *plant.entries,
         _entry_names(label, s_next),
     )
-    return Reference("sample", entries, inputs, program, order=held.order, held=held)
+    return Reference("sample", entries, inputs, program, order=plant.order, plant=plant)
 
 
 def _entry_names(label: str, entries: tuple[Any, ...]) -> tuple[str, ...]:

@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from pmjoint_codegen.check.drawn import draws
-from pmjoint_codegen.check.gates import golden, independent
+from pmjoint_codegen.check import trajectory
+from pmjoint_codegen.check.gates import independent
+from pmjoint_codegen.check.inputs.drawn import draws
 from pmjoint_codegen.check.oracles import heyoka_loop
 from pmjoint_codegen.check.oracles.heyoka_kinks import SlidingError, UntrustedError
 from pmjoint_codegen.check.oracles.heyoka_loop import Loop, told_apart
@@ -83,7 +84,7 @@ def test_equal_models_draw_equal_settings_within_their_ranges(paper: Subject) ->
 
 
 def test_a_lost_run_and_one_without_saturation_are_not_held(paper: Subject) -> None:
-    still = golden.Trajectory(("x1", "v"), np.zeros(2), np.zeros((2, 2)), ())
+    still = trajectory.Trajectory(("x1", "v"), np.zeros(2), np.zeros((2, 2)), ())
     assert not independent.saturates_and_returns(still)
     assert not independent.saturates_and_returns(dataclasses.replace(still, switches=((0.1, 0), (0.2, 1))))
     returned = dataclasses.replace(still, switches=((0.1, 1), (0.2, 0)))
@@ -110,29 +111,29 @@ def test_thresholds_that_round_apart_are_one_and_others_are_not() -> None:
 
 def test_v_is_held_relative_to_its_law_s_slopes(heyoka: Any, paper: Subject) -> None:
     """The paper's law is linear in the states: a slope is the difference that a state's whole size makes."""
-    done = golden.default_run(paper.compiled or paper.interpreted)
-    loop, found = Loop(heyoka, paper, done.settings.parameters), golden.trajectory_of(done)
+    done = trajectory.default_run(paper.compiled or paper.interpreted)
+    loop, found = Loop(heyoka, paper, done.settings.parameters), trajectory.trajectory_of(done)
     states, sizes = found.values[:, :-1], np.maximum(1.0, np.abs(found.values))
     scales, slopes = loop.scales(found, 10.0), loop.law(found.t, states, 10.0)[:, 1:]
     for i in range(done.manifest.nX):
         moved = loop.law(found.t, states + np.eye(done.manifest.nX)[i] * sizes[:, [i]], 10.0)[:, 0]
         gap = moved - found.values[:, -1] - slopes[:, i] * sizes[:, i]
-        assert np.all(np.abs(gap) <= golden.ACCURACY * scales[:, -1])
+        assert np.all(np.abs(gap) <= trajectory.ACCURACY * scales[:, -1])
     np.testing.assert_array_equal(scales[:, :-1], sizes[:, :-1])
     expected = sizes[:, -1] + np.sum(np.abs(slopes) * sizes[:, :-1], axis=1)
     np.testing.assert_allclose(scales[:, -1], expected, rtol=1e-15)
 
 
 def test_at_high_gain_v_differs_by_more_than_the_states_do(heyoka: Any, paper: Subject) -> None:
-    done = golden.default_run(paper.compiled or paper.interpreted, {"c1": 500.0, "c2": 500.0})
+    done = trajectory.default_run(paper.compiled or paper.interpreted, {"c1": 500.0, "c2": 500.0})
     loop = Loop(heyoka, paper, done.settings.parameters)
-    expected, found = independent.reference(loop, paper, done.settings), golden.trajectory_of(done)
-    assert golden.compare("x", expected, found, "heyoka").verdict is Verdict.FAILED
-    assert independent.hold(loop, paper, done).verdict is Verdict.PASSED
+    expected, found = independent.reference(loop, paper, done.settings), trajectory.trajectory_of(done)
+    assert trajectory.compare(expected, found, "heyoka").verdict is Verdict.FAILED
+    assert independent.compare_run(loop, paper, done).verdict is Verdict.PASSED
     states = dataclasses.replace(found, values=found.values.copy())
     states.values[5, 0] += 2e-9
     scales = loop.scales(expected, 10.0)
-    assert golden.compare("x", expected, states, "heyoka", scales).verdict is Verdict.FAILED
+    assert trajectory.compare(expected, states, "heyoka", scales).verdict is Verdict.FAILED
 
 
 NARROW = ("reference-bump", "reference-window", "disturbance-bump-at-rest", "disturbance-window")
@@ -216,7 +217,7 @@ def test_the_gate_says_that_it_has_no_reference(
     settings, _, _ = start_of(subject, case)
     done = run(subject.interpreted, settings)
     monkeypatch.setattr(heyoka_loop, "LONGEST_STEPS", (np.inf,))
-    result = independent.hold(Loop(heyoka, subject, settings.parameters), subject, done)
+    result = independent.compare_run(Loop(heyoka, subject, settings.parameters), subject, done)
     assert result.verdict is Verdict.NOT_RUN
     assert "heyoka's run is no reference: it leaves its equations" in result.detail
 
@@ -232,7 +233,7 @@ def test_a_run_that_passes_over_a_pulse_fails(heyoka: Any, root: Path, paper: Su
         signals=np.tile(done.signals[0], (len(done.t), 1)),
         switches=(),
     )
-    result = independent.hold(Loop(heyoka, subject, settings.parameters), subject, still)
+    result = independent.compare_run(Loop(heyoka, subject, settings.parameters), subject, still)
     assert result.verdict is Verdict.FAILED
 
 
@@ -289,18 +290,18 @@ def test_where_both_are_stuck_nothing_is_held_and_nothing_passes(
 ) -> None:
     """The reference stops: friction then holds the joint, in both, at one instant."""
     subject = interpreted_of(changed(paper, "0.5", ("0", "-3*sign(x2)"), [0.0, 0.3]))
-    settings = make_settings(subject.manifest, horizon=8.0, tolerance=golden.TOLERANCE)
+    settings = make_settings(subject.manifest, horizon=8.0, tolerance=trajectory.TOLERANCE)
     done = run(subject.interpreted, settings)
     loop = Loop(heyoka, subject, settings.parameters)
     with pytest.raises(SlidingError) as caught:
         independent.reference(loop, subject, settings)
     assert f"t = {caught.value.t:.6g} s" in done.message
-    result = independent.hold(loop, subject, done)
+    result = independent.compare_run(loop, subject, done)
     assert result.verdict is Verdict.NOT_RUN and "stuck to a kink" in result.detail
     early = dataclasses.replace(done, t=done.t[:-1], states=done.states[:-1], signals=done.signals[:-1])
-    assert independent.hold(loop, subject, early).verdict is Verdict.FAILED
+    assert independent.compare_run(loop, subject, early).verdict is Verdict.FAILED
     monkeypatch.setattr(independent, "drawn_settings", lambda _subject, _draw: settings)
-    drawn = independent.hold_drawn(loop, subject, subject.interpreted, result, 1)
+    drawn = independent.compare_drawn(loop, subject, subject.interpreted, result, 1)
     assert drawn.verdict is Verdict.NOT_RUN
     assert "no drawn run that saturates" in drawn.detail and "4 more are stuck to a kink" in drawn.detail
 

@@ -91,8 +91,8 @@ class Features:
             return None
         for row in range(len(moved[0])):
             target, by, values = movers[row % len(movers)]
-            held = {symbol: float(moved[block][row, entry]) for symbol, (block, entry) in places.items()}
-            found = _place(partial(_along, values, held, by), target, random)
+            fixed = {symbol: float(moved[block][row, entry]) for symbol, (block, entry) in places.items()}
+            found = _place(partial(_along, values, fixed, by), target, random)
             if found is not None:
                 block, entry = places[by]
                 moved[block][row, entry] = found
@@ -132,9 +132,9 @@ def _evaluate(
         return np.asarray(compiled(*(known[name] for name in names)), dtype=np.float64)
 
 
-def _along(values: Values, held: Mapping[sp.Symbol, float | Array], by: sp.Symbol, at: Array) -> Array:
+def _along(values: Values, fixed: Mapping[sp.Symbol, float | Array], by: sp.Symbol, at: Array) -> Array:
     """The argument as a function of one symbol."""
-    return values({**held, by: at})
+    return values({**fixed, by: at})
 
 
 def _in(expression: sp.Expr, moving: frozenset[sp.Symbol]) -> Iterator[Feature]:
@@ -178,5 +178,5 @@ def _place(argument: Callable[[Array], Array], target: float, random: np.random.
     side = float(random.choice([-1.0, 1.0]))
     steps = np.concatenate([[0.0], np.geomspace(1e-9, WIDEST, 200)])
     beyond = np.append(~(distance(place + side * steps) <= closest + NEAR), True)
-    reach = float(steps[max(int(np.argmax(beyond)) - 1, 0)])
-    return place + side * reach * float(random.uniform(0.0, 1.0))
+    far = float(steps[max(int(np.argmax(beyond)) - 1, 0)])
+    return place + side * far * float(random.uniform(0.0, 1.0))

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pmjoint_codegen.check.features import Features
+from pmjoint_codegen.check.inputs.features import Features
 from pmjoint_codegen.kernels.evaluator import Evaluator
 from pmjoint_codegen.loops.modes import Actuator, make_actuator
 from pmjoint_codegen.manifest import Function, Manifest

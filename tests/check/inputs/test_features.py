@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from pmjoint_codegen.check.features import Features
 from pmjoint_codegen.check.gates import derivatives, guards, interpreter, symbolic
-from pmjoint_codegen.check.points import batches
+from pmjoint_codegen.check.inputs.features import Features
+from pmjoint_codegen.check.inputs.points import batches
 from pmjoint_codegen.check.result import Verdict
 from pmjoint_codegen.check.subject import Subject, load_subject
 from pmjoint_codegen.emit.regenerate import regenerate

@@ -1,4 +1,4 @@
-"""What the printed equations are held against, and the tables that say what each printed symbol stands for.
+"""What the printed equations are checked against, and tables of what each printed symbol stands for.
 
 Every quantity is an expression of *primitive* symbols: the plant's and the controller's states, the
 reference with its derivatives, the disturbance d, the applied input u (free: no saturation is assumed), the
@@ -24,6 +24,7 @@ from pmjoint_codegen.audit.notation import Scope, value
 from pmjoint_codegen.audit.paper import DESIGN, JOINT, Printed
 from pmjoint_derive import Derivation, Signals, parameter_symbol
 from pmjoint_derive.filters import filter_matrix, shift_matrix
+from pmjoint_derive.lyapunov import error_function, lyapunov_function, lyapunov_matrix
 from pmjoint_derive.units import Unit
 
 
@@ -43,7 +44,7 @@ class Context:
 
     def __post_init__(self) -> None:
         """Solve the Lyapunov equation once."""
-        object.__setattr__(self, "P", lyapunov_solution(filter_matrix(self.signals)))
+        object.__setattr__(self, "P", lyapunov_matrix(self.signals))
 
     @property
     def signals(self) -> Signals:
@@ -127,23 +128,13 @@ def disturbance_symbol() -> sp.Symbol:
     return parameter_symbol("D2")
 
 
-def lyapunov_solution(A0: sp.MatrixBase) -> sp.ImmutableMatrix:
-    """The symmetric P of ``P A0 + A0' P = -2 I``."""
-    n = A0.shape[0]
-    entries = [[sp.Dummy(f"p{min(i, j)}{max(i, j)}") for j in range(n)] for i in range(n)]
-    P = sp.Matrix(n, n, lambda i, j: entries[min(i, j)][max(i, j)])
-    unknown = sorted(P.free_symbols, key=str)
-    (solution,) = sp.solve(list(P * A0 + A0.T * P + 2 * sp.eye(n)), unknown, dict=True)
-    return sp.ImmutableMatrix(P.xreplace(solution))
-
-
 class DesignScope(Mapping[str, Any]):
     """Symbols from (9) on; derivatives are computed when they are asked for."""
 
-    def __init__(self, ground: Context) -> None:
+    def __init__(self, context: Context) -> None:
         """Take the derivation."""
-        self._ground = ground
-        self._known = _design_table(ground)
+        self._context = context
+        self._known = _design_table(context)
 
     def __getitem__(self, name: str) -> Any:
         """What a printed name stands for; raises KeyError when nothing is known of it."""
@@ -154,9 +145,9 @@ class DesignScope(Mapping[str, Any]):
             arguments = [ast.unparse(argument) for argument in node.args]
             match ast.unparse(node.func):
                 case "dot":
-                    return self._ground.rate(value(arguments[0], self))
+                    return self._context.rate(value(arguments[0], self))
                 case "ddot":
-                    return self._ground.rate(self[f"dot({arguments[0]})"])
+                    return self._context.rate(self[f"dot({arguments[0]})"])
                 case "partial":
                     return self._partial(*arguments)
         raise KeyError(name)
@@ -175,17 +166,16 @@ class DesignScope(Mapping[str, Any]):
 
     def _partial(self, of: str, by: str) -> Any:
         """Derivative of one quantity by another; by a column it is a row."""
-        function = self._ground.expand(value(of, self))
-        argument = self._ground.expand(value(by, self))
+        function = self._context.expand(value(of, self))
+        argument = self._context.expand(value(by, self))
         if isinstance(argument, sp.MatrixBase):
             return sp.Matrix([[sp.diff(function, entry) for entry in argument]])
         return sp.diff(function, argument)
 
 
-def _design_table(ground: Context) -> Mapping[str, Any]:
-    s, P = ground.signals, ground.P
-    d = disturbance_symbol()
-    n = len(s.x)
+def _design_table(context: Context) -> Mapping[str, Any]:
+    s, P, d = context.signals, context.P, disturbance_symbol()
+    n, V_epsilon = len(s.x), error_function(s, P)
     table: dict[str, Any] = {
         "y": s.y,
         "u": s.u,
@@ -221,9 +211,9 @@ def _design_table(ground: Context) -> Mapping[str, Any]:
         "P": P,
         "norm(P)": spectral_norm(),
         "lamda_max(P)": spectral_norm(),
-        "V_epsilon": error_function(ground),
-        "V_1": lyapunov_function(ground, 1),
-        "V_2": lyapunov_function(ground, 2),
+        "V_epsilon": V_epsilon,
+        "V_1": lyapunov_function(s, V_epsilon, steps=1),
+        "V_2": lyapunov_function(s, V_epsilon),
     }
     for i in range(1, n + 1):
         table |= {f"x_{i}": s.x[i - 1], f"hat(x_{i})": parameter_symbol(f"x_hat{i}"), f"xi_{i}": s.xi[i - 1]}
@@ -242,16 +232,3 @@ def _design_table(ground: Context) -> Mapping[str, Any]:
 def spectral_norm() -> sp.Symbol:
     """The largest eigenvalue of P, which is its spectral norm, since P is symmetric and positive."""
     return sp.Symbol("lambda_P", positive=True)
-
-
-def error_function(ground: Context) -> sp.Expr:
-    """``epsilon' P epsilon``."""
-    epsilon = sp.Matrix(ground.signals.epsilon)
-    return sp.expand((epsilon.T * ground.P * epsilon)[0, 0])
-
-
-def lyapunov_function(ground: Context, steps: int) -> sp.Expr:
-    """``sum of z_i^2 / 2 + sum of V_epsilon / (2 e_i)`` over the first steps."""
-    s = ground.signals
-    pairs = list(zip(s.z, s.e, strict=True))[:steps]
-    return sum((z**2 / 2 + error_function(ground) / (2 * e) for z, e in pairs), sp.Integer(0))

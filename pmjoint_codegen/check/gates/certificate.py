@@ -1,0 +1,72 @@
+"""V along the default run against (35).
+
+From row to row, h apart, ``V <= V_0 exp(-f h) + (Y/f) (1 - exp(-f h))``: (35), integrated.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import sympy as sp
+
+from pmjoint_codegen.check.gates.invariants import estimation_errors
+from pmjoint_codegen.check.gates.proof import design_values
+from pmjoint_codegen.check.oracles.certificate import Certificate, certify
+from pmjoint_codegen.check.result import Difference, GateResult, failed, not_run, passed
+from pmjoint_codegen.check.subject import Subject
+from pmjoint_codegen.check.trajectory import ACCURACY, default_run
+from pmjoint_codegen.kernels.evaluator import Evaluator
+from pmjoint_codegen.simulate.run import Run
+
+Array = npt.NDArray[np.float64]
+
+ROUNDOFF = 2.0**-53
+
+
+def check(subject: Subject) -> GateResult:
+    """V along the default run, against (35) with the model's bound of the disturbance, or the run's."""
+    if not subject.model.gains.compensator:
+        return not_run("the certificate is that of the loop with compensator")
+    evaluator, stated = subject.compiled or subject.interpreted, subject.model.disturbance_bound
+    run = default_run(evaluator)
+    largest = float(np.max(np.linalg.norm(disturbances(evaluator, run), axis=1)))
+    if stated is not None and largest > stated * (1 + 4 * ROUNDOFF):
+        return failed("the disturbance exceeds the model's disturbance_bound", largest, stated)
+    bound = largest if stated is None else stated
+    return decrease(run, certify(subject.derivation, design_values(subject.derivation), bound))
+
+
+def disturbances(evaluator: Evaluator, run: Run) -> Array:
+    """D of (12) along a run, shape (rows, n)."""
+    limits = evaluator.call("actuation", run.settings.p)[0].reshape(-1, 4)
+    w = np.clip(limits[:, 0] + limits[:, 1] * run["v"][:, np.newaxis], limits[:, 2], limits[:, 3])
+    x = run.states[:, : run.manifest.nx]
+    return evaluator.call("disturbance", run.t[:, np.newaxis], x, w, run.settings.p)[0]
+
+
+def decrease(run: Run, certificate: Certificate) -> GateResult:
+    """Check V of every row against what (35) allows after the row before.
+
+    Args:
+        run: the run.
+        certificate: f, Y and P.
+    """
+    V = energy(run, certificate)
+    falling = np.exp(-certificate.f * np.diff(run.t))
+    allowed = V[:-1] * falling + (certificate.Y or 0.0) / certificate.f * (1 - falling)
+    allowed += ACCURACY * (1 + V[:-1])  # what the trajectory itself is worth
+    ratio = V[1:] / allowed
+    row = int(np.argmax(ratio))
+    detail = f"largest V / what (35) allows, row to row; V goes from {V[0]:.4g} to {V[-1]:.3g}"
+    if ratio[row] <= 1:
+        return passed(detail, float(ratio[row]), 1)
+    point, values = f"t={float(run.t[row + 1])!r} s", (repr(float(allowed[row])), repr(float(V[row + 1])))
+    return failed(detail, float(ratio[row]), 1, Difference("run", "V", point, *values, "", ""))
+
+
+def energy(run: Run, certificate: Certificate) -> Array:
+    """V (30) at every row, shape (rows,)."""
+    columns = {f"z{i}": run[f"z{i}"] for i in range(1, run.manifest.rho + 1)}
+    columns |= {f"epsilon{i}": column for i, column in enumerate(estimation_errors(run).T, start=1)}
+    V = sp.lambdify(list(columns), certificate.V, "numpy")
+    return np.asarray(V(*columns.values()), dtype=np.float64)

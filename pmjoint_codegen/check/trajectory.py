@@ -1,0 +1,130 @@
+"""Trajectories as gates compare them: states and v at some instants, and when u met its limits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from pmjoint_codegen.check.result import Difference, GateResult, failed, passed
+from pmjoint_codegen.kernels.evaluator import Evaluator
+from pmjoint_codegen.simulate.run import Run, run
+from pmjoint_codegen.simulate.settings import make_settings
+
+Array = npt.NDArray[np.float64]
+
+ACCURACY = 1e-9  # what a trajectory must agree to, relative to max(1, |value|); the same for instants, s
+TOLERANCE = 1e-13  # local error of the runs: small enough for the accuracy above over the whole horizon
+ROWS = 201  # instants that are kept, at most
+
+Switches = tuple[tuple[float, int], ...]
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """States and v at some instants, and when u entered or left its limits.
+
+    Attributes:
+        names: of the columns after t.
+        t: instants, s, shape (rows,).
+        values: shape (rows, columns).
+        switches: (t in s, mode label).
+    """
+
+    names: tuple[str, ...]
+    t: Array
+    values: Array
+    switches: Switches
+
+
+def default_run(
+    evaluator: Evaluator, parameters: dict[str, float] | None = None, output_step: float | None = None
+) -> Run:
+    """The model's own run, as exactly as the integrator can.
+
+    Args:
+        evaluator: of the model's kernels.
+        parameters: other values of some parameters, as the kernels take them.
+        output_step: another than the model's, s.
+    """
+    settings = make_settings(
+        evaluator.manifest,
+        parameters=evaluator.manifest.written(parameters or {}),
+        output_step=output_step,
+        tolerance=TOLERANCE,
+    )
+    return run(evaluator, settings)
+
+
+def trajectory_of(done: Run) -> Trajectory:
+    """What a golden file keeps of a run."""
+    rows = kept_rows(len(done.t))
+    names = tuple(item.name for item in done.manifest.states)
+    values = np.column_stack([done.states, done["v"]])
+    return Trajectory((*names, "v"), done.t[rows], values[rows], done.switches)
+
+
+def kept_rows(count: int) -> list[int]:
+    """Which of a run's output rows are kept: evenly many, and the last one."""
+    every = max(1, -(-(count - 1) // (ROWS - 1)))
+    return sorted({*range(0, count, every), count - 1})
+
+
+def compare(expected: Trajectory, found: Trajectory, against: str, scales: Array | None = None) -> GateResult:
+    """Hold one trajectory against another, switching instants included.
+
+    Args:
+        expected: the reference.
+        found: what the integrator gave.
+        against: what the reference is, for people.
+        scales: what each entry is compared relative to, shape (rows, columns); max(1, |value|) by default.
+    """
+    if expected.names != found.names or not np.array_equal(expected.t, found.t):
+        return failed(
+            f"columns or instants are not those of the {against} trajectory",
+        )
+    modes = [mode for _, mode in expected.switches], [mode for _, mode in found.switches]
+    if modes[0] != modes[1]:
+        first = Difference(
+            "run", "modes of saturation", "", str(expected.switches), str(found.switches), "", ""
+        )
+        return failed(f"other saturation switches than the {against} trajectory", difference=first)
+    relative_to = np.maximum(1.0, np.abs(expected.values)) if scales is None else scales
+    error = np.abs(found.values - expected.values) / relative_to
+    error = np.where(np.isnan(error), np.inf, error)
+    row, column = (int(i) for i in np.unravel_index(np.argmax(error), error.shape))
+    late = [abs(a - b) for (a, _), (b, _) in zip(expected.switches, found.switches, strict=True)]
+    worst = max(float(error[row, column]), *late) if late else float(error[row, column])
+    counts = f"{len(error)} rows and {len(late)} switching instants"
+    detail = f"largest difference from the {against} trajectory, {counts}"
+    if worst <= ACCURACY:
+        return passed(detail, worst, ACCURACY)
+    return failed(detail, worst, ACCURACY, _difference(expected, found, late, error, row, column))
+
+
+def _difference(
+    expected: Trajectory, found: Trajectory, late: list[float], error: Array, row: int, column: int
+) -> Difference:
+    bound = f"{ACCURACY:g}"
+    if late and max(late) > error[row, column]:
+        i = late.index(max(late))
+        return Difference(
+            "run",
+            f"switch {i + 1}",
+            "",
+            str(expected.switches[i]),
+            str(found.switches[i]),
+            f"{late[i]:.3g} s",
+            f"{bound} s",
+        )
+    a, b = float(expected.values[row, column]), float(found.values[row, column])
+    return Difference(
+        "run",
+        expected.names[column],
+        f"t={float(expected.t[row])!r} s",
+        repr(a),
+        repr(b),
+        f"{error[row, column]:.3g} of its scale",
+        bound,
+    )
