@@ -132,7 +132,9 @@ def compare(files: Mapping[str, bytes], fresh: Mapping[str, str], wanted: Manife
         if recorded.versions.get(tool) != version
     ]
     differing = [
-        f"{name} has other content" for name, text in fresh.items() if files.get(name) != text.encode()
+        f"{name} {'has other content' if name in files else 'is new'}"
+        for name, text in fresh.items()
+        if files.get(name) != text.encode()
     ]
     return Comparison(Verdict.GENERATOR_CHANGED, (*versions, *differing), changes)
 
