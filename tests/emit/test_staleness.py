@@ -87,7 +87,7 @@ def test_comments_and_layout_are_no_change(project: Path) -> None:
         ),
         ('sigma = "1"', 'sigma = "1 + y**2"', ("    + lambda2_dot = -k2*lambda1 + u*(y**2 + 1)",)),
         ('b     = ["b0"]', 'b     = ["2*b0"]', ("    + b_0 = 2*b0", "    + z2 = ")),
-        ("x0          = [1.5, 0.0]", "x0 = [1.4, 0.0]", ("    x0: (1.5, 0.0) -> (1.4, 0.0)",)),
+        ("x0          = [1.5, 0.0]", "x0 = [1.4, 0.0]", ("    x0: [1.5, 0.0] -> [1.4, 0.0]",)),
         ("disturbance_bound = 0.1 ", "disturbance_bound = 0.2 ", ("D_max: 0.1 -> 0.2",)),
         (
             'title  = "Pneu',

@@ -229,7 +229,8 @@ def test_markdown_shows_a_changed_term_as_one_changed_line(place: int) -> None:
     pages = [
         markdown_report(model(2, 2), [replace(law, expression=sum(some, ZERO))]) for some in (terms, longer)
     ]
-    changed = [line for line in difflib.ndiff(*(page.splitlines() for page in pages)) if line[0] in "+-"]
+    lines = difflib.ndiff(pages[0].splitlines(), pages[1].splitlines())
+    changed = [line for line in lines if line[0] in "+-"]
     assert [line[0] for line in changed] == ["-", "+"]
     assert "355" in changed[1]
 
