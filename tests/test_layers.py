@@ -19,7 +19,9 @@ GROUND_FLOOR = ("errors", "storage", "workspace", "identity", "manifest", "value
 RUNTIME = ("compile", "kernels", "loops", "simulate", "sweep", "tune")
 FACADE = ("closed_loop",)
 SYMBOLIC = {"pmjoint_derive", "sympy", "casadi", "pint", "pydantic"}
-TOOLCHAIN = {f"{PACKAGE}.{name}" for name in ("modelfile", "emit", "report", "audit", "check", "provision")}
+TOOLCHAIN = {
+    f"{PACKAGE}.{name}" for name in ("modelfile", "emit", "report", "audit", "check", "review", "provision")
+}
 
 
 @dataclass(frozen=True)

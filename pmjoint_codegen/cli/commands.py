@@ -43,6 +43,11 @@ COMMANDS = (
         "Write generated/<model>/, or with --check say what is stale.",
     ),
     Entry(
+        "diff",
+        "pmjoint_codegen.cli.diff",
+        "Show what a change of a model changes since a revision of git.",
+    ),
+    Entry(
         "check",
         "pmjoint_codegen.cli.check",
         "Hold generated code against the derivation, gate by gate.",

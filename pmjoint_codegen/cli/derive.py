@@ -7,7 +7,7 @@ import click
 from pmjoint_codegen.cli.options import ModelName
 from pmjoint_codegen.cli.terminal import activity, document, result
 
-FORMATS = ("text", "latex", "json")
+FORMATS = ("text", "latex", "markdown", "json")
 
 
 _ABOUT = """Print the derivation of MODEL, equation by equation.
@@ -33,7 +33,8 @@ Examples
     type=click.Choice(FORMATS),
     default="text",
     show_default=True,
-    help="text copies into code; latex is a whole document (article, amsmath); json is one document.",
+    help="text copies into code; latex is a whole document (article, amsmath); markdown renders on GitHub "
+    "and GitLab; json is one document.",
 )
 def command(model: str, form: str) -> None:
     """Run ``pmjoint derive``: click hands over what it has read."""
@@ -42,6 +43,7 @@ def command(model: str, form: str) -> None:
         from pmjoint_codegen.modelfile import model_of
         from pmjoint_codegen.modelfile.reader import read_document
         from pmjoint_codegen.report.latex import latex_report
+        from pmjoint_codegen.report.markdown import markdown_report
         from pmjoint_codegen.report.record import derivation_record
         from pmjoint_codegen.report.text import text_report
         from pmjoint_codegen.workspace import find_model
@@ -57,4 +59,5 @@ def command(model: str, form: str) -> None:
     if form == "json":
         document(derivation_record(source, equations))
     else:
-        result((latex_report if form == "latex" else text_report)(source, equations))
+        write = {"text": text_report, "latex": latex_report, "markdown": markdown_report}[form]
+        result(write(source, equations))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import click
@@ -53,12 +54,8 @@ def report_lines(report: Report, width: int = 0) -> Iterator[str]:
     yield f"{report.name:<{width}}  {comparison.verdict.value}{done}"
     for detail in comparison.details:
         yield f"    {detail}"
-    known_before = any(change.before is not None for change in comparison.changes)
-    for change in comparison.changes if known_before else ():  # of a first generation, every equation is new
-        if change.before is not None:
-            yield f"    - {change.name} = {change.before}"
-        if change.after is not None:
-            yield f"    + {change.name} = {change.after}"
+    for change in comparison.changes:
+        yield from (f"    {line}" for line in change.equation_lines())
     if report.stale and not report.written:
         yield f"    to mend it: {report.remedy}"
 
@@ -71,9 +68,6 @@ def _record(report: Report) -> dict[str, object]:
         "verdict": comparison.verdict.value,
         "written": report.written,
         "details": comparison.details,
-        "changes": [
-            {"name": change.name, "before": change.before, "after": change.after}
-            for change in comparison.changes
-        ],
+        "changes": [asdict(change) for change in comparison.changes],
         "remedy": report.remedy if report.stale and not report.written else None,
     }

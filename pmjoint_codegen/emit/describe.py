@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from typing import Final
 
 import casadi as ca
 import sympy as sp
@@ -23,8 +22,6 @@ from pmjoint_codegen.manifest import (
 )
 from pmjoint_codegen.values import Rule
 from pmjoint_derive import Derivation, Model, parameter_symbol
-
-EQUATIONS: Final = "equations.json"
 
 
 def tool_versions() -> dict[str, str]:

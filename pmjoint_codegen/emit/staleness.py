@@ -10,13 +10,12 @@ orphan             the folder has no model file
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
-from pmjoint_codegen.emit.describe import EQUATIONS
+from pmjoint_codegen.emit.changes import Change, changes, content_of
 from pmjoint_codegen.errors import OtherVersionError, StaleError
 from pmjoint_codegen.manifest import FILE_NAME, Manifest
 from pmjoint_codegen.storage import sha256
@@ -44,33 +43,18 @@ REMEDIES: Mapping[Verdict, str] = {
 
 
 @dataclass(frozen=True)
-class EquationChange:
-    """One named equation that is new, gone or different.
-
-    Attributes:
-        name: left-hand side.
-        before: right-hand side in ``generated/``, None when new.
-        after: right-hand side as derived now, None when gone.
-    """
-
-    name: str
-    before: str | None
-    after: str | None
-
-
-@dataclass(frozen=True)
 class Comparison:
     """A verdict and its reasons.
 
     Attributes:
         verdict: how the folder stands.
         details: one line a reason.
-        changes: what changed, in mathematics.
+        changes: equations that are new, gone or different.
     """
 
     verdict: Verdict
     details: tuple[str, ...] = ()
-    changes: tuple[EquationChange, ...] = ()
+    changes: tuple[Change, ...] = ()
 
 
 def read_folder(folder: Path) -> dict[str, bytes]:
@@ -114,11 +98,7 @@ def compare(files: Mapping[str, bytes], fresh: Mapping[str, str], wanted: Manife
         wanted: the fresh manifest.
     """
     if not files:
-        return Comparison(
-            Verdict.MISSING,
-            ("nothing is generated yet",),
-            equation_changes({}, equations_in(fresh[EQUATIONS])),
-        )
+        return Comparison(Verdict.MISSING, ("nothing is generated yet",))
     if files == {name: text.encode() for name, text in fresh.items()}:
         return Comparison(Verdict.CURRENT)
     try:
@@ -127,56 +107,23 @@ def compare(files: Mapping[str, bytes], fresh: Mapping[str, str], wanted: Manife
         return Comparison(Verdict.GENERATOR_CHANGED, (f"{error.where} {error.what}",))
     if recorded is None or edits:
         return Comparison(Verdict.EDITED, tuple(edits))
-    changes = equation_changes(equations_in(files[EQUATIONS]), equations_in(fresh[EQUATIONS]))
+    before, after = content_of(files), content_of({name: text.encode() for name, text in fresh.items()})
+    equations = changes(before.equations, after.equations)
     if recorded.model_hash != wanted.model_hash:
-        return Comparison(Verdict.MODEL_CHANGED, _value_changes(recorded, wanted), changes)
+        values = [
+            f"{item.name}: {item.before} -> {item.after}" for item in changes(before.values, after.values)
+        ]
+        return Comparison(
+            Verdict.MODEL_CHANGED, tuple(values) or ("the model file says something else",), equations
+        )
     versions = [
         f"{tool} {recorded.versions.get(tool, 'unknown')} -> {version}"
         for tool, version in wanted.versions.items()
         if recorded.versions.get(tool) != version
     ]
     differing = [
-        f"{name} has other content" for name, text in fresh.items() if files.get(name) != text.encode()
+        f"{name} {'has other content' if name in files else 'is new'}"
+        for name, text in fresh.items()
+        if files.get(name) != text.encode()
     ]
-    return Comparison(Verdict.GENERATOR_CHANGED, (*versions, *differing), changes)
-
-
-def equations_in(text: str | bytes) -> dict[str, str]:
-    """Right-hand sides by name, in order, from the text of ``equations.json``."""
-    return {item["name"]: item["text"] for item in json.loads(text)["equations"]}
-
-
-def equation_changes(before: Mapping[str, str], after: Mapping[str, str]) -> tuple[EquationChange, ...]:
-    """Named equations that are new, gone or different, in the order of the derivation."""
-    return tuple(
-        EquationChange(name, before.get(name), after.get(name))
-        for name in dict.fromkeys((*after, *before))
-        if before.get(name) != after.get(name)
-    )
-
-
-def _value_changes(before: Manifest, after: Manifest) -> tuple[str, ...]:
-    """Numbers, default run and descriptions that differ, one line each."""
-    old, new = (_said(manifest) for manifest in (before, after))
-    lines = [
-        f"{name}: {old.get(name)} -> {new.get(name)}"
-        for name in dict.fromkeys((*new, *old))
-        if old.get(name) != new.get(name)
-    ]
-    return tuple(lines) or ("the model file says something else",)
-
-
-def _said(manifest: Manifest) -> dict[str, object]:
-    """What a model file says besides its equations, by name."""
-    stated = [item for item in manifest.parameters if item.kind != "own"]
-    said: dict[str, object] = {**manifest.written({item.name: item.value for item in stated})}
-    said |= {f"unit of {item.name}": item.unit for item in stated}
-    said |= {f"meaning of {item.name}": item.about for item in stated}
-    said |= {item.name: getattr(manifest.simulation, item.name) for item in fields(manifest.simulation)}
-    return {
-        **said,
-        "D_max": manifest.disturbance_bound,
-        "limit": manifest.limit,
-        "title": manifest.title,
-        "source": manifest.source,
-    }
+    return Comparison(Verdict.GENERATOR_CHANGED, (*versions, *differing), equations)

@@ -11,6 +11,7 @@ from pmjoint_codegen.report.notation import (
     escape,
     latex_expression,
     latex_name,
+    latex_number,
     latex_prose,
     latex_unit,
     scaled_sum,
@@ -55,22 +56,27 @@ def latex_report(model: Model, equations: Iterable[Equation]) -> str:
         r"\date{}",
         rf"\author{{\parbox{{0.9\linewidth}}{{\centering {escape(model.source)}}}}}",
     ]
-    lines += [r"\begin{document}", r"\maketitle", _scope(model), "", *_parameters(model.parameters)]
-    lines += ["", r"\medskip", _gains(model)]
+    lines += [r"\begin{document}", r"\maketitle", scope(model), "", *_parameters(model.parameters)]
+    lines += ["", r"\medskip", gains(model)]
     for section, members in by_section(equations):
         lines += ["", rf"\section*{{{escape(section)}}}"]
-        if section == TRUE_PLANT:
-            pairs = own_parameters(model, members).items()
-            same = ", ".join(f"${latex_name(own)} = {latex_name(name)}$" for own, name in pairs)
-            lines.append(f"Where no other value is set, the plant has what the controller believes: {same}.")
-        if section == SAMPLED:
-            lines.append(_HELD)
+        lines += section_note(section, model, members)
         for equation in members:
             lines += ["", *_display(equation)]
     return "\n".join([*lines, "", r"\end{document}"])
 
 
-def _scope(model: Model) -> str:
+def section_note(section: str, model: Model, members: Iterable[Equation]) -> list[str]:
+    """Say what a section needs besides its equations: at most one paragraph."""
+    if section == TRUE_PLANT:
+        pairs = own_parameters(model, members).items()
+        same = ", ".join(f"${latex_name(own)} = {latex_name(name)}$" for own, name in pairs)
+        return [f"Where no other value is set, the plant has what the controller believes: {same}."]
+    return [_HELD] if section == SAMPLED else []
+
+
+def scope(model: Model) -> str:
+    """Give order, zeros and relative degree in a sentence, and say what the numbers of equations are."""
     plant = model.plant
     return (
         f"Order $n = {plant.order}$, zeros $m = {plant.m}$, relative degree $\\rho = {plant.rho}$. Numbers "
@@ -84,13 +90,14 @@ def _parameters(parameters: tuple[Parameter, ...]) -> Iterator[str]:
     for item in parameters:
         unit = "" if item.unit in ("", "1") else latex_unit(item.unit)
         value = from_si(item.value, item.scale)
-        yield rf"${latex_name(item.name)}$ & ${value:g}$ & {unit} & {latex_prose(item.about)} \\"
+        yield rf"${latex_name(item.name)}$ & ${latex_number(value)}$ & {unit} & {latex_prose(item.about)} \\"
     yield r"\end{tabular}"
 
 
-def _gains(model: Model) -> str:
+def gains(model: Model) -> str:
+    """Give the gains in a sentence."""
     rows = {"c": model.gains.c, "e": model.gains.e, "c_k": model.gains.ck, "k": model.gains.k}
-    lists = ", ".join(f"${stem} = ({', '.join(f'{x:g}' for x in row)})$" for stem, row in rows.items())
+    lists = ", ".join(f"${stem} = ({', '.join(map(latex_number, row))})$" for stem, row in rows.items())
     switch = f"${latex_name('compensator')} = {int(model.gains.compensator)}$"
     return f"Gains: {lists}. The switch {switch} is 1 where the compensator (23) works and 0 where $r = 0$."
 
@@ -104,22 +111,29 @@ def _display(equation: Equation) -> Iterator[str]:
     yield rf"\begin{{{environment}}}"
     if equation.number:
         yield rf"\tag{{{equation.number.strip('()')}}}"
-    yield from _broken(latex_name(equation.name), equation.expression)
+    yield from equation_rows(equation)
     yield rf"\end{{{environment}}}"
 
 
-def _broken(left: str, expression: sp.Expr) -> list[str]:
-    """Give the equation on one line, or broken between terms where the line would be too long."""
+def equation_rows(equation: Equation, *, fill: bool = True) -> list[str]:
+    """Give an equation on one line, or broken between terms where the line would be too long.
+
+    Args:
+        equation: what to print.
+        fill: put as many terms into a line as it holds. Without it, each term has its own, and a change of
+            one leaves the others where they were.
+    """
+    left, expression = latex_name(equation.name), equation.expression
     whole = latex_expression(expression)
     factor, terms = scaled_sum(expression)
-    lines = list(_filled(_signed(terms)))
-    if len(lines) == 1 or _length(whole) <= _WIDTH:
+    rows = list(_signed(terms))
+    filled = list(_filled(rows))
+    if len(filled) == 1 or _length(whole) <= _WIDTH:
         return [f"{left} = {whole}"]
+    first, *rest = filled if fill else rows
     if factor != 1:
-        lines = [rf"{latex_expression(factor)} \Bigl[ {lines[0]}", *lines[1:-1], rf"{lines[-1]} \Bigr]"]
-    first, *rest = lines
-    body = [rf"{left} ={{}}& {first}", *(rf"& {line}" for line in rest)]
-    return [r"\begin{aligned}", " \\\\\n".join(body), r"\end{aligned}"]
+        first, rest[-1] = rf"{latex_expression(factor)} \Bigl[ {first}", rf"{rest[-1]} \Bigr]"
+    return [r"\begin{aligned}", f"{left} ={{}}& {first}", *(rf"\\ & {row}" for row in rest), r"\end{aligned}"]
 
 
 def _signed(terms: list[sp.Expr]) -> Iterator[str]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import sympy as sp
 from sympy.printing.latex import LatexPrinter, tex_greek_dictionary
@@ -168,8 +168,21 @@ class PaperPrinter(LatexPrinter):  # type: ignore[misc]  # SymPy carries no type
 
 
 def latex_expression(expression: sp.Expr) -> str:
-    """Give the LaTeX of an expression in the paper's notation."""
-    return str(PaperPrinter({"fold_short_frac": False}).doprint(expression))
+    r"""Give the LaTeX of an expression in the paper's notation.
+
+    Names of functions that LaTeX does not know are set with ``\mathrm``: GitHub refuses ``\operatorname``.
+    """
+    text = str(PaperPrinter({"fold_short_frac": False}).doprint(expression))
+    return text.replace(r"\operatorname", r"\mathrm")
+
+
+def latex_number(value: float) -> str:
+    r"""Give a number with all the digits that it has, such as ``0.1`` or ``1.5 \cdot 10^{-6}``."""
+    short = f"{value:g}"
+    digits, _, power = (short if float(short) == value else repr(value)).partition("e")
+    if not power:
+        return digits
+    return ("" if digits == "1" else rf"{digits} \cdot ") + f"10^{{{int(power)}}}"
 
 
 def text_expression(expression: sp.Expr) -> str:
@@ -178,18 +191,24 @@ def text_expression(expression: sp.Expr) -> str:
 
 
 def latex_prose(text: str) -> str:
-    r"""Write a remark as LaTeX, with the symbols that it mentions set as mathematics.
+    """Write a remark as LaTeX, with its symbols set as mathematics and its units upright."""
+    write = {"text": escape, "unit": latex_unit, "symbol": "${}$".format}
+    return "".join(write[kind](piece) for kind, piece in prose_pieces(text))
+
+
+def prose_pieces(text: str) -> Iterator[tuple[str, str]]:
+    """Split a remark into pieces: plain ``text``, a ``unit`` as written, or a ``symbol`` in LaTeX.
 
     A symbol is a word with an index (``alpha1``, ``y_r``), a Greek letter, or a letter that is no word and
-    no unit: units follow a number and are set upright, as in ``52 N``.
+    no unit: units follow a number, as in ``52 N``.
     """
-    words = []
     for place, piece in enumerate(_QUANTITY.split(text)):  # every second piece is a unit
         if place % 2:
-            words.append(latex_unit(piece))
-        else:
-            words += [_prose(word) for word in re.split(r"([A-Za-z]\w*(?:\^\d+)?)", piece)]
-    return "".join(words)
+            yield "unit", piece
+            continue
+        for word in re.split(r"([A-Za-z]\w*(?:\^\d+)?)", piece):
+            symbol = _symbol(word)
+            yield ("text", word) if symbol is None else ("symbol", symbol)
 
 
 def latex_unit(unit: str) -> str:
@@ -198,17 +217,14 @@ def latex_unit(unit: str) -> str:
     return "".join(f"$^{{{piece[1:]}}}$" if piece.startswith("^") else escape(piece) for piece in pieces)
 
 
-def _prose(word: str) -> str:
+def _symbol(word: str) -> str | None:
+    """The LaTeX of a word that is a symbol, with its power; None for any other word."""
     symbol, _, power = word.partition("^")
-    if not re.fullmatch(r"[A-Za-z]\w*", symbol):
-        return escape(word)
     letter = len(symbol) == 1 and symbol not in "aAI"
-    if (
-        not (letter or symbol in _GREEK or symbol in _WORDS or re.search(r"\w[\d_]", symbol))
-        or symbol == "compensator"
-    ):
-        return escape(word)
-    return f"${latex_name(symbol)}{f'^{{{power}}}' if power else ''}$"
+    named = letter or symbol in _GREEK or symbol in _WORDS or re.search(r"\w[\d_]", symbol)
+    if not re.fullmatch(r"[A-Za-z]\w*", symbol) or not named or symbol == "compensator":
+        return None
+    return latex_name(symbol) + (f"^{{{power}}}" if power else "")
 
 
 def escape(text: str) -> str:

@@ -1,11 +1,14 @@
-"""The three printed forms of a derivation: text that runs, LaTeX that compiles, JSON that says the same."""
+"""The forms of a derivation: text that runs, LaTeX that compiles, Markdown and JSON that say the same."""
 
 from __future__ import annotations
 
+import difflib
 import json
 import random
+import re
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +18,20 @@ import sympy as sp
 from pmjoint_codegen.modelfile import model_of
 from pmjoint_codegen.modelfile.reader import read_document
 from pmjoint_codegen.report.latex import latex_report
-from pmjoint_codegen.report.notation import escape, latex_expression, latex_name, latex_prose, text_expression
+from pmjoint_codegen.report.markdown import markdown_report
+from pmjoint_codegen.report.notation import (
+    escape,
+    latex_expression,
+    latex_name,
+    latex_number,
+    latex_prose,
+    text_expression,
+)
 from pmjoint_codegen.report.record import derivation_record
 from pmjoint_codegen.report.text import text_report
 from pmjoint_derive import Derivation, Gains, Model, Parameter, Plant, Simulation, derive, parameter_symbol
 from pmjoint_derive.certificate import certificate_equations
-from pmjoint_derive.equation import Equations
+from pmjoint_derive.equation import Equation, Equations
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 ZERO = sp.Integer(0)
@@ -192,6 +203,73 @@ def test_latex_environments_and_braces_are_balanced(derivation: Derivation) -> N
         assert source.count(rf"\begin{{{environment}}}") == source.count(rf"\end{{{environment}}}")
     plain = source.replace(r"\{", "").replace(r"\}", "")
     assert plain.count("{") == plain.count("}")
+
+
+def test_markdown_has_each_equation_of_the_latex_behind_its_name(derivation: Derivation) -> None:
+    equations = (*derivation.equations.values(), *certificate_equations(derivation))
+    page = markdown_report(derivation.model, equations)
+    shown = re.findall(r"^`(\w+)`( \([^:]+\))?: .+\n\n```math\n((?:.+\n)+)```$", page, re.MULTILINE)
+    assert {(name, number.strip()) for name, number, _ in shown} == {
+        (item.name, item.number) for item in equations
+    }
+    assert len(shown) == len(equations) == page.count("```math")
+    document = latex_report(derivation.model, equations).replace("\n\\\\ &", "")
+    assert [rows for _, _, rows in shown if rows.replace("\n\\\\ &", "") not in document] == []
+    for section in {item.section for item in equations}:
+        assert f"\n## {section}\n" in page
+
+
+@pytest.mark.parametrize("place", [0, 3, -1], ids=["first", "middle", "last"])
+def test_markdown_shows_a_changed_term_as_one_changed_line(place: int) -> None:
+    names = [f"w{i:02d}" for i in range(1, 25)]
+    terms = [parameter_symbol(name) * parameter_symbol("delta") ** 3 for name in names]
+    law = Equation(parameter_symbol("v"), ZERO, "Backstepping", "(29)", "law", None)
+    longer = list(terms)
+    longer[place] *= sp.Rational(355, 113)  # long enough to move what follows, where lines are filled
+    pages = [
+        markdown_report(model(2, 2), [replace(law, expression=sum(some, ZERO))]) for some in (terms, longer)
+    ]
+    lines = difflib.ndiff(pages[0].splitlines(), pages[1].splitlines())
+    changed = [line for line in lines if line[0] in "+-"]
+    assert [line[0] for line in changed] == ["-", "+"]
+    assert "355" in changed[1]
+
+
+@pytest.mark.parametrize("file", sorted(MODELS.glob("*.toml")), ids=lambda file: file.stem)
+def test_markdown_of_a_shipped_model_renders_on_github(file: Path) -> None:
+    """GitHub refuses some macros, and takes underscores and backslashes outside code for markup."""
+    page = (MODELS.parent / "generated" / file.stem / "derivation.md").read_text(encoding="utf-8")
+    assert "operatorname" not in page and "$$" not in page
+    prose = re.sub(r"<!--.*?-->|```math\n.*?\n```", "", page, flags=re.DOTALL)
+    bare, symbols = re.subn(r"\$`[^`$]+`\$", "", prose)
+    assert symbols > 50
+    assert re.findall(r"(?<!\\)[$`*_<]", re.sub(r"`\w+`", "", bare)) == []
+    formulas = re.findall(r"```math\n(.*?)\n```", page, re.DOTALL)
+    assert all(line.strip() for formula in formulas for line in formula.splitlines())
+
+
+def test_markdown_keeps_what_the_user_wrote_from_becoming_markup() -> None:
+    title, about = "a_b --> <b>*x*</b> | `c`", "50 % of u_max | 2 N at\tmost"
+    text = replace(model(2, 2), title=title, parameters=(Parameter("d1", 0.1, "N_x", about),))
+    page = markdown_report(text, (), [title])
+    assert page.startswith(
+        "<!-- a_b - - > <b>*x*</b> | `c` -->\n\n# a\\_b --\\> \\<b\\>\\*x\\*\\</b\\> \\| \\`c\\`\n"
+    )
+    assert "| `d1` | $`d_1`$ | 0.1 | N\\_x | 50 % of $`u_{\\max}`$ \\| 2 N at most |\n" in page
+
+
+@pytest.mark.parametrize(
+    ("value", "latex"),
+    [
+        (15.0, "15"),
+        (0.1, "0.1"),
+        (-1e-6, r"-1 \cdot 10^{-6}"),
+        (1e6, "10^{6}"),
+        (0.1 + 0.2, "0.30000000000000004"),
+    ],
+)
+def test_numbers_keep_their_digits(value: float, latex: str) -> None:
+    assert latex_number(value) == latex
 
 
 def test_record_holds_every_equation_as_expressions_that_parse_back(derivation: Derivation) -> None:

@@ -23,10 +23,15 @@ from pmjoint_codegen.workspace import GENERATED, generated_root
 
 
 def paths(subject: Subject) -> tuple[Path, Path]:
-    """The golden files of a model: beside ``generated/``."""
-    root = generated_root(subject.file)
+    """The golden files of a model under check."""
+    return files_of(subject.file, subject.model.name)
+
+
+def files_of(file: Path, name: str) -> tuple[Path, Path]:
+    """The golden files of a model file: beside ``generated/``."""
+    root = generated_root(file)
     folder = (root.parent if root.name == GENERATED else root) / "golden"
-    return folder / f"{subject.model.name}.csv", folder / f"{subject.model.name}.switches.csv"
+    return folder / f"{name}.csv", folder / f"{name}.switches.csv"
 
 
 def read(rows: Path, switches: Path) -> Trajectory:

@@ -1,0 +1,108 @@
+"""What generated files say of a model, and what differs between two versions of them.
+
+Reads the JSON as it is, not as this version's `Manifest`: an earlier revision may have written other fields.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from pmjoint_codegen.manifest import FILE_NAME
+from pmjoint_codegen.values import SI, from_si
+
+EQUATIONS = "equations.json"
+
+
+@dataclass(frozen=True)
+class Content:
+    """What the files of one generated folder say.
+
+    Attributes:
+        equations: right-hand side of each named equation, in the order of the derivation.
+        values: what the model file states besides equations: numbers in its units, default run, descriptions.
+        operations: number of elementary operations of each kernel.
+        sizes: bytes of each file.
+        units: of the states and reported signals.
+    """
+
+    equations: Mapping[str, str]
+    values: Mapping[str, object]
+    operations: Mapping[str, int]
+    sizes: Mapping[str, int]
+    units: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class Change:
+    """Something named that is new, gone or different.
+
+    Attributes:
+        name: of the equation, value, kernel or file.
+        before: what it was; None when new.
+        after: what it is; None when gone.
+    """
+
+    name: str
+    before: Any
+    after: Any
+
+    def equation_lines(self) -> Iterator[str]:
+        """The change of an equation as a diff shows it."""
+        if self.before is not None:
+            yield f"- {self.name} = {self.before}"
+        if self.after is not None:
+            yield f"+ {self.name} = {self.after}"
+
+
+def content_of(files: Mapping[str, bytes]) -> Content:
+    """Read what generated files say.
+
+    Args:
+        files: name -> content, `model.json` among them.
+
+    Raises:
+        KeyError, TypeError, ValueError: they are not what any version has written.
+    """
+    manifest = json.loads(files[FILE_NAME])
+    stored = json.loads(files[EQUATIONS]) if EQUATIONS in files else manifest
+    items = stored["equations"] if isinstance(stored, dict) else stored
+    return Content(
+        equations={item["name"]: item["text"] for item in items},
+        values=_values(manifest),
+        operations={item["name"]: item["operations"] for item in manifest["functions"]},
+        sizes={name: len(files[name]) for name in sorted(files)},
+        units={item["name"]: item["unit"] for item in (*manifest["states"], *manifest["signals"])},
+    )
+
+
+def changes(before: Mapping[str, Any], after: Mapping[str, Any]) -> tuple[Change, ...]:
+    """What is new, gone or different, in the order of `after`; what is gone stands where it was."""
+    names = list(after)
+    place = 0
+    for name in before:
+        if name in after:
+            place = names.index(name)
+        else:
+            names.insert(place, name)
+        place += 1
+    return tuple(
+        Change(name, before.get(name), after.get(name))
+        for name in names
+        if before.get(name) != after.get(name)
+    )
+
+
+def _values(manifest: Mapping[str, Any]) -> dict[str, object]:
+    """What a model file states besides its equations, by name."""
+    stated = [item for item in manifest["parameters"] if item["kind"] != "own"]
+    return {
+        **{item["name"]: from_si(item["value"], item.get("scale", SI)) for item in stated},
+        **{f"unit of {item['name']}": item["unit"] for item in stated},
+        **{f"meaning of {item['name']}": item["about"] for item in stated},
+        **manifest["simulation"],
+        "D_max": manifest["disturbance_bound"],
+        **{key: manifest[key] for key in ("limit", "title", "source")},
+    }

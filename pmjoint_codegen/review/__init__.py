@@ -1,0 +1,1 @@
+"""What a change of a model changes: a revision of git against the working tree."""

@@ -1,0 +1,197 @@
+"""Two versions of a model side by side: equations, values, sizes of the generated code, golden figures.
+
+A version is read from its generated folder, or derived where that folder is not what its model file says.
+"""
+
+from __future__ import annotations
+
+import json
+import shlex
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pmjoint_codegen.check.gates import golden
+from pmjoint_codegen.check.trajectory import Trajectory
+from pmjoint_codegen.emit.changes import Change, Content, changes, content_of
+from pmjoint_codegen.emit.staleness import read_folder, tampering
+from pmjoint_codegen.errors import ModelError, OtherVersionError, UsageError
+from pmjoint_codegen.identity import Document, model_hash
+from pmjoint_codegen.manifest import FILE_NAME
+from pmjoint_codegen.modelfile.reader import read_document
+from pmjoint_codegen.review.revision import find_revision
+from pmjoint_codegen.workspace import GENERATED, find_model, generated_root
+from pmjoint_derive.progress import Stage, unwatched
+
+
+@dataclass(frozen=True)
+class Version:
+    """One version of a model.
+
+    Attributes:
+        name: of the model.
+        source: what its content was read from, in words.
+        content: what its generated files say.
+        golden_source: its golden file, or why there is no trajectory.
+        trajectory: what the golden files hold; None where there are none, or damaged ones.
+    """
+
+    name: str
+    source: str
+    content: Content
+    golden_source: str
+    trajectory: Trajectory | None
+
+
+@dataclass(frozen=True)
+class Difference:
+    """What differs between two versions.
+
+    Attributes:
+        before: the earlier one.
+        after: the later one.
+        deviation: largest difference of their golden trajectories, relative to max(1, |value|); None where
+            these have other columns or instants, or one is missing.
+    """
+
+    before: Version
+    after: Version
+    deviation: float | None
+
+    @property
+    def equations(self) -> tuple[Change, ...]:
+        """Equations that are new, gone or different, in the order of the derivation."""
+        return changes(self.before.content.equations, self.after.content.equations)
+
+    @property
+    def values(self) -> tuple[Change, ...]:
+        """Values, default run and descriptions that differ."""
+        return changes(self.before.content.values, self.after.content.values)
+
+    @property
+    def operations(self) -> tuple[Change, ...]:
+        """Kernels with another number of operations."""
+        return changes(self.before.content.operations, self.after.content.operations)
+
+    @property
+    def sizes(self) -> tuple[Change, ...]:
+        """Generated files with another number of bytes."""
+        return changes(self.before.content.sizes, self.after.content.sizes)
+
+    @property
+    def figures(self) -> tuple[Change, ...]:
+        """Figures of the golden trajectory that differ, with their units."""
+        return changes(_figures(self.before), _figures(self.after))
+
+
+def difference(model: str, revision: str = "HEAD", stage: Stage = unwatched) -> Difference:
+    """Compare a model as a revision holds it with the working tree.
+
+    Args:
+        model: name or path.
+        revision: any name that git knows.
+        stage: told what is being derived, where something is.
+
+    Raises:
+        UsageError: no repository, no such revision, or no such model in it.
+        MissingToolError: git is not installed.
+        ModelError: a version must be derived and cannot be.
+    """
+    file = find_model(model)
+    found = find_revision(file, revision)
+    when = f" at {found.name}"
+    with tempfile.TemporaryDirectory(prefix="pmjoint-diff-") as place:
+        root = Path(place)
+        if not found.export(file, root):
+            raise UsageError(
+                f"is not in revision {found.name}",
+                where=str(file),
+                remedy=f"choose one that has it: git log --oneline -- {shlex.quote(str(file))}",
+            )
+        earlier = root / found.path_of(file)
+        try:
+            name = str(read_document(earlier).get("name"))
+            for path in (generated_root(file) / name, *golden.files_of(file, name)):
+                found.export(path, root)
+            before = _version(earlier, when, stage)
+        except ModelError as error:
+            key = error.where.removeprefix(str(earlier))  # a path in the temporary folder says nothing
+            raise ModelError(error.what, where=f"{file}{when}{key}", remedy=error.remedy) from error
+    after = _version(file, "", stage)
+    return Difference(before, after, _deviation(before.trajectory, after.trajectory))
+
+
+def _version(file: Path, when: str, stage: Stage) -> Version:
+    """Read one version of a model, `when` being the revision in words."""
+    document = read_document(file)
+    name = str(document.get("name"))
+    source = f"{GENERATED}/{name}{when}"
+    files = read_folder(generated_root(file) / name)
+    content, fault = _content(files, document)
+    if content is None:
+        source = f"the model file{when}, derived now: {source} {fault}"
+        content = content_of(_derived(file, document, stage))
+    rows, switches = golden.files_of(file, name)
+    try:
+        trajectory, told = golden.read(rows, switches), f"golden/{rows.name}{when}"
+    except OSError:
+        trajectory, told = None, f"no golden/{rows.name}{when}"
+    except ValueError as error:
+        trajectory, told = None, f"golden/{rows.name}{when} is damaged: {error}"
+    return Version(name, source, content, told, trajectory)
+
+
+def _content(files: Mapping[str, bytes], document: Document) -> tuple[Content | None, str]:
+    """Read a generated folder; None, and why, where it does not say what the model file does."""
+    if not files:
+        return None, "is missing"
+    try:
+        manifest, edits = tampering(files)
+        if manifest is None or edits:
+            return None, "was edited by hand"
+    except OtherVersionError:  # whose JSON may still say what is asked for here
+        pass
+    try:
+        made_from = json.loads(files[FILE_NAME])["model_hash"]
+        content = content_of(files)
+    except (KeyError, TypeError, ValueError):
+        return None, "was written by a version with another format"
+    return (content, "") if made_from == model_hash(document) else (None, "does not follow from it")
+
+
+def _derived(file: Path, document: Document, stage: Stage) -> dict[str, bytes]:
+    from pmjoint_codegen.emit.pipeline import generate
+    from pmjoint_codegen.modelfile import model_of
+
+    fresh = generate(document, model_of(document, str(file)), stage=stage).files
+    return {name: text.encode() for name, text in fresh.items()}
+
+
+def _figures(version: Version) -> dict[str, Any]:
+    """Figures of a golden trajectory, by name with the unit."""
+    run = version.trajectory
+    if run is None:
+        return {}
+    units = version.content.units
+    found: dict[str, Any] = {"rows": len(run.t), "horizon (s)": float(run.t[-1])}
+    for k, name in enumerate(run.names):
+        if name in ("x1", "v"):
+            found[f"largest |{name}| ({units.get(name, '')})"] = float(np.abs(run.values[:, k]).max())
+            found[f"{name} at the end ({units.get(name, '')})"] = float(run.values[-1, k])
+    found["saturation switches"] = len(run.switches)
+    if run.switches:
+        found["last switch (s)"] = run.switches[-1][0]
+    return found
+
+
+def _deviation(before: Trajectory | None, after: golden.Trajectory | None) -> float | None:
+    if before is None or after is None:
+        return None
+    if before.names != after.names or not np.array_equal(before.t, after.t):
+        return None
+    scale = np.maximum(1.0, np.abs(before.values))
+    return float((np.abs(after.values - before.values) / scale).max())
