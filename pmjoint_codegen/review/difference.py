@@ -188,7 +188,7 @@ def _figures(version: Version) -> dict[str, Any]:
     return found
 
 
-def _deviation(before: Trajectory | None, after: golden.Trajectory | None) -> float | None:
+def _deviation(before: Trajectory | None, after: Trajectory | None) -> float | None:
     if before is None or after is None:
         return None
     if before.names != after.names or not np.array_equal(before.t, after.t):
