@@ -1,6 +1,7 @@
 """The mathematics: a model in, named equations out. SymPy only; reads and writes no file."""
 
-from pmjoint_derive.derivation import Derivation, derive
+from pmjoint_derive.derivation import derive
+from pmjoint_derive.design import Derivation, Design
 from pmjoint_derive.equation import Equation, Equations
 from pmjoint_derive.model import (
     Gains,
@@ -15,6 +16,7 @@ from pmjoint_derive.signals import Signals
 
 __all__ = [
     "Derivation",
+    "Design",
     "Equation",
     "Equations",
     "Gains",

@@ -7,7 +7,7 @@ from dataclasses import replace
 import sympy as sp
 
 from pmjoint_derive.closed_loop import disturbance_symbols, output_disturbance
-from pmjoint_derive.derivation import Derivation
+from pmjoint_derive.design import Derivation
 from pmjoint_derive.equation import Equation
 from pmjoint_derive.lyapunov import (
     certified_rate,

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import sympy as sp
 
+from pmjoint_derive.design import Design
 from pmjoint_derive.equation import Equation
-from pmjoint_derive.model import Plant, parameter_symbol
-from pmjoint_derive.signals import Signals, Units, derivative_name
+from pmjoint_derive.model import parameter_symbol
+from pmjoint_derive.signals import Signals, derivative_name
 from pmjoint_derive.units import SECOND
 
 SECTION = "Compensator"
@@ -23,15 +24,17 @@ def compensator_matrix(signals: Signals) -> sp.ImmutableMatrix:
     return sp.ImmutableMatrix(rho, rho, lambda i, j: -signals.ck[i] if i == j else int(j == i + 1))
 
 
-def compensator_rates(plant: Plant, signals: Signals) -> dict[sp.Symbol, sp.Expr]:
+def compensator_rates(design: Design) -> dict[sp.Symbol, sp.Expr]:
     """Right-hand sides of (23) with the compensator at work, keyed by state."""
+    plant, signals = design.plant, design.signals
     drive = sp.Matrix([0] * (plant.rho - 1) + [plant.b[0] * plant.sigma * signals.du])
     rates = compensator_matrix(signals) * sp.Matrix(signals.r) + drive
     return dict(zip(signals.r, rates, strict=True))
 
 
-def compensator_equations(plant: Plant, signals: Signals, units: Units) -> list[Equation]:
+def compensator_equations(design: Design) -> list[Equation]:
     """(23) as named equations, with the switch ``compensator`` (1 or 0) on its drive."""
+    signals, units = design.signals, design.units
     lost = Equation(
         symbol=signals.du,
         expression=signals.u - signals.v,
@@ -46,9 +49,9 @@ def compensator_equations(plant: Plant, signals: Signals, units: Units) -> list[
             expression=rate.xreplace({signals.du: signals.compensator * signals.du}),
             section=SECTION,
             number="(23)",
-            meaning="compensator state" if i < plant.rho else "compensator state, driven by du",
+            meaning="compensator state" if i < design.plant.rho else "compensator state, driven by du",
             unit=units.of(state) / SECOND,
         )
-        for i, (state, rate) in enumerate(compensator_rates(plant, signals).items(), start=1)
+        for i, (state, rate) in enumerate(compensator_rates(design).items(), start=1)
     ]
     return [lost, *rates]

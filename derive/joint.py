@@ -274,21 +274,14 @@ def _left_out(
     states = [*forms.values(), sp.Integer(0)]
     return tuple(
         _collected(
-            multiplied_out((_along(states[i], rates) - states[i + 1] - drift).xreplace(values), MOVING)
+            multiplied_out(
+                (_along(states[i], rates) - states[i + 1] - drift.xreplace({Y: THETA})).xreplace(values),
+                MOVING,
+            )
         )
         - (design.b_vector[i] * design.sigma * U).xreplace({Y: THETA})
-        for i, drift in enumerate(_drifts(design))
+        for i, drift in enumerate(design.drift)
     )
-
-
-def _drifts(design: Plant) -> list[sp.Expr]:
-    """``phi + Phi theta`` of the design at y = theta."""
-    return [
-        (
-            phi + sum((entry * th for entry, th in zip(Phi, design.theta, strict=True)), sp.Integer(0))
-        ).xreplace({Y: THETA})
-        for phi, Phi in zip(design.phi, design.Phi, strict=True)
-    ]
 
 
 def _collected(value: sp.Expr) -> sp.Expr:

@@ -21,36 +21,20 @@ e_i)`` in place of ``sum |P D|^2/(2 e_i)``, and other squares (`squares`).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import sympy as sp
 
-from pmjoint_derive.backstepping import unknown_output_rate
-from pmjoint_derive.closed_loop import disturbance_symbols, output_disturbance
-from pmjoint_derive.derivation import Derivation
-from pmjoint_derive.filters import filter_matrix, shift_matrix
+from pmjoint_derive.closed_loop import (
+    disturbance_symbols,
+    output_disturbance,
+    plant_rates,
+    unknown_output_rate,
+)
+from pmjoint_derive.design import Derivation
+from pmjoint_derive.equation import Identity
+from pmjoint_derive.filters import filter_matrix
 from pmjoint_derive.model import parameter_symbol
 from pmjoint_derive.signals import Signals, derivative_name, partial_name
-
-
-@dataclass(frozen=True)
-class Identity:
-    """A statement that an expression is zero.
-
-    Attributes:
-        name: which statement.
-        claim: the statement, for people.
-        remainder: the expression after expansion; the integer 0 when the statement is proved.
-    """
-
-    name: str
-    claim: str
-    remainder: sp.Expr
-
-    @property
-    def holds(self) -> bool:
-        """Whether the expression expanded to exactly zero."""
-        return bool(self.remainder == 0)
 
 
 def expand_to_zero(expression: sp.Expr, sigma: sp.Expr) -> sp.Expr:
@@ -131,11 +115,6 @@ def _partial(derivation: Derivation, alpha: sp.Symbol, by: sp.Symbol) -> sp.Expr
     return parameter_symbol(name) if name in derivation.equations else sp.Integer(0)
 
 
-def unknown_rate(derivation: Derivation) -> sp.Expr:
-    """``eta = epsilon_2 + D_1``: what the controller does not know of y'."""
-    return unknown_output_rate(derivation.plant, derivation.signals)
-
-
 def true_rates(derivation: Derivation) -> dict[sp.Symbol, sp.Expr]:
     """Rates of all that a virtual control may depend on, along the plant (11) with any u and ``du = u - v``.
 
@@ -144,10 +123,10 @@ def true_rates(derivation: Derivation) -> dict[sp.Symbol, sp.Expr]:
     y' stays a symbol.
     """
     s, plant = derivation.signals, derivation.plant
-    y_dot = plant.phi[0] + sum((a * b for a, b in zip(plant.Phi[0], plant.theta, strict=True)), sp.Integer(0))
+    y_dot = plant.drift[0]
     if plant.order > 1:
         y_dot += unfold(derivation, "x_hat2")
-    y_dot += unknown_rate(derivation)
+    y_dot += unknown_output_rate(derivation.design)
     if plant.rho == 1:
         y_dot += plant.b[0] * plant.sigma * s.u
     rates = {s.y: y_dot}
@@ -188,7 +167,7 @@ def claimed_rates(derivation: Derivation, s_: tuple[sp.Expr, ...]) -> tuple[sp.E
     rates = []
     for i in range(1, rho + 1):
         rate = -(s.c[i - 1] + s.e[i - 1] * s_[i - 1] ** 2) * s.z[i - 1]
-        rate -= s_[i - 1] * unknown_rate(derivation)
+        rate -= s_[i - 1] * unknown_output_rate(derivation.design)
         if i < rho:
             rate += (b_m if i == 1 else 1) * s.z[i]
         if i > 1:
@@ -200,11 +179,8 @@ def claimed_rates(derivation: Derivation, s_: tuple[sp.Expr, ...]) -> tuple[sp.E
 def estimation_identities(derivation: Derivation) -> list[Identity]:
     """``epsilon' = A0 epsilon + D`` for ``epsilon = x - x_hat`` along plant and filters, for any u (17)."""
     s, plant = derivation.signals, derivation.plant
-    n, p = plant.order, plant.p
-    D = sp.Matrix(disturbance_symbols(plant))
-    Phi_theta = sp.Matrix(n, p, lambda i, j: plant.Phi[i][j]) * sp.Matrix(p, 1, plant.theta)
-    drive = sp.Matrix(plant.phi) + Phi_theta + sp.Matrix(plant.b_vector) * plant.sigma * s.u
-    x_dot = (shift_matrix(n) * sp.Matrix(s.x) + drive + D).xreplace({s.y: s.x[0]})
+    n, D = plant.order, sp.Matrix(disturbance_symbols(plant))
+    x_dot = sp.Matrix(list(plant_rates(derivation.design).values())).xreplace({s.y: s.x[0]})
     x_hat = sp.Matrix([unfold(derivation, f"x_hat{i}") for i in range(1, n + 1)])
     rates = {symbol: rate.xreplace({s.y: s.x[0]}) for symbol, rate in true_rates(derivation).items()}
     error_dot = x_dot - sp.Matrix([rate_along(entry, rates) for entry in x_hat])
@@ -264,7 +240,7 @@ def energy_identity(derivation: Derivation) -> Identity:
     )
     claim = sum(
         (
-            -(c + e * s_i**2) * z**2 - s_i * z * unknown_rate(derivation)
+            -(c + e * s_i**2) * z**2 - s_i * z * unknown_output_rate(derivation.design)
             for c, e, z, s_i in zip(s.c, s.e, s.z, s_, strict=True)
         ),
         sp.Integer(0),
@@ -285,7 +261,8 @@ def squares(derivation: Derivation, PD: sp.MatrixBase, s_: tuple[sp.Expr, ...]) 
         PD: ``P D``, n x 1.
         s_: the sensitivities.
     """
-    s, eta, D_1 = derivation.signals, unknown_rate(derivation), output_disturbance(derivation.plant)
+    s, eta = derivation.signals, unknown_output_rate(derivation.design)
+    D_1 = output_disturbance(derivation.plant)
     weight, share = (1, sp.Rational(1, 2)) if D_1 == 0 else (2, sp.Rational(1, 4))
     young = [e * (s_i * z + eta / (2 * e)) ** 2 for e, s_i, z in zip(s.e, s_, s.z, strict=True)]
     inputs = [share * entry**2 / e for e in s.e for entry in sp.Matrix(s.epsilon) - weight * PD]

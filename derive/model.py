@@ -155,6 +155,22 @@ class Plant:
         return len(self.theta)
 
     @property
+    def drift(self) -> tuple[sp.Expr, ...]:
+        """``phi + Phi theta`` of (11), n functions of y."""
+        return tuple(
+            sum((entry * factor for entry, factor in zip(row, self.theta, strict=True)), known)
+            for known, row in zip(self.phi, self.Phi, strict=True)
+        )
+
+    def known_rates(self, u: sp.Expr) -> tuple[sp.Expr, ...]:
+        """``phi + Phi theta + b sigma u`` of (11): what the design's model knows of x_i' beyond x_{i+1}.
+
+        Args:
+            u: the applied input.
+        """
+        return tuple(drift + b * self.sigma * u for drift, b in zip(self.drift, self.b_vector, strict=True))
+
+    @property
     def b_vector(self) -> tuple[sp.Expr, ...]:
         """The input vector ``(0, ..., 0, b_m, ..., b_0)`` of length n."""
         return (sp.Integer(0),) * (self.rho - 1) + self.b
@@ -290,6 +306,7 @@ class Model:
         reported: further named signals of the plant, such as muscle pressures.
         demands: what the physics presumes of its parameters, the controller's and the plant's own.
         start: the physical states that a run starts from; None: those of the plant class.
+        design: row of `pmjoint_derive.derivation.DESIGNS`.
     """
 
     name: str
@@ -311,6 +328,7 @@ class Model:
     reported: tuple[Equation, ...] = ()
     demands: tuple[Demand, ...] = ()
     start: Start | None = None
+    design: str = "backstepping"
 
     @property
     def actuator(self) -> tuple[Channel, ...]:

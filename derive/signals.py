@@ -125,9 +125,9 @@ class Units:
     A unit that a parameter does not state is taken from its place: ``k_i`` is 1/s^i whatever the model.
     """
 
-    def __init__(self, model: Model) -> None:
-        """Label every signal of ``model``."""
-        plant, s = model.plant, Signals.of(model.plant)
+    def __init__(self, model: Model, s: Signals) -> None:
+        """Label every signal ``s`` of a design for ``model``."""
+        plant = model.plant
         y, u = parse_unit(model.y_unit), parse_unit(model.u_unit)
         stated = {item.name: parse_unit(item.unit) for item in model.parameters}
         stated |= {item.name: item.unit or Unit({}) for item in model.constants}

@@ -18,9 +18,10 @@ from dataclasses import dataclass
 import sympy as sp
 
 from pmjoint_derive.closed_loop import disturbance_symbols
+from pmjoint_derive.design import Design
 from pmjoint_derive.equation import Equation, Equations
-from pmjoint_derive.model import Model, Plant, parameter_symbol
-from pmjoint_derive.signals import Signals, Units, derivative_name, free
+from pmjoint_derive.model import Model, parameter_symbol
+from pmjoint_derive.signals import Signals, derivative_name, free
 from pmjoint_derive.units import SECOND
 
 SECTION = "True plant"
@@ -52,9 +53,7 @@ def seen_symbol(symbol: sp.Symbol) -> sp.Symbol:
 
 def true_plant(
     model: Model,
-    plant: Plant,
-    signals: Signals,
-    units: Units,
+    design: Design,
     physics: Sequence[Equation],
     derived: Sequence[Equation],
 ) -> TruePlant:
@@ -62,18 +61,16 @@ def true_plant(
 
     Args:
         model: what is derived from.
-        plant: the plant with named constants.
-        signals: symbols of the design.
-        units: of the signals.
+        design: what the controller believes.
         physics: the equations of the plant and of its actuator, u excepted: the controller clips v itself.
         derived: all equations, the design's among them.
     """
-    known = _known_rates(plant, signals, units)
+    known = _known_rates(design)
     table = Equations([*derived, *known])
-    shared = _shared(model, signals, table, physics)
+    shared = _shared(model, design.signals, table, physics)
     own = {symbol: own_symbol(symbol) for symbol in shared}
     changed = _depending([*physics, *known], own)
-    disturbances = disturbance_symbols(plant)
+    disturbances = disturbance_symbols(design.plant)
     differing = [i for i, item in enumerate(known) if item.symbol in changed]
     changed |= {disturbances[i] for i in differing}  # D_i keeps its name; x_i' has changed with known_i
     twins = own | {symbol: own_symbol(symbol) for symbol in changed}
@@ -87,12 +84,9 @@ def true_plant(
     )
 
 
-def _known_rates(plant: Plant, signals: Signals, units: Units) -> list[Equation]:
+def _known_rates(design: Design) -> list[Equation]:
     """``known_i``: what the design's model says of x_i', beyond x_{i+1}."""
-    forced = [
-        phi + sum((a * c for a, c in zip(row, plant.theta, strict=True)), b * plant.sigma * signals.u)
-        for phi, row, b in zip(plant.phi, plant.Phi, plant.b_vector, strict=True)
-    ]
+    x, known = design.signals.x, design.plant.known_rates(design.signals.u)
     return [
         Equation(
             parameter_symbol(f"known{i}"),
@@ -100,9 +94,9 @@ def _known_rates(plant: Plant, signals: Signals, units: Units) -> list[Equation]
             SECTION,
             "(11)",
             f"what the design knows of the rate of {state}",
-            units.of(state) / SECOND,
+            design.units.of(state) / SECOND,
         )
-        for i, (state, rate) in enumerate(zip(signals.x, forced, strict=True), start=1)
+        for i, (state, rate) in enumerate(zip(x, known, strict=True), start=1)
     ]
 
 

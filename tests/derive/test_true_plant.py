@@ -123,9 +123,10 @@ def test_the_estimation_error_obeys_17_with_the_disturbance_that_is_seen(shipped
     s, plant, equations = shipped.signals, shipped.plant, shipped.equations
     keep = frozenset({s.y, s.u, *(channel.symbol for channel in shipped.model.actuator)})
     keep |= {own_symbol(symbol) for symbol in keep}
-    x_hat = estimate(plant, s)
+    x_hat = estimate(shipped.design)
+    filtered = filter_rates(shipped.design).items()
     x_hat_dot = sp.Matrix([
-        sum(sp.diff(entry, state) * rate for state, rate in filter_rates(plant, s).items()) for entry in x_hat
+        sum(sp.diff(entry, state) * rate for state, rate in filtered) for entry in x_hat
     ])  # fmt: skip
     x_hat, x_hat_dot = (
         matrix.applyfunc(lambda entry: equations.expand(entry, keep))

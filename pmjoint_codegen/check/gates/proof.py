@@ -12,8 +12,8 @@ from pmjoint_codegen.check.subject import Subject
 from pmjoint_derive import Derivation
 from pmjoint_derive.closed_loop import output_disturbance
 from pmjoint_derive.consistency import consistency_identities
+from pmjoint_derive.equation import Identity
 from pmjoint_derive.filters import filter_matrix
-from pmjoint_derive.lyapunov import Identity, prove
 
 NAME = "proof"
 LONGEST = 300  # characters of a remainder that a report shows
@@ -44,7 +44,7 @@ def prove_for(derivation: Derivation, values: Mapping[str, float]) -> GateResult
         derivation: the design.
         values: parameters and gains.
     """
-    identities = (*prove(derivation), *consistency_identities(derivation))
+    identities = (*derivation.design.prove(derivation), *consistency_identities(derivation))
     broken = [item for item in identities if not item.holds]
     if broken:
         names = ", ".join(item.name for item in broken)
