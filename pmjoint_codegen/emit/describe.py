@@ -8,7 +8,8 @@ import casadi as ca
 import sympy as sp
 
 from pmjoint_codegen import __version__
-from pmjoint_codegen.emit.table import Kernel, kernel_table, vocabulary
+from pmjoint_codegen.emit.table import LOOPS, Kernel, Made, kernel_table
+from pmjoint_codegen.emit.vocabulary import vocabulary
 from pmjoint_codegen.identity import Document, model_hash, structure_hash
 from pmjoint_codegen.manifest import (
     EquationText,
@@ -36,26 +37,16 @@ def tool_versions() -> dict[str, str]:
 
 def describe_functions(derivation: Derivation, functions: Mapping[str, ca.Function]) -> tuple[Function, ...]:
     """The kernels as records, with their sizes and operation counts."""
-    rows = {kernel.name: kernel for kernel in kernel_table(derivation)}
-    described = {
-        "taylor": ("(11), (14), (23), (29)", "Taylor coefficients of what closed_loop gives"),
-        "guard": ("", "nonlinear part of what closed_loop gives on a disc around t, as a bound"),
-        "plant_taylor": ("(11)", "Taylor coefficients of what plant gives"),
-        "plant_guard": ("", "nonlinear part of what plant gives on a disc around t, as a bound"),
-        "sample": ("(10), (11), (14), (23), (29)", "one sample: v, w, plant_taylor under w, the next s"),
-    }
-    return tuple(_function(name, function, rows.get(name), described) for name, function in functions.items())
+    rows = (*kernel_table(derivation), *LOOPS)
+    return tuple(_function(row, functions[row.name]) for row in rows)
 
 
-def _function(
-    name: str, function: ca.Function, row: Kernel | None, described: Mapping[str, tuple[str, str]]
-) -> Function:
-    equation, about = (row.equation, row.about) if row else described[name]
+def _function(row: Kernel | Made, function: ca.Function) -> Function:
     inputs = tuple((label, int(function.nnz_in(i))) for i, label in enumerate(function.name_in()))
     outputs = tuple((label, int(function.nnz_out(i))) for i, label in enumerate(function.name_out()))
     moves = (ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST)
     operations = sum(function.instruction_id(i) not in moves for i in range(function.n_instructions()))
-    return Function(name, inputs, outputs, equation, about, operations)
+    return Function(row.name, inputs, outputs, row.equation, row.about, operations)
 
 
 def describe(

@@ -1,20 +1,19 @@
-"""The table's rows as CasADi functions, and what the loops use beside them, composed from the rows."""
+"""The table's rows as CasADi functions."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
 
 import casadi as ca
 import sympy as sp
 
 from pmjoint_codegen.emit.guard import guard_function
-from pmjoint_codegen.emit.sampling import sampled_functions
-from pmjoint_codegen.emit.table import Block, Kernel, kernel_table
+from pmjoint_codegen.emit.table import LANES, LOOPS, Composed, Guard, Kernel, Made, Taylor, kernel_table
 from pmjoint_codegen.emit.taylor import taylor_function
 from pmjoint_codegen.emit.translate import Translator
+from pmjoint_codegen.emit.vocabulary import Block
 from pmjoint_derive import Derivation
 from pmjoint_derive.progress import Stage, unwatched
-
-GUARDS = ("guard", "plant_guard")  # bounds, not equations
-COMPOSED = ("taylor", "guard", "plant_taylor", "plant_guard", "sample")
 
 
 def build_function(kernel: Kernel, derivation: Derivation) -> ca.Function:
@@ -37,12 +36,15 @@ def build_function(kernel: Kernel, derivation: Derivation) -> ca.Function:
 
 
 def build_functions(derivation: Derivation, order: int, stage: Stage = unwatched) -> dict[str, ca.Function]:
-    """Every kernel by name, in the order of the table, then those of `COMPOSED`, which are made from them.
+    """Every kernel by name, in the order of the table, then those of `LOOPS`, which are made from them.
 
     Args:
         derivation: named equations.
         order: highest coefficient of ``taylor``.
         stage: told which kernels are being built.
+
+    Raises:
+        ModelError: an output that needs an undefined symbol, or an operation without a Taylor recurrence.
     """
     rows = {kernel.name: kernel for kernel in kernel_table(derivation)}
     functions: dict[str, ca.Function] = {}
@@ -50,10 +52,31 @@ def build_functions(derivation: Derivation, order: int, stage: Stage = unwatched
         stage("building kernels", count / len(rows))
         functions[name] = build_function(kernel, derivation)
     stage(f"building Taylor coefficients up to order {order}", 0.0)
-    functions["taylor"] = taylor_function("taylor", functions["closed_loop"], order, state="X")
-    functions["guard"] = guard_function("guard", functions["closed_loop"], state="X")
-    stage("building the sampled loop's kernels", 0.0)
-    return functions | sampled_functions(functions)
+    for made in LOOPS:
+        functions[made.name] = make_function(made, functions, order)
+    return functions
+
+
+def lane_functions(functions: Mapping[str, ca.Function]) -> dict[str, ca.Function]:
+    """The functions of `LANES` by name, from those of `build_functions`."""
+    return {made.name: make_function(made, functions) for made in LANES}
+
+
+def make_function(made: Made, functions: Mapping[str, ca.Function], order: int = 0) -> ca.Function:
+    """One row that is made from others.
+
+    Args:
+        made: the row.
+        functions: those that it is made from, among others.
+        order: highest Taylor coefficient, where the row leaves it open.
+    """
+    match made:
+        case Taylor(name, of, state, fixed):
+            return taylor_function(name, functions[of], fixed or order, state=state)
+        case Guard(name, of, state):
+            return guard_function(name, functions[of], state=state)
+        case Composed(name, parts, build):
+            return build(name, *(functions[part] for part in parts))
 
 
 def _dense(entries: list[ca.SX]) -> ca.SX:
