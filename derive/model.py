@@ -194,6 +194,11 @@ class Gains:
     k: tuple[float, ...]
     compensator: bool = True
 
+    @property
+    def by_kind(self) -> dict[str, tuple[float, ...]]:
+        """Each list by its name, in the order of the parameter vector."""
+        return {"c": self.c, "e": self.e, "ck": self.ck, "k": self.k}
+
 
 @dataclass(frozen=True)
 class Simulation:

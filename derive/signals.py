@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import chain
 
 import sympy as sp
 
@@ -106,7 +107,12 @@ class Signals:
     @property
     def gains(self) -> tuple[sp.Symbol, ...]:
         """All gains in the order of the parameter vector, then the compensator's switch."""
-        return (*self.c, *self.e, *self.ck, *self.k, self.compensator)
+        return (*chain.from_iterable(self.gains_by_kind.values()), self.compensator)
+
+    @property
+    def gains_by_kind(self) -> dict[str, tuple[sp.Symbol, ...]]:
+        """The symbols of `pmjoint_derive.model.Gains.by_kind`."""
+        return {"c": self.c, "e": self.e, "ck": self.ck, "k": self.k}
 
 
 def derivative_name(symbol: sp.Symbol) -> str:

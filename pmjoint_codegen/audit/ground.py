@@ -110,15 +110,8 @@ class Context:
 
     def numbers(self) -> Mapping[sp.Symbol, sp.Rational]:
         """The example's parameters and gains."""
-        model, s = self.derivation.model, self.signals
-        values = {item.symbol: item.value for item in model.parameters}
-        for symbols, gains in (
-            (s.c, model.gains.c),
-            (s.e, model.gains.e),
-            (s.ck, model.gains.ck),
-            (s.k, model.gains.k),
-        ):
-            values |= dict(zip(symbols, gains, strict=True))
+        values = {item.symbol: item.value for item in self.derivation.model.parameters}
+        values |= self.derivation.gain_values
         return {symbol: sp.Rational(repr(number)) for symbol, number in values.items()}
 
 

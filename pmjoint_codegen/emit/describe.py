@@ -22,7 +22,7 @@ from pmjoint_codegen.manifest import (
     Variable,
 )
 from pmjoint_codegen.report.notation import latex_expression
-from pmjoint_codegen.values import Rule
+from pmjoint_codegen.values import GAINS, Rule
 from pmjoint_derive import Derivation, Equation, Model, parameter_symbol
 
 
@@ -159,25 +159,18 @@ def _blocks(derivation: Derivation) -> dict[str, tuple[int, int]]:
 
 def _parameters(derivation: Derivation) -> tuple[Parameter, ...]:
     model, s, units = derivation.model, derivation.signals, derivation.units
-    gains = model.gains
-    abouts = {
-        "c": "damping of backstepping error",
-        "e": "damping against the estimation error, step",
-        "ck": "decay rate of compensator state",
-        "k": "filter gain",
-    }
-    values = {"c": gains.c, "e": gains.e, "ck": gains.ck, "k": gains.k}
+    values = derivation.gain_values
     plant = [
         Parameter(item.name, item.value, item.unit, item.about, "plant", item.scale)
         for item in model.parameters
     ]
     design = [
-        Parameter(symbol.name, float(value), str(units.of(symbol)), f"{abouts[stem]} {i}", "gain")
-        for stem, symbols in {"c": s.c, "e": s.e, "ck": s.ck, "k": s.k}.items()
-        for i, (symbol, value) in enumerate(zip(symbols, values[stem], strict=True), start=1)
+        Parameter(gain.name, float(values[gain]), str(units.of(gain)), f"{kind.about} {i}", "gain")
+        for kind in GAINS
+        for i, gain in enumerate(s.gains_by_kind[kind.name], start=1)
     ]
     about = "1: (23) is driven by u - v; 0: r = 0, plain clipping"
-    switch = Parameter(s.compensator.name, float(gains.compensator), "1", about, "switch")
+    switch = Parameter(s.compensator.name, float(model.gains.compensator), "1", about, "switch")
     own = [
         Parameter(
             derivation.own_parameters[item.symbol].name,
