@@ -1,4 +1,4 @@
-"""The auxiliary system (23) that carries what saturation takes away, ``du = u - v``.
+"""The auxiliary system (23) that carries the clipped part of the input, ``du = u - v``.
 
 ``r_i' = r_{i+1} - ck_i r_i`` for i < rho and ``r_rho' = -ck_rho r_rho + b_m sigma(y) du``. It needs the
 *applied* input: measured on a rig, sat(v) in simulation. Without it (r = 0 for all time) the same law is
@@ -40,7 +40,7 @@ def compensator_equations(design: Design) -> list[Equation]:
         expression=signals.u - signals.v,
         section=SECTION,
         number="(23)",
-        meaning="what saturation takes away",
+        meaning="the clipped part of the input",
         unit=units.of(signals.u),
     )
     rates = [

@@ -43,7 +43,7 @@ class Signals:
         epsilon: n estimation errors (17).
         v: the control law's output (29).
         u: the applied, saturated input (10).
-        du: what saturation takes away, u - v (23).
+        du: the clipped part of the input, u - v (23).
         c, e, ck: rho gains each; k: n filter gains.
         compensator: 1 when (23) is driven, 0 for plain clipping.
     """

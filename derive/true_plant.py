@@ -5,9 +5,9 @@ controller use, such as ``J``, has a twin ``J_plant`` that the plant alone uses;
 is the nominal one. Equations of the plant that depend on such a parameter have twins by the same rule:
 ``b0_plant``, ``D2_plant``, ``x2_dot_plant``. The design's own equations, and the theory, stay as they are.
 
-To the design, what the plant does differently is disturbance. In ``x_i' = x_{i+1} + known_i + D_i`` (11),
-(12), with ``known_i = phi_i + (Phi theta)_i + b_i sigma u``, the controller faces ``D_i_seen = D_i_plant +
-mismatch_i``, where ``mismatch_i = known_i_plant - known_i``; the estimation error obeys (17) with it.
+To the design, the model mismatch is disturbance. In ``x_i' = x_{i+1} + known_i + D_i`` (11), (12), with
+``known_i = phi_i + (Phi theta)_i + b_i sigma u``, the effective disturbance is ``D_i_effective = D_i_plant +
+mismatch_i``, where ``mismatch_i = known_i_plant - known_i``. The estimation error obeys (17) with it.
 """
 
 from __future__ import annotations
@@ -46,9 +46,9 @@ def own_symbol(symbol: sp.Symbol) -> sp.Symbol:
     return parameter_symbol(f"{symbol.name}{SUFFIX}")
 
 
-def seen_symbol(symbol: sp.Symbol) -> sp.Symbol:
-    """``D1_seen`` of ``D1``: what is left of x1' when the design's model is taken away."""
-    return parameter_symbol(f"{symbol.name}_seen")
+def effective_symbol(symbol: sp.Symbol) -> sp.Symbol:
+    """``D1_effective`` of ``D1``: what is left of x1' when the design's model is taken away."""
+    return parameter_symbol(f"{symbol.name}_effective")
 
 
 def true_plant(
@@ -79,7 +79,7 @@ def true_plant(
         (
             *(known[i] for i in differing),
             *(_twin(item, twins) for item in (*physics, *known) if item.symbol in changed),
-            *(entry for i in differing for entry in _seen(disturbances[i], known[i])),
+            *(entry for i in differing for entry in _effective(disturbances[i], known[i])),
         ),
     )
 
@@ -153,7 +153,7 @@ def _twin(item: Equation, twins: Mapping[sp.Symbol, sp.Symbol]) -> Equation:
     )
 
 
-def _seen(disturbance: sp.Symbol, known: Equation) -> tuple[Equation, Equation]:
+def _effective(disturbance: sp.Symbol, known: Equation) -> tuple[Equation, Equation]:
     """What the design does not know of one rate."""
     index = disturbance.name.removeprefix("D")
     mismatch = parameter_symbol(f"mismatch{index}")
@@ -163,15 +163,15 @@ def _seen(disturbance: sp.Symbol, known: Equation) -> tuple[Equation, Equation]:
             own_symbol(known.symbol) - known.symbol,
             SECTION,
             "(12)",
-            f"what the design believes wrongly of the rate of x{index}",
+            f"model mismatch in the rate of x{index}",
             known.unit,
         ),
         Equation(
-            seen_symbol(disturbance),
+            effective_symbol(disturbance),
             own_symbol(disturbance) + mismatch,
             SECTION,
             "(12)",
-            "disturbance that the controller faces",
+            "effective disturbance: what the controller faces",
             known.unit,
         ),
     )

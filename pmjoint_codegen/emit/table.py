@@ -189,7 +189,7 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
             (t, x, w, p),
             (("D", disturbance_symbols(derivation.plant)),),
             "(12)",
-            "disturbance that the controller faces",
+            "effective disturbance: what the controller faces",
             {**effective_of, **delivered},
         ),
         Kernel(

@@ -21,7 +21,7 @@ from pmjoint_derive import Derivation, parameter_symbol
 from pmjoint_derive.closed_loop import disturbance_symbols
 from pmjoint_derive.sampling import Hold
 from pmjoint_derive.signals import derivative_name, named, partial_name
-from pmjoint_derive.true_plant import own_symbol, seen_symbol
+from pmjoint_derive.true_plant import effective_symbol, own_symbol
 
 Block = tuple[str, tuple[sp.Expr, ...]]
 
@@ -107,9 +107,9 @@ def own_twins(derivation: Derivation, symbols: Iterable[sp.Symbol]) -> dict[sp.S
 def effective(derivation: Derivation) -> dict[sp.Symbol, sp.Expr]:
     """Each disturbance -> the effective one, with the model mismatch in it."""
     return {
-        symbol: seen_symbol(symbol)
+        symbol: effective_symbol(symbol)
         for symbol in disturbance_symbols(derivation.plant)
-        if seen_symbol(symbol).name in derivation.equations
+        if effective_symbol(symbol).name in derivation.equations
     }
 
 

@@ -17,7 +17,7 @@ from pmjoint_derive.closed_loop import disturbance_symbols
 from pmjoint_derive.filters import estimate, filter_matrix, filter_rates
 from pmjoint_derive.model import Channel, parameter_symbol
 from pmjoint_derive.signals import derivative_name
-from pmjoint_derive.true_plant import SUFFIX, own_symbol, seen_symbol
+from pmjoint_derive.true_plant import SUFFIX, effective_symbol, own_symbol
 
 MODELS = ("paper", "joint", "joint-damped", "joint-exact", "joint-lag", "third-order")
 
@@ -119,7 +119,7 @@ def test_all_that_both_use_has_two_values(shipped: Derivation) -> None:
     assert set(shipped.own_parameters) == believed & physical - {model.limit}
 
 
-def test_the_estimation_error_obeys_17_with_the_disturbance_that_is_seen(shipped: Derivation) -> None:
+def test_the_estimation_error_obeys_17_with_the_effective_disturbance(shipped: Derivation) -> None:
     s, plant, equations = shipped.signals, shipped.plant, shipped.equations
     keep = frozenset({s.y, s.u, *(channel.symbol for channel in shipped.model.actuator)})
     keep |= {own_symbol(symbol) for symbol in keep}
@@ -132,20 +132,20 @@ def test_the_estimation_error_obeys_17_with_the_disturbance_that_is_seen(shipped
         matrix.applyfunc(lambda entry: equations.expand(entry, keep))
         for matrix in (sp.Matrix(x_hat), x_hat_dot)
     )
-    seen = [
-        seen_symbol(symbol) if seen_symbol(symbol).name in equations else symbol
+    effective = [
+        effective_symbol(symbol) if effective_symbol(symbol).name in equations else symbol
         for symbol in disturbance_symbols(plant)
     ]
-    D = sp.Matrix([equations.expand(symbol, keep) for symbol in seen])
+    D = sp.Matrix([equations.expand(symbol, keep) for symbol in effective])
     x_dot = sp.Matrix(rates(shipped)[: plant.order])
     wanted = filter_matrix(s) * (sp.Matrix(s.x) - x_hat) + D
     difference = (x_dot - x_hat_dot - wanted).xreplace({s.y: s.x[0]})
     assert difference.applyfunc(lambda entry: sp.cancel(sp.together(entry))).is_zero_matrix
 
 
-def test_where_the_values_agree_the_seen_disturbance_is_the_models(shipped: Derivation) -> None:
+def test_where_the_values_agree_the_effective_disturbance_is_the_models(shipped: Derivation) -> None:
     equations = shipped.equations
     for symbol in disturbance_symbols(shipped.plant):
-        if seen_symbol(symbol).name in equations:
+        if effective_symbol(symbol).name in equations:
             mismatch = equations.expand(equations[f"mismatch{symbol.name[1:]}"].expression)
             assert mismatch.xreplace(agreeing(shipped)) == 0  # term by term: no rounding either
