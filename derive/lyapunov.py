@@ -157,23 +157,16 @@ def virtual_control_rates(
 
 
 def claimed_rates(derivation: Derivation, s_: tuple[sp.Expr, ...]) -> tuple[sp.Expr, ...]:
-    """``z_i'`` as (27), (28) claim it, in symbols z_i.
+    """``z_i'`` as the derivation claims it (27), (28), in symbols z_i.
 
     Args:
         derivation: the design.
         s_: the sensitivities, as expressions or symbols.
     """
-    s, b_m, rho = derivation.signals, derivation.plant.b[0], derivation.plant.rho
-    rates = []
-    for i in range(1, rho + 1):
-        rate = -(s.c[i - 1] + s.e[i - 1] * s_[i - 1] ** 2) * s.z[i - 1]
-        rate -= s_[i - 1] * unknown_output_rate(derivation.design)
-        if i < rho:
-            rate += (b_m if i == 1 else 1) * s.z[i]
-        if i > 1:
-            rate -= (b_m if i == 2 else 1) * s.z[i - 2]
-        rates.append(rate)
-    return tuple(rates)
+    s, equations = derivation.signals, derivation.equations
+    names = (parameter_symbol(partial_name(alpha, s.y)) for alpha in s.alpha)
+    given = dict(zip(names, s_[1:], strict=True))
+    return tuple(equations[derivative_name(z)].expression.xreplace(given) for z in s.z)
 
 
 def estimation_identities(derivation: Derivation) -> list[Identity]:

@@ -11,7 +11,6 @@ from pmjoint_codegen.emit.guard import guard_function
 from pmjoint_codegen.emit.table import LANES, LOOPS, Composed, Guard, Kernel, Made, Taylor, kernel_table
 from pmjoint_codegen.emit.taylor import taylor_function
 from pmjoint_codegen.emit.translate import Translator
-from pmjoint_codegen.emit.vocabulary import Block
 from pmjoint_derive import Derivation
 from pmjoint_derive.progress import Stage, unwatched
 
@@ -30,9 +29,8 @@ def build_function(kernel: Kernel, derivation: Derivation) -> ca.Function:
     }
     translate = Translator(kernel.name, known, kernel.given, derivation.equations, kernel.sides)
     results = [_dense([translate(sp.sympify(entry)) for entry in entries]) for _, entries in kernel.outputs]
-    return ca.Function(
-        kernel.name, arguments, ca.cse(results), _labels(kernel.inputs), _labels(kernel.outputs)
-    )
+    taken, given = ([label for label, _ in blocks] for blocks in (kernel.inputs, kernel.outputs))
+    return ca.Function(kernel.name, arguments, ca.cse(results), taken, given)
 
 
 def build_functions(derivation: Derivation, order: int, stage: Stage = unwatched) -> dict[str, ca.Function]:
@@ -81,7 +79,3 @@ def make_function(made: Made, functions: Mapping[str, ca.Function], order: int =
 
 def _dense(entries: list[ca.SX]) -> ca.SX:
     return ca.densify(ca.vertcat(*entries)) if entries else ca.SX(0, 1)
-
-
-def _labels(blocks: tuple[Block, ...]) -> list[str]:
-    return [label for label, _ in blocks]

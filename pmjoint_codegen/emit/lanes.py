@@ -35,11 +35,6 @@ def lane_sizes(words: Vocabulary, functions: Mapping[str, ca.Function]) -> dict[
     return sizes
 
 
-def _channels(function: ca.Function) -> int:
-    """Entries of all results together."""
-    return sum(function.size1_out(i) for i in range(function.n_out()))
-
-
 def matrices(name: str, *parts: ca.Function) -> ca.Function:
     """The filters' and the compensator's matrix in one vector, each row by row."""
     (p,) = symbols_of(parts[0])
@@ -54,7 +49,8 @@ def arrive(name: str, loop: ca.Function) -> ca.Function:
     ``sum_k a_k s^k`` over s in [0, 1]; the mean of e^2, by five Gauss nodes: what they leave out, the
     tolerance makes small (below 1e-9 of it).
     """
-    order, states, channels = LANE_ORDER, loop.size1_in("X"), _channels(loop)
+    order, states = LANE_ORDER, loop.size1_in("X")
+    channels = sum(loop.size1_out(i) for i in range(loop.n_out()))
     c, h = ca.SX.sym("c", (order + 1) * channels), ca.SX.sym("h")
     values, slopes = [], []
     for i in range(channels):

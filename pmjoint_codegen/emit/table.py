@@ -15,13 +15,13 @@ import sympy as sp
 
 from pmjoint_codegen.emit.lanes import LANE_ORDER, arrive, bernstein, matrices, same, stacked
 from pmjoint_codegen.emit.sampling import HOLD_ORDER, PLANT_ORDER, sample
-from pmjoint_codegen.emit.vocabulary import Block, effective, own_twins, rate_block, vocabulary
+from pmjoint_codegen.emit.vocabulary import Block, rate_block, twins, vocabulary
 from pmjoint_derive import Derivation, parameter_symbol
 from pmjoint_derive.closed_loop import disturbance_symbols
 from pmjoint_derive.compensator import compensator_matrix
 from pmjoint_derive.filters import filter_matrix
 from pmjoint_derive.signals import named
-from pmjoint_derive.true_plant import own_symbol
+from pmjoint_derive.true_plant import effective_symbol, own_symbol
 
 
 @dataclass(frozen=True)
@@ -57,6 +57,7 @@ class Taylor:
         state: label of its input that moves.
         order: highest coefficient; None where it is chosen for each model.
         equation: paper numbers.
+        about: one line for the reader.
     """
 
     name: str
@@ -64,11 +65,7 @@ class Taylor:
     state: str
     order: int | None
     equation: str = ""
-
-    @property
-    def about(self) -> str:
-        """One line for the reader."""
-        return f"Taylor coefficients of what {self.of} gives"
+    about: str = ""
 
 
 @dataclass(frozen=True)
@@ -79,18 +76,15 @@ class Guard:
         name: name in C.
         of: the function whose coefficients they are.
         state: label of its input that moves.
-        equation: none: it is no equation of the paper.
+        equation: empty: it is no equation of the paper.
+        about: one line for the reader.
     """
 
     name: str
     of: str
     state: str
     equation: str = ""
-
-    @property
-    def about(self) -> str:
-        """One line for the reader."""
-        return f"nonlinear part of what {self.of} gives on a disc around t, as a bound"
+    about: str = ""
 
 
 @dataclass(frozen=True)
@@ -115,10 +109,27 @@ class Composed:
 Made = Taylor | Guard | Composed
 
 LOOPS: tuple[Made, ...] = (
-    Taylor("taylor", "closed_loop", "X", None, "(11), (14), (23), (29)"),
-    Guard("guard", "closed_loop", "X"),
-    Taylor("plant_taylor", "plant", "x", PLANT_ORDER, "(11)"),
-    Guard("plant_guard", "plant", "x"),
+    Taylor(
+        "taylor",
+        "closed_loop",
+        "X",
+        None,
+        "(11), (14), (23), (29)",
+        "Taylor coefficients of what closed_loop gives",
+    ),
+    Guard(
+        "guard",
+        "closed_loop",
+        "X",
+        about="nonlinear part of what closed_loop gives on a disc around t, as a bound",
+    ),
+    Taylor("plant_taylor", "plant", "x", PLANT_ORDER, "(11)", "Taylor coefficients of what plant gives"),
+    Guard(
+        "plant_guard",
+        "plant",
+        "x",
+        about="nonlinear part of what plant gives on a disc around t, as a bound",
+    ),
     Composed(
         "sample",
         ("reference", "law", "actuation", "plant", "sampled_update"),
@@ -150,15 +161,16 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
     X, w, h = ("X", (*words.x, *words.s)), ("w", words.w), ("h", words.h)
     limits = tuple(entry for four in actuator_limits(derivation).values() for entry in four)
     delivered = {own_symbol(symbol): symbol for symbol in words.w}
-    own = own_twins(
-        derivation, (*rate_block("x", words.x)[1], *(item.symbol for item in derivation.model.reported))
-    )
-    effective_of = effective(derivation)
+    physical = (*rate_block("x", words.x)[1], *(item.symbol for item in derivation.model.reported))
+    own = twins(derivation, physical, own_symbol)
+    effective = twins(derivation, disturbance_symbols(derivation.plant), effective_symbol)
     in_mode = {symbol: words.g[2 * j] + words.g[2 * j + 1] * s.v for j, symbol in enumerate(words.w)}
     # One factor of v, so that nothing is left of what saturation clips where it clips nothing.
     in_mode[s.du] = words.g[0] + (words.g[1] - 1) * s.v
     sides = dict(zip(words.kinks, words.sides, strict=True))
     e, kinks = ("e", (parameter_symbol("e"),)), [("kinks", words.kinks)] if words.kinks else []
+    rows = tuple(entry for row in s.Xi for entry in row)
+    filters = rate_block("xi", s.xi), rate_block("Xi", rows), rate_block("lambda", s.lambda_)
     return (
         Kernel("reference", (t, p), (y_r,), "", "the reference and its derivatives"),
         Kernel(
@@ -175,7 +187,7 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
             "(29)",
             "partial derivatives of alpha",
         ),
-        Kernel("filters", (y, state, u, p), _rates(s.xi, s.Xi, s.lambda_), "(14)", "rates of the K-filters"),
+        Kernel("filters", (y, state, u, p), filters, "(14)", "rates of the K-filters"),
         Kernel(
             "compensator",
             (y, state, du, p),
@@ -190,7 +202,7 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
             (("D", disturbance_symbols(derivation.plant)),),
             "(12)",
             "effective disturbance: what the controller faces",
-            {**effective_of, **delivered},
+            {**effective, **delivered},
         ),
         Kernel(
             "plant",
@@ -223,7 +235,7 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
             (("signals", words.signals),),
             "",
             "everything a run reports beside its states",
-            {**own, **effective_of},
+            {**own, **effective},
         ),
         Kernel(
             "filter_matrix", (p,), (("A0", tuple(filter_matrix(s))),), "(14)", "A0 = A - k e1', row by row"
@@ -248,10 +260,3 @@ def actuator_limits(derivation: Derivation) -> dict[sp.Symbol, tuple[sp.Expr, ..
     }
     u, *others = limits
     return {u: limits[u]} | {w: tuple(entry.xreplace(own) for entry in limits[w]) for w in others}
-
-
-def _rates(
-    xi: tuple[sp.Symbol, ...], Xi: tuple[tuple[sp.Symbol, ...], ...], lambda_: tuple[sp.Symbol, ...]
-) -> tuple[Block, ...]:
-    rows = tuple(entry for row in Xi for entry in row)
-    return rate_block("xi", xi), rate_block("Xi", rows), rate_block("lambda", lambda_)

@@ -11,7 +11,7 @@ actuator and what is reported of the plant follow those.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import sympy as sp
@@ -21,7 +21,7 @@ from pmjoint_derive import Derivation, parameter_symbol
 from pmjoint_derive.closed_loop import disturbance_symbols
 from pmjoint_derive.sampling import Hold
 from pmjoint_derive.signals import derivative_name, named, partial_name
-from pmjoint_derive.true_plant import effective_symbol, own_symbol
+from pmjoint_derive.true_plant import own_symbol
 
 Block = tuple[str, tuple[sp.Expr, ...]]
 
@@ -62,7 +62,9 @@ def vocabulary(derivation: Derivation) -> Vocabulary:
     w = tuple(channel.symbol for channel in model.actuator)
     g = tuple(parameter_symbol(f"g_{kind}{j}") for j in range(1, len(w) + 1) for kind in ("offset", "slope"))
     x = (*s.x, *(state.symbol for state in model.extras))
-    kinks = kink_arguments(_true_rates(derivation, x), derivation.equations)
+    rates = rate_block("x", x)[1]
+    own = twins(derivation, rates, own_symbol)
+    kinks = kink_arguments((own.get(rate, rate) for rate in rates), derivation.equations)
     return Vocabulary(
         p=(
             *(item.symbol for item in derivation.model.parameters),
@@ -90,27 +92,17 @@ def vocabulary(derivation: Derivation) -> Vocabulary:
     )
 
 
-def _true_rates(derivation: Derivation, x: tuple[sp.Symbol, ...]) -> tuple[sp.Symbol, ...]:
-    """Symbols of the simulated plant's rates, in its own values where these may differ."""
-    rates = rate_block("x", x)[1]
-    own = own_twins(derivation, rates)
-    return tuple(own.get(rate, rate) for rate in rates)
+def twins(
+    derivation: Derivation, symbols: Iterable[sp.Symbol], twin: Callable[[sp.Symbol], sp.Symbol]
+) -> dict[sp.Symbol, sp.Expr]:
+    """Names of the plant that its own parameters change -> their twins.
 
-
-def own_twins(derivation: Derivation, symbols: Iterable[sp.Symbol]) -> dict[sp.Symbol, sp.Expr]:
-    """Names of the plant that its own parameters change -> their twins."""
-    return {
-        symbol: own_symbol(symbol) for symbol in symbols if own_symbol(symbol).name in derivation.equations
-    }
-
-
-def effective(derivation: Derivation) -> dict[sp.Symbol, sp.Expr]:
-    """Each disturbance -> the effective one, with the model mismatch in it."""
-    return {
-        symbol: effective_symbol(symbol)
-        for symbol in disturbance_symbols(derivation.plant)
-        if effective_symbol(symbol).name in derivation.equations
-    }
+    Args:
+        derivation: the named equations.
+        symbols: the names.
+        twin: of a name, if it has one: `own_symbol` or `effective_symbol`.
+    """
+    return {symbol: twin(symbol) for symbol in symbols if twin(symbol).name in derivation.equations}
 
 
 def rate_block(label: str, states: tuple[sp.Symbol, ...]) -> Block:

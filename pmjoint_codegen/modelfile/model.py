@@ -54,7 +54,7 @@ def to_derive(spec: ModelSpec, where: str = "") -> Model:
             limit=known[spec.actuator.limit],
             reference=parse(spec.simulation.reference, _with(known, "t"), f"{where}: simulation.reference"),
             gains=Gains(**spec.design.model_dump()),
-            simulation=_simulation(spec),
+            simulation=Simulation(**spec.simulation.model_dump(exclude={"reference"})),
             y_unit=spec.units.y,
             u_unit=spec.units.u,
             y_range=spec.y_range,
@@ -147,13 +147,6 @@ def _parse(text: str, allowed: Symbols, known: Symbols, where: str) -> sp.Expr:
         with suppress(ModelError):
             return parse(text, {**known, **allowed}, where)
         raise
-
-
-def _simulation(spec: ModelSpec) -> Simulation:
-    run = spec.simulation
-    return Simulation(
-        x0=run.x0, horizon=run.horizon, output_step=run.output_step, sample_time=run.sample_time
-    )
 
 
 def _check_values(spec: ModelSpec, parameters: tuple[Parameter, ...], where: str) -> None:
