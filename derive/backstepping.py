@@ -22,8 +22,8 @@ import sympy as sp
 from pmjoint_derive.certificate import certificate_equations
 from pmjoint_derive.closed_loop import disturbance_symbols, unknown_output_rate
 from pmjoint_derive.compensator import compensator_equations, compensator_rates
-from pmjoint_derive.design import Derivation, Design
-from pmjoint_derive.equation import Equation, Identity
+from pmjoint_derive.design import Design
+from pmjoint_derive.equation import Equation
 from pmjoint_derive.filters import (
     estimate,
     filter_equations,
@@ -79,29 +79,28 @@ class Backstepping(Design):
         """The unknown part of y' (21)."""
         return unknown_output_rate(self)
 
-    def filters(self) -> list[Equation]:
-        """(14), (15)."""
-        return filter_equations(self)
-
-    def compensator(self) -> list[Equation]:
-        """(23)."""
-        return compensator_equations(self)
+    filters = filter_equations
+    compensator = compensator_equations
+    prove = staticmethod(prove)
+    certificate = staticmethod(certificate_equations)
 
     def law(self, stage: Stage = unwatched) -> list[Equation]:
         """(24)-(29)."""
         return backstep(self, stage)
 
     def error_rates(self) -> list[Equation]:
-        """(27), (28)."""
-        return error_rate_equations(self)
-
-    def prove(self, derivation: Derivation) -> tuple[Identity, ...]:
-        """Every identity that the certificate rests on; all hold, or there is no certificate."""
-        return prove(derivation)
-
-    def certificate(self, derivation: Derivation) -> tuple[Equation, ...]:
-        """(19), (30), (32)-(35)."""
-        return certificate_equations(derivation)
+        """The error dynamics that the law achieves, exact for any saturation; the basis of (31)."""
+        return [
+            Equation(
+                parameter_symbol(f"{symbol.name}_dot"),
+                wanted_rate(self, i),
+                "Certificate",
+                "(27)" if i == 1 else "(28)",
+                f"rate of error {i} under the law, whatever u is",
+                self.units.of(symbol) / SECOND,
+            )
+            for i, symbol in enumerate(self.signals.z, start=1)
+        ]
 
 
 def omega_expression(design: Design) -> sp.Expr:
@@ -299,19 +298,4 @@ def partial_equations(
             units.of(alpha) / units.of(by),
         )
         for by, name in names.items()
-    ]
-
-
-def error_rate_equations(step: Backstepping) -> list[Equation]:
-    """The error dynamics that the law achieves, exact for any saturation; the basis of (31)."""
-    return [
-        Equation(
-            parameter_symbol(f"{symbol.name}_dot"),
-            wanted_rate(step, i),
-            "Certificate",
-            "(27)" if i == 1 else "(28)",
-            f"rate of error {i} under the law, whatever u is",
-            step.units.of(symbol) / SECOND,
-        )
-        for i, symbol in enumerate(step.signals.z, start=1)
     ]

@@ -60,12 +60,14 @@ class Design(ABC):
     def error_rates(self) -> list[Equation]:
         """Rates of the errors under the law, where the design claims any."""
 
+    @staticmethod
     @abstractmethod
-    def prove(self, derivation: Derivation) -> tuple[Identity, ...]:
+    def prove(derivation: Derivation) -> tuple[Identity, ...]:
         """Identities that the design's claims rest on."""
 
+    @staticmethod
     @abstractmethod
-    def certificate(self, derivation: Derivation) -> tuple[Equation, ...]:
+    def certificate(derivation: Derivation) -> tuple[Equation, ...]:
         """The Lyapunov function and its rate, for a reader; empty where the design has none."""
 
 

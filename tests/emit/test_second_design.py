@@ -34,13 +34,8 @@ class PlainFeedback(Design):
         """One error, and no virtual control."""
         return replace(Signals.of(plant), z=named("z", 1), alpha=())
 
-    def filters(self) -> list[Equation]:
-        """(14), (15)."""
-        return filter_equations(self)
-
-    def compensator(self) -> list[Equation]:
-        """(23), which the model switches off."""
-        return compensator_equations(self)
+    filters = filter_equations
+    compensator = compensator_equations  # which the model switches off
 
     def law(self, stage: Stage) -> list[Equation]:
         """``z_1`` and v."""
@@ -59,11 +54,13 @@ class PlainFeedback(Design):
         """None is claimed."""
         return []
 
-    def prove(self, derivation: Derivation) -> tuple[Identity, ...]:
+    @staticmethod
+    def prove(derivation: Derivation) -> tuple[Identity, ...]:
         """The filters' claim (17), which no law changes."""
         return tuple(estimation_identities(derivation))
 
-    def certificate(self, derivation: Derivation) -> tuple[Equation, ...]:
+    @staticmethod
+    def certificate(derivation: Derivation) -> tuple[Equation, ...]:
         """None."""
         return ()
 
