@@ -10,7 +10,7 @@ from pmjoint_derive.model import (
     Parameter,
     Plant,
     Simulation,
-    parameter_symbol,
+    real_symbol,
 )
 from pmjoint_derive.signals import Signals
 
@@ -27,5 +27,5 @@ __all__ = [
     "Signals",
     "Simulation",
     "derive",
-    "parameter_symbol",
+    "real_symbol",
 ]

@@ -32,7 +32,7 @@ from pmjoint_derive.filters import (
     input_filters,
 )
 from pmjoint_derive.lyapunov import prove
-from pmjoint_derive.model import parameter_symbol
+from pmjoint_derive.model import real_symbol
 from pmjoint_derive.progress import Stage, unwatched
 from pmjoint_derive.shield import multiplied_out, shielded
 from pmjoint_derive.signals import Units, free, partial_name
@@ -49,12 +49,12 @@ class Backstepping(Design):
     @cached_property
     def v_m(self) -> tuple[sp.Symbol, ...]:
         """Symbols of v_{m,1} ... v_{m,n}: the filtered input, each step's virtual control."""
-        return tuple(parameter_symbol(f"v{self.plant.m}_{i}") for i in range(1, self.plant.order + 1))
+        return tuple(real_symbol(f"v{self.plant.m}_{i}") for i in range(1, self.plant.order + 1))
 
     @cached_property
     def omega(self) -> sp.Symbol:
         """Symbol of the known part of y' (21) besides ``b_m v_{m,2}``."""
-        return parameter_symbol(OMEGA)
+        return real_symbol(OMEGA)
 
     @cached_property
     def rates(self) -> dict[sp.Symbol, sp.Expr]:
@@ -92,7 +92,7 @@ class Backstepping(Design):
         """The error dynamics that the law achieves, exact for any saturation; the basis of (31)."""
         return [
             Equation(
-                parameter_symbol(f"{symbol.name}_dot"),
+                real_symbol(f"{symbol.name}_dot"),
                 wanted_rate(self, i),
                 "Certificate",
                 "(27)" if i == 1 else "(28)",
@@ -127,11 +127,7 @@ def error_definition(step: Backstepping, i: int) -> sp.Expr:
 
 def sensitivity(step: Backstepping, i: int) -> sp.Expr:
     """``s_i``: how eta, which is not known of y', enters z_i', with its sign turned."""
-    return (
-        sp.Integer(-1)
-        if i == 1
-        else parameter_symbol(partial_name(step.signals.alpha[i - 2], step.signals.y))
-    )
+    return sp.Integer(-1) if i == 1 else real_symbol(partial_name(step.signals.alpha[i - 2], step.signals.y))
 
 
 def wanted_rate(step: Backstepping, i: int) -> sp.Expr:
@@ -251,7 +247,7 @@ def backstep(step: Backstepping, stage: Stage = unwatched) -> list[Equation]:
         derivatives = nonzero_partials(
             step, primitive[alpha], stage, f"partial derivatives of alpha_{i}, {place}"
         )
-        partials = {by: parameter_symbol(partial_name(alpha, by)) for by in derivatives}
+        partials = {by: real_symbol(partial_name(alpha, by)) for by in derivatives}
         primitive |= {partials[by]: value for by, value in derivatives.items()}
         equations += partial_equations(alpha, partials, derivatives, units)
     return equations

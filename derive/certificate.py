@@ -17,7 +17,7 @@ from pmjoint_derive.lyapunov import (
     squares,
     symmetric_matrix,
 )
-from pmjoint_derive.model import parameter_symbol
+from pmjoint_derive.model import real_symbol
 
 _READABLE = 4  # order up to which P is written in the gains: its entries grow threefold with each order
 
@@ -35,9 +35,9 @@ def certificate_equations(derivation: Derivation) -> tuple[Equation, ...]:
     P, solved = symmetric_matrix(plant.order), lyapunov_matrix(s) if short else _at_gains(derivation)
     symbols, epsilon = disturbance_symbols(plant), sp.Matrix(s.epsilon)
     acting = [symbol if rate != 0 else rate for symbol, rate in zip(symbols, plant.disturbance, strict=True)]
-    PD = sp.Matrix([parameter_symbol(f"PD{i}") for i in range(1, plant.order + 1)])
+    PD = sp.Matrix([real_symbol(f"PD{i}") for i in range(1, plant.order + 1)])
     lost = sum(squares(derivation, PD, sensitivities(derivation)), sp.Integer(0))
-    V_epsilon, V_lost = parameter_symbol("V_epsilon"), parameter_symbol("V_lost")
+    V_epsilon, V_lost = real_symbol("V_epsilon"), real_symbol("V_lost")
     energy = sum((z**2 / 2 for z in s.z), sp.Integer(0)) + error_weight(s) * V_epsilon
     rows = [
         (
@@ -70,11 +70,11 @@ def certificate_equations(derivation: Derivation) -> tuple[Equation, ...]:
         rows += _residual(derivation, bound)
     taken = {item.name for item in derivation.model.parameters} | set(derivation.equations)
     free = {
-        parameter_symbol(name): parameter_symbol(f"{name}_of_V") for name, *_ in rows if name in taken
+        real_symbol(name): real_symbol(f"{name}_of_V") for name, *_ in rows if name in taken
     }  # nothing here speaks of the plant's parameters, so a name of theirs can only mean our own
     return tuple(
         Equation(
-            free.get(parameter_symbol(name), parameter_symbol(name)),
+            free.get(real_symbol(name), real_symbol(name)),
             expression.xreplace(free),
             "Certificate",
             number,
@@ -87,10 +87,10 @@ def certificate_equations(derivation: Derivation) -> tuple[Equation, ...]:
 
 def _decay(derivation: Derivation) -> list[tuple[str, sp.Expr, str, str]]:
     """(34): name, expression, number and meaning of each constant."""
-    s, largest = derivation.signals, parameter_symbol("lambda_P")
+    s, largest = derivation.signals, real_symbol("lambda_P")
     least = sp.Min(*s.c, *(1 / (4 * e) for e in s.e))
     greatest = sp.Max(sp.Rational(1, 2), *(largest / (2 * e) for e in s.e))
-    rate = parameter_symbol("f_minus") / parameter_symbol("f_plus")
+    rate = real_symbol("f_minus") / real_symbol("f_plus")
     return [
         (
             "lambda_P",
@@ -106,8 +106,8 @@ def _decay(derivation: Derivation) -> list[tuple[str, sp.Expr, str, str]]:
 
 def _residual(derivation: Derivation, bound: float) -> list[tuple[str, sp.Expr, str, str]]:
     """(33) and (35), likewise."""
-    V, Y, f, D_max = (parameter_symbol(name) for name in ("V", "Y", "f", "D_max"))
-    norm = parameter_symbol("lambda_P") ** 2
+    V, Y, f, D_max = (real_symbol(name) for name in ("V", "Y", "f", "D_max"))
+    norm = real_symbol("lambda_P") ** 2
     factor = norm if output_disturbance(derivation.plant) == 0 else 2 * norm + 1
     return [
         ("D_max", sp.Rational(repr(bound)), "(9)", "bound of the disturbance"),

@@ -7,17 +7,17 @@ import sympy as sp
 from pmjoint_derive.design import Design
 from pmjoint_derive.equation import Equation
 from pmjoint_derive.filters import shift_matrix
-from pmjoint_derive.model import Model, Plant, parameter_symbol
+from pmjoint_derive.model import Model, Plant, real_symbol
 from pmjoint_derive.signals import derivative_name
 from pmjoint_derive.units import SECOND, parse_unit
 
 # the disturbance that the paper simulates, (37); any other is the D of (12)
-_EXAMPLE = sp.sin(parameter_symbol("x2")) * sp.cos(parameter_symbol("t")) / 10
+_EXAMPLE = sp.sin(real_symbol("x2")) * sp.cos(real_symbol("t")) / 10
 
 
 def disturbance_symbols(plant: Plant) -> tuple[sp.Symbol, ...]:
     """Symbols D1..Dn of the disturbance."""
-    return tuple(parameter_symbol(f"D{i}") for i in range(1, plant.order + 1))
+    return tuple(real_symbol(f"D{i}") for i in range(1, plant.order + 1))
 
 
 def output_disturbance(plant: Plant) -> sp.Expr:
@@ -59,7 +59,7 @@ def plant_equations(design: Design) -> list[Equation]:
     ]
     rates = [
         Equation(
-            parameter_symbol(derivative_name(state)),
+            real_symbol(derivative_name(state)),
             rate,
             "Plant",
             "(11)",
@@ -107,7 +107,7 @@ def extra_equations(model: Model) -> list[Equation]:
     """Reported signals of the physics, and rates of the states that only the simulated plant has."""
     rates = [
         Equation(
-            parameter_symbol(derivative_name(state.symbol)),
+            real_symbol(derivative_name(state.symbol)),
             state.rate,
             "Plant",
             "",
@@ -123,7 +123,7 @@ def error_equations(design: Design) -> list[Equation]:
     """Tracking error and estimation errors (17)."""
     signals, units = design.signals, design.units
     tracking = Equation(
-        parameter_symbol("e"),
+        real_symbol("e"),
         signals.y - signals.y_r[0],
         "Closed loop",
         "",
@@ -133,7 +133,7 @@ def error_equations(design: Design) -> list[Equation]:
     estimation = [
         Equation(
             symbol,
-            state - parameter_symbol(f"x_hat{i}"),
+            state - real_symbol(f"x_hat{i}"),
             "Estimate",
             "(17)",
             f"estimation error of x{i}",

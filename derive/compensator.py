@@ -11,7 +11,7 @@ import sympy as sp
 
 from pmjoint_derive.design import Design
 from pmjoint_derive.equation import Equation
-from pmjoint_derive.model import parameter_symbol
+from pmjoint_derive.model import real_symbol
 from pmjoint_derive.signals import Signals, derivative_name
 from pmjoint_derive.units import SECOND
 
@@ -45,7 +45,7 @@ def compensator_equations(design: Design) -> list[Equation]:
     )
     rates = [
         Equation(
-            symbol=parameter_symbol(derivative_name(state)),
+            symbol=real_symbol(derivative_name(state)),
             expression=rate.xreplace({signals.du: signals.compensator * signals.du}),
             section=SECTION,
             number="(23)",

@@ -12,7 +12,7 @@ import sympy as sp
 
 from pmjoint_derive.design import Design
 from pmjoint_derive.equation import Equation
-from pmjoint_derive.model import parameter_symbol
+from pmjoint_derive.model import real_symbol
 from pmjoint_derive.units import SECOND, Unit
 
 SECTION = "Plant"
@@ -34,7 +34,7 @@ def name_constants(design: Design) -> tuple[Design, list[Equation]]:
     def name(value: sp.Expr, stem: str, meaning: str, unit: Unit | None) -> sp.Expr:
         if value.is_Symbol or value.is_number:
             return value
-        symbol = parameter_symbol(stem)
+        symbol = real_symbol(stem)
         equations.append(Equation(symbol, value, SECTION, "", meaning, unit))
         return symbol
 

@@ -11,7 +11,7 @@ import sympy as sp
 
 from pmjoint_derive.design import Design
 from pmjoint_derive.equation import Equation
-from pmjoint_derive.model import parameter_symbol
+from pmjoint_derive.model import real_symbol
 from pmjoint_derive.signals import Signals, derivative_name
 from pmjoint_derive.units import SECOND
 
@@ -77,7 +77,7 @@ def filter_equations(design: Design) -> list[Equation]:
     }
     rates = [
         Equation(
-            symbol=parameter_symbol(derivative_name(state)),
+            symbol=real_symbol(derivative_name(state)),
             expression=rate,
             section=SECTION,
             number="(14)",
@@ -88,7 +88,7 @@ def filter_equations(design: Design) -> list[Equation]:
     ]
     estimates = [
         Equation(
-            symbol=parameter_symbol(f"x_hat{i}"),
+            symbol=real_symbol(f"x_hat{i}"),
             expression=value,
             section="Estimate",
             number="(15)",

@@ -33,7 +33,7 @@ from pmjoint_derive.closed_loop import (
 from pmjoint_derive.design import Derivation
 from pmjoint_derive.equation import Identity
 from pmjoint_derive.filters import filter_matrix
-from pmjoint_derive.model import parameter_symbol
+from pmjoint_derive.model import real_symbol
 from pmjoint_derive.signals import Signals, derivative_name, partial_name
 
 
@@ -48,11 +48,11 @@ def expand_to_zero(expression: sp.Expr, sigma: sp.Expr) -> sp.Expr:
     Returns:
         0, or what is left over.
     """
-    whole = expression.xreplace({sigma: parameter_symbol("sigma")}) if sigma.is_Add else expression
+    whole = expression.xreplace({sigma: real_symbol("sigma")}) if sigma.is_Add else expression
     rest = sp.expand(whole)
     if rest == 0:
         return sp.Integer(0)
-    numerator = sp.expand(sp.fraction(sp.together(rest.xreplace({parameter_symbol("sigma"): sigma})))[0])
+    numerator = sp.expand(sp.fraction(sp.together(rest.xreplace({real_symbol("sigma"): sigma})))[0])
     return sp.Integer(0) if numerator == 0 else rest
 
 
@@ -76,7 +76,7 @@ def lyapunov_residual(P: sp.ImmutableMatrix, signals: Signals) -> sp.ImmutableMa
 
 def symmetric_matrix(n: int) -> sp.ImmutableMatrix:
     """``P`` as symbols ``P_11``, ``P_12``, ..., n x n."""
-    return sp.ImmutableMatrix(n, n, lambda i, j: parameter_symbol(f"P_{min(i, j) + 1}{max(i, j) + 1}"))
+    return sp.ImmutableMatrix(n, n, lambda i, j: real_symbol(f"P_{min(i, j) + 1}{max(i, j) + 1}"))
 
 
 def unfold(derivation: Derivation, name: str, keep: frozenset[sp.Symbol] = frozenset()) -> sp.Expr:
@@ -112,7 +112,7 @@ def sensitivities(derivation: Derivation) -> tuple[sp.Expr, ...]:
 def _partial(derivation: Derivation, alpha: sp.Symbol, by: sp.Symbol) -> sp.Expr:
     """The name of a partial derivative, or 0 where none is named."""
     name = partial_name(alpha, by)
-    return parameter_symbol(name) if name in derivation.equations else sp.Integer(0)
+    return real_symbol(name) if name in derivation.equations else sp.Integer(0)
 
 
 def true_rates(derivation: Derivation) -> dict[sp.Symbol, sp.Expr]:
@@ -164,7 +164,7 @@ def claimed_rates(derivation: Derivation, s_: tuple[sp.Expr, ...]) -> tuple[sp.E
         s_: the sensitivities, as expressions or symbols.
     """
     s, equations = derivation.signals, derivation.equations
-    names = (parameter_symbol(partial_name(alpha, s.y)) for alpha in s.alpha)
+    names = (real_symbol(partial_name(alpha, s.y)) for alpha in s.alpha)
     given = dict(zip(names, s_[1:], strict=True))
     return tuple(equations[derivative_name(z)].expression.xreplace(given) for z in s.z)
 
@@ -216,7 +216,7 @@ def _error_identity(
     derivation: Derivation, i: int, rates: Mapping[sp.Symbol, sp.Expr], claim: sp.Expr
 ) -> Identity:
     s, equations = derivation.signals, derivation.equations
-    names = frozenset(parameter_symbol(partial_name(alpha, by)) for alpha in s.alpha for by in s.measurable)
+    names = frozenset(real_symbol(partial_name(alpha, by)) for alpha in s.alpha for by in s.measurable)
     keep = _primitive(derivation) | names
     definition = unfold(derivation, s.z[i - 1].name, names | frozenset(s.alpha))
     rest = equations.expand(rate_along(definition, rates) - claim, keep | frozenset(s.z[:i]))
@@ -227,7 +227,7 @@ def _error_identity(
 def energy_identity(derivation: Derivation) -> Identity:
     """(31): the couplings cancel in ``d/dt sum z_i^2 / 2``, with z_i' as established above."""
     s = derivation.signals
-    s_ = (sp.Integer(-1), *(parameter_symbol(f"s{i}") for i in range(2, derivation.plant.rho + 1)))
+    s_ = (sp.Integer(-1), *(real_symbol(f"s{i}") for i in range(2, derivation.plant.rho + 1)))
     rate = sum(
         (z * claim for z, claim in zip(s.z, claimed_rates(derivation, s_), strict=True)), sp.Integer(0)
     )
@@ -289,7 +289,7 @@ def certified_rate(derivation: Derivation, PD: sp.MatrixBase) -> sp.Expr:
 def certificate_identity(derivation: Derivation) -> Identity:
     """(32) as an identity, modulo the Lyapunov equation: its residual multiplies the only term left."""
     s, n = derivation.signals, derivation.plant.order
-    s_ = (sp.Integer(-1), *(parameter_symbol(f"s{i}") for i in range(2, derivation.plant.rho + 1)))
+    s_ = (sp.Integer(-1), *(real_symbol(f"s{i}") for i in range(2, derivation.plant.rho + 1)))
     P, epsilon = symmetric_matrix(n), sp.Matrix(s.epsilon)
     D = sp.Matrix(disturbance_symbols(derivation.plant))
     weight = error_weight(s)

@@ -15,7 +15,7 @@ import sympy as sp
 
 from pmjoint_derive.design import Design
 from pmjoint_derive.equation import Equation, Equations
-from pmjoint_derive.model import parameter_symbol
+from pmjoint_derive.model import real_symbol
 from pmjoint_derive.signals import Signals, derivative_name
 
 SECTION = "Sampled"
@@ -50,7 +50,7 @@ class Hold:
 
 
 def _matrix(stem: str, size: int) -> sp.ImmutableMatrix:
-    return sp.ImmutableMatrix(size, size, lambda i, j: parameter_symbol(f"{stem}_{i + 1}{j + 1}"))
+    return sp.ImmutableMatrix(size, size, lambda i, j: real_symbol(f"{stem}_{i + 1}{j + 1}"))
 
 
 def held_update(
@@ -73,7 +73,7 @@ def sampling_equations(design: Design, equations: Equations) -> list[Equation]:
     update |= dict(zip(signals.r, held_update(equations, signals.r, hold.Fr, hold.Gr), strict=True))
     return [
         Equation(
-            parameter_symbol(f"{state.name}_next"),
+            real_symbol(f"{state.name}_next"),
             update[state],
             SECTION,
             "(23)" if state in signals.r else "(14)",

@@ -11,13 +11,13 @@ from itertools import chain
 
 import sympy as sp
 
-from pmjoint_derive.model import Model, Plant, parameter_symbol
+from pmjoint_derive.model import Model, Plant, real_symbol
 from pmjoint_derive.units import SECOND, Unit, parse_unit
 
 
 def named(stem: str, count: int, first: int = 1) -> tuple[sp.Symbol, ...]:
     """Real symbols ``stem1 ... stemN``."""
-    return tuple(parameter_symbol(f"{stem}{i}") for i in range(first, first + count))
+    return tuple(real_symbol(f"{stem}{i}") for i in range(first, first + count))
 
 
 def reference_name(order: int) -> str:
@@ -73,25 +73,25 @@ class Signals:
         """The signals of a design for ``plant``."""
         n, rho, p = plant.order, plant.rho, plant.p
         return cls(
-            t=parameter_symbol("t"),
-            y=parameter_symbol("y"),
+            t=real_symbol("t"),
+            y=real_symbol("y"),
             x=named("x", n),
             xi=named("xi", n),
-            Xi=tuple(tuple(parameter_symbol(f"Xi{i}{j}") for j in range(1, p + 1)) for i in range(1, n + 1)),
+            Xi=tuple(tuple(real_symbol(f"Xi{i}{j}") for j in range(1, p + 1)) for i in range(1, n + 1)),
             lambda_=named("lambda", n),
             r=named("r", rho),
-            y_r=tuple(parameter_symbol(reference_name(i)) for i in range(rho + 1)),
+            y_r=tuple(real_symbol(reference_name(i)) for i in range(rho + 1)),
             z=named("z", rho),
             alpha=named("alpha", rho - 1),
             epsilon=named("epsilon", n),
-            v=parameter_symbol("v"),
-            u=parameter_symbol("u"),
-            du=parameter_symbol("du"),
+            v=real_symbol("v"),
+            u=real_symbol("u"),
+            du=real_symbol("du"),
             c=named("c", rho),
             e=named("e", rho),
             ck=named("ck", rho),
             k=named("k", n),
-            compensator=parameter_symbol("compensator"),
+            compensator=real_symbol("compensator"),
         )
 
     @property

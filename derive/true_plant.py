@@ -20,7 +20,7 @@ import sympy as sp
 from pmjoint_derive.closed_loop import disturbance_symbols
 from pmjoint_derive.design import Design
 from pmjoint_derive.equation import Equation, Equations
-from pmjoint_derive.model import Model, parameter_symbol
+from pmjoint_derive.model import Model, real_symbol
 from pmjoint_derive.signals import Signals, derivative_name, free
 from pmjoint_derive.units import SECOND
 
@@ -43,12 +43,12 @@ class TruePlant:
 
 def own_symbol(symbol: sp.Symbol) -> sp.Symbol:
     """The plant's own ``J_plant`` of a parameter or name ``J``."""
-    return parameter_symbol(f"{symbol.name}{SUFFIX}")
+    return real_symbol(f"{symbol.name}{SUFFIX}")
 
 
 def effective_symbol(symbol: sp.Symbol) -> sp.Symbol:
     """``D1_effective`` of ``D1``: what is left of x1' when the design's model is taken away."""
-    return parameter_symbol(f"{symbol.name}_effective")
+    return real_symbol(f"{symbol.name}_effective")
 
 
 def true_plant(
@@ -89,7 +89,7 @@ def _known_rates(design: Design) -> list[Equation]:
     x, known = design.signals.x, design.plant.known_rates(design.signals.u)
     return [
         Equation(
-            parameter_symbol(f"known{i}"),
+            real_symbol(f"known{i}"),
             rate,
             SECTION,
             "(11)",
@@ -116,7 +116,7 @@ def _shared(
 
 
 def _rate(state: sp.Symbol) -> sp.Symbol:
-    return parameter_symbol(derivative_name(state))
+    return real_symbol(derivative_name(state))
 
 
 def _reach(names: Iterable[sp.Symbol], table: Equations, until: Iterable[sp.Symbol] = ()) -> set[sp.Symbol]:
@@ -156,7 +156,7 @@ def _twin(item: Equation, twins: Mapping[sp.Symbol, sp.Symbol]) -> Equation:
 def _effective(disturbance: sp.Symbol, known: Equation) -> tuple[Equation, Equation]:
     """What the design does not know of one rate."""
     index = disturbance.name.removeprefix("D")
-    mismatch = parameter_symbol(f"mismatch{index}")
+    mismatch = real_symbol(f"mismatch{index}")
     return (
         Equation(
             mismatch,

@@ -23,7 +23,7 @@ from pmjoint_codegen.manifest import (
 )
 from pmjoint_codegen.report.notation import latex_expression
 from pmjoint_codegen.values import GAINS, Rule
-from pmjoint_derive import Derivation, Equation, Model, parameter_symbol
+from pmjoint_derive import Derivation, Equation, Model, real_symbol
 
 
 def tool_versions() -> dict[str, str]:
@@ -209,7 +209,7 @@ def rules_of(derivation: Derivation) -> tuple[Rule, ...]:
 
 def _reference_rule(model: Model, rho: int) -> list[Rule]:
     """Assumption 1 where a run starts, as far as parameters decide it; their polynomials are finite."""
-    t = parameter_symbol("t")
+    t = real_symbol("t")
     at_start = (sp.diff(model.reference, t, order).subs(t, 0) for order in range(rho + 1))
     terms = tuple(_python(value) for value in at_start if not value.is_polynomial(*value.free_symbols))
     allowed = f"parameters for which it and its derivatives up to {rho} are finite at t = 0"

@@ -16,7 +16,7 @@ import sympy as sp
 from pmjoint_codegen.emit.lanes import LANE_ORDER, arrive, bernstein, matrices, same, stacked
 from pmjoint_codegen.emit.sampling import HOLD_ORDER, PLANT_ORDER, sample
 from pmjoint_codegen.emit.vocabulary import Block, rate_block, twins, vocabulary
-from pmjoint_derive import Derivation, parameter_symbol
+from pmjoint_derive import Derivation, real_symbol
 from pmjoint_derive.closed_loop import disturbance_symbols
 from pmjoint_derive.compensator import compensator_matrix
 from pmjoint_derive.filters import filter_matrix
@@ -168,7 +168,7 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
     # One factor of v, so that nothing is left of what saturation clips where it clips nothing.
     in_mode[s.du] = words.g[0] + (words.g[1] - 1) * s.v
     sides = dict(zip(words.kinks, words.sides, strict=True))
-    e, kinks = ("e", (parameter_symbol("e"),)), [("kinks", words.kinks)] if words.kinks else []
+    e, kinks = ("e", (real_symbol("e"),)), [("kinks", words.kinks)] if words.kinks else []
     rows = tuple(entry for row in s.Xi for entry in row)
     filters = rate_block("xi", s.xi), rate_block("Xi", rows), rate_block("lambda", s.lambda_)
     return (
@@ -244,7 +244,7 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
         Kernel(
             "sampled_update",
             (y, state, u, v, h, p),
-            (("s_next", tuple(parameter_symbol(f"{item.name}_next") for item in words.s)),),
+            (("s_next", tuple(real_symbol(f"{item.name}_next") for item in words.s)),),
             "(14), (23)",
             "the controller's state one sample later",
         ),

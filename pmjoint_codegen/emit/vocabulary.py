@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import sympy as sp
 
 from pmjoint_codegen.emit.kinks import kink_arguments
-from pmjoint_derive import Derivation, parameter_symbol
+from pmjoint_derive import Derivation, real_symbol
 from pmjoint_derive.closed_loop import disturbance_symbols
 from pmjoint_derive.sampling import Hold
 from pmjoint_derive.signals import derivative_name, named, partial_name
@@ -60,7 +60,7 @@ def vocabulary(derivation: Derivation) -> Vocabulary:
     s, n = derivation.signals, derivation.plant.order
     model = derivation.model
     w = tuple(channel.symbol for channel in model.actuator)
-    g = tuple(parameter_symbol(f"g_{kind}{j}") for j in range(1, len(w) + 1) for kind in ("offset", "slope"))
+    g = tuple(real_symbol(f"g_{kind}{j}") for j in range(1, len(w) + 1) for kind in ("offset", "slope"))
     x = (*s.x, *(state.symbol for state in model.extras))
     rates = rate_block("x", x)[1]
     own = twins(derivation, rates, own_symbol)
@@ -77,14 +77,14 @@ def vocabulary(derivation: Derivation) -> Vocabulary:
         g=g,
         h=Hold.of(s).symbols,
         kinks=kinks,
-        sides=tuple(parameter_symbol(f"side{i}") for i in range(1, len(kinks) + 1)),
+        sides=tuple(real_symbol(f"side{i}") for i in range(1, len(kinks) + 1)),
         signals=(
-            *(s.y, s.y_r[0], parameter_symbol("e"), *s.z, *s.alpha, s.v, s.u, *named("x_hat", n)),
+            *(s.y, s.y_r[0], real_symbol("e"), *s.z, *s.alpha, s.v, s.u, *named("x_hat", n)),
             *disturbance_symbols(derivation.plant),
             *(item.symbol for item in model.reported),
         ),
         partials=tuple(
-            parameter_symbol(name)
+            real_symbol(name)
             for alpha in s.alpha
             for by in s.measurable
             if (name := partial_name(alpha, by)) in derivation.equations
@@ -107,4 +107,4 @@ def twins(
 
 def rate_block(label: str, states: tuple[sp.Symbol, ...]) -> Block:
     """The rates of some states, by name."""
-    return f"{label}_dot", tuple(parameter_symbol(derivative_name(state)) for state in states)
+    return f"{label}_dot", tuple(real_symbol(derivative_name(state)) for state in states)

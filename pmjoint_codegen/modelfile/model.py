@@ -26,7 +26,7 @@ from pmjoint_codegen.modelfile.schema import ModelSpec, PlantSpec
 from pmjoint_codegen.modelfile.soundness import check_model
 from pmjoint_codegen.modelfile.units import ANY, Scales, Wanted
 from pmjoint_codegen.values import COMPENSATOR, GAINS, check_values
-from pmjoint_derive import Gains, Model, OutsideClassError, Parameter, Plant, Simulation, parameter_symbol
+from pmjoint_derive import Gains, Model, OutsideClassError, Parameter, Plant, Simulation, real_symbol
 
 Symbols = Mapping[str, sp.Symbol]
 
@@ -109,7 +109,7 @@ def _physics(spec: ModelSpec, parameters: tuple[Parameter, ...], where: str) -> 
 
 
 def _with(known: Symbols, *names: str) -> Symbols:
-    return {name: parameter_symbol(name) for name in names} | dict(known)
+    return {name: real_symbol(name) for name in names} | dict(known)
 
 
 def _plant(spec: PlantSpec, known: Symbols, where: str) -> Plant:

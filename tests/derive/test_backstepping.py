@@ -8,11 +8,11 @@ from dataclasses import replace
 import pytest
 import sympy as sp
 
-from pmjoint_derive import Derivation, derive, parameter_symbol
+from pmjoint_derive import Derivation, derive, real_symbol
 from pmjoint_derive.compensator import compensator_rates
 from pmjoint_derive.filters import filter_rates
 
-S = parameter_symbol
+S = real_symbol
 
 
 def paper_law() -> tuple[sp.Expr, sp.Expr]:

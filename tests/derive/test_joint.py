@@ -7,10 +7,10 @@ import random
 import pytest
 import sympy as sp
 
-from pmjoint_derive import OutsideClassError, parameter_symbol
+from pmjoint_derive import OutsideClassError, real_symbol
 from pmjoint_derive.joint import Joint, coefficients, reduce_joint
 
-S = parameter_symbol
+S = real_symbol
 NUMBERS = {
     "J": 0.05, "b_v": 0.109, "r": 0.015, "l0": 0.185, "eps0": 0.15, "C1": 8.032e-3, "C2": -1.285e-2,
     "C3": 3.2e-3, "C4": 7.0, "k0": 1e5, "u0": 2.5, "k_u": 1e5, "P_max": 5e5, "tau": 0.08, "u_max": 4.0,

@@ -18,7 +18,7 @@ from pmjoint_derive.compensator import compensator_equations
 from pmjoint_derive.equation import Identity
 from pmjoint_derive.filters import filter_equations
 from pmjoint_derive.lyapunov import estimation_identities
-from pmjoint_derive.model import parameter_symbol
+from pmjoint_derive.model import real_symbol
 from pmjoint_derive.progress import Stage
 from pmjoint_derive.signals import named
 
@@ -41,7 +41,7 @@ class PlainFeedback(Design):
         """``z_1`` and v."""
         s = self.signals
         z = s.z[0]
-        estimates = [parameter_symbol(f"x_hat{i}") for i in range(2, self.plant.rho + 1)]
+        estimates = [real_symbol(f"x_hat{i}") for i in range(2, self.plant.rho + 1)]
         v = -s.c[0] * z - sum(
             c * (x - rate) for c, x, rate in zip(s.c[1:], estimates, s.y_r[1:-1], strict=True)
         )

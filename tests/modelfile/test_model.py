@@ -13,7 +13,7 @@ from pmjoint_codegen.modelfile import model_of
 from pmjoint_codegen.modelfile.schema import DesignSpec
 from pmjoint_codegen.values import COMPENSATOR, GAINS
 from pmjoint_derive import Signals
-from pmjoint_derive import parameter_symbol as symbol
+from pmjoint_derive import real_symbol as symbol
 
 Edit = Callable[[dict[str, Any]], dict[str, Any]]
 
