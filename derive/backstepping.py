@@ -4,11 +4,11 @@ Only three things are stated here: the errors z_i (24), the error dynamics that 
 output's rate as the filters know it (21). Every virtual control alpha_i, every partial derivative and the law
 v follow by solving
 
-    z_i' = -(c_i + e_i s_i^2) z_i - s_i eta - g_i + (coupling to z_{i+1}),      s_1 = -1,  s_i = d alpha_{i-1}
-    / dy,
+    z_i' = -(c_i + e_i s_i^2) z_i - s_i eta - g_i + (coupling to z_{i+1}),
+    s_1 = -1,  s_i = d alpha_{i-1} / dy,
 
 for the one unknown in it. With ``g_2 = b_m z_1`` and ``g_i = z_{i-1}`` the couplings cancel in the sum of
-squares, which is what the certificate (19)-(35) rests on. ``eta = epsilon_2 + D_1`` is what nobody knows of
+squares, which is what the certificate (19)-(35) rests on. ``eta = epsilon_2 + D_1`` is the unknown part of
 y'; the paper's D_1 is 0. It and the input u drop out of the solutions; both are checked.
 """
 

@@ -13,7 +13,7 @@ Stages in order, each a pure function of what comes before it:
     design.error_rates     design                -> z_i' under the law                           (27), (28)
     error_equations        design                -> e, epsilon                                         (17)
     sampling_equations     design, equations     -> xi, Xi, lambda, r one sample later
-    true_plant             model, design, both   -> the plant in parameters of its own
+    true_plant             physics, equations    -> the plant in parameters of its own
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def derive(model: Model, stage: Stage = unwatched) -> Derivation:
 
     Args:
         model: what to derive from.
-        stage: told what is being derived.
+        stage: called with the name of each stage and the fraction of it completed.
 
     Raises:
         OutsideClassError: when a parameter bears the name of an equation; what else is outside the class was
@@ -72,10 +72,10 @@ def derive(model: Model, stage: Stage = unwatched) -> Derivation:
     stage("deriving the sampled controller", 0.0)
     held = sampling_equations(design, Equations(continuous))
     stage("deriving the true plant", 0.0)
-    true = true_plant(model, design, [*constants, *physics, *delivered[1:]], continuous)
-    equations = Equations([*continuous, *held, *true.equations])
+    own, true = true_plant(model, design, [*constants, *physics, *delivered[1:]], continuous)
+    equations = Equations([*continuous, *held, *true])
     _check_names(model, equations)
-    return Derivation(model, design, equations, true.parameters)
+    return Derivation(model, design, equations, own)
 
 
 def _check_names(model: Model, equations: Equations) -> None:

@@ -13,7 +13,6 @@ mismatch_i``, where ``mismatch_i = known_i_plant - known_i``. The estimation err
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 
 import sympy as sp
 
@@ -26,19 +25,6 @@ from pmjoint_derive.units import SECOND
 
 SECTION = "True plant"
 SUFFIX = "_plant"
-
-
-@dataclass(frozen=True)
-class TruePlant:
-    """What the simulated plant has for itself.
-
-    Attributes:
-        parameters: shared parameter -> the plant's own, in the model's order.
-        equations: the twins, and the disturbance that the design sees.
-    """
-
-    parameters: Mapping[sp.Symbol, sp.Symbol]
-    equations: tuple[Equation, ...]
 
 
 def own_symbol(symbol: sp.Symbol) -> sp.Symbol:
@@ -56,7 +42,7 @@ def true_plant(
     design: Design,
     physics: Sequence[Equation],
     derived: Sequence[Equation],
-) -> TruePlant:
+) -> tuple[Mapping[sp.Symbol, sp.Symbol], tuple[Equation, ...]]:
     """Find the parameters that plant and controller share, and write the plant in its own.
 
     Args:
@@ -64,6 +50,9 @@ def true_plant(
         design: what the controller believes.
         physics: the equations of the plant and of its actuator, u excepted: the controller clips v itself.
         derived: all equations, the design's among them.
+
+    Returns:
+        shared parameter -> the plant's own, in the model's order; the twins and the effective disturbance.
     """
     known = _known_rates(design)
     table = Equations([*derived, *known])
@@ -74,7 +63,7 @@ def true_plant(
     differing = [i for i, item in enumerate(known) if item.symbol in changed]
     changed |= {disturbances[i] for i in differing}  # D_i keeps its name; x_i' has changed with known_i
     twins = own | {symbol: own_symbol(symbol) for symbol in changed}
-    return TruePlant(
+    return (
         own,
         (
             *(known[i] for i in differing),

@@ -39,7 +39,7 @@ def build_functions(derivation: Derivation, order: int, stage: Stage = unwatched
     Args:
         derivation: named equations.
         order: highest coefficient of ``taylor``.
-        stage: told which kernels are being built.
+        stage: called with the name of each stage and the fraction of it completed.
 
     Raises:
         ModelError: an output that needs an undefined symbol, or an operation without a Taylor recurrence.
