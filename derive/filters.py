@@ -75,16 +75,18 @@ def filter_equations(design: Design) -> list[Equation]:
         "Xi": "filter driven by Phi(y)",
         "lambda": "filter driven by the applied input",
     }
+    found = filter_rates(design)
     rates = [
         Equation(
             symbol=real_symbol(derivative_name(state)),
-            expression=rate,
+            expression=found[state],
             section=SECTION,
             number="(14)",
-            meaning=meanings[state.name.rstrip("0123456789")],
+            meaning=meaning,
             unit=design.units.of(state) / SECOND,
         )
-        for state, rate in filter_rates(design).items()
+        for block, meaning in meanings.items()
+        for state in design.signals.controller_blocks[block]
     ]
     estimates = [
         Equation(

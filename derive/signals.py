@@ -97,7 +97,12 @@ class Signals:
     @property
     def controller_state(self) -> tuple[sp.Symbol, ...]:
         """What the controller integrates: xi, Xi row by row, lambda, r."""
-        return (*self.xi, *(entry for row in self.Xi for entry in row), *self.lambda_, *self.r)
+        return tuple(chain.from_iterable(self.controller_blocks.values()))
+
+    @property
+    def controller_blocks(self) -> dict[str, tuple[sp.Symbol, ...]]:
+        """The same by block."""
+        return {"xi": self.xi, "Xi": tuple(chain.from_iterable(self.Xi)), "lambda": self.lambda_, "r": self.r}
 
     @property
     def measurable(self) -> tuple[sp.Symbol, ...]:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import accumulate
 
 import casadi as ca
 import sympy as sp
 
 from pmjoint_codegen import __version__
 from pmjoint_codegen.emit.table import LOOPS, Kernel, Made, kernel_table
-from pmjoint_codegen.emit.vocabulary import vocabulary
+from pmjoint_codegen.emit.vocabulary import Vocabulary, vocabulary
 from pmjoint_codegen.identity import Document, model_hash, structure_hash
 from pmjoint_codegen.manifest import (
     EquationText,
@@ -91,9 +92,9 @@ def describe(
         kinks=tuple(str(argument) for argument in words.kinks),
         windows=windows,
         guards=guards,
-        states=_states(derivation),
-        start=start_of(derivation),
-        blocks=_blocks(derivation),
+        states=_states(derivation, words),
+        start=start_of(derivation, words),
+        blocks=_blocks(words),
         parameters=_parameters(derivation),
         rules=rules_of(derivation),
         signals=tuple(_signal(derivation, symbol) for symbol in words.signals),
@@ -113,29 +114,20 @@ def describe(
     )
 
 
-def _states(derivation: Derivation) -> tuple[Variable, ...]:
-    meanings = {
-        "x": "plant state",
-        "xi": "filter state (14)",
-        "Xi": "filter state (14)",
-        "lambda": "filter state (14)",
-    }
-    words = vocabulary(derivation)
+def _states(derivation: Derivation, words: Vocabulary) -> tuple[Variable, ...]:
+    others = {"x": "plant state", "r": "compensator state (23)"}
     return tuple(
-        Variable(
-            symbol.name,
-            str(derivation.units.of(symbol)),
-            meanings.get(symbol.name.rstrip("0123456789"), "compensator state (23)"),
-        )
-        for symbol in (*words.x, *words.s)
+        Variable(symbol.name, str(derivation.units.of(symbol)), others.get(block, "filter state (14)"))
+        for block, symbols in words.blocks.items()
+        for symbol in symbols
     )
 
 
-def start_of(derivation: Derivation) -> Start:
+def start_of(derivation: Derivation, words: Vocabulary) -> Start:
     """The states that x0 gives, and the plant's states in them and in the plant's own parameters."""
-    model, words = derivation.model, vocabulary(derivation)
+    model = derivation.model
     if model.start is None:
-        own = _states(derivation)[: len(words.x)]
+        own = _states(derivation, words)[: len(words.x)]
         return Start(own, len(own), tuple(state.name for state in own))
     constants = {item.symbol: item.expression for item in model.constants}
     forms = (model.start.states[state].xreplace(constants) for state in words.x)
@@ -146,15 +138,10 @@ def start_of(derivation: Derivation) -> Start:
     )
 
 
-def _blocks(derivation: Derivation) -> dict[str, tuple[int, int]]:
-    plant, nx = derivation.plant, len(vocabulary(derivation).x)
-    blocks: dict[str, tuple[int, int]] = {}
-    first = 0
-    sizes = {"x": nx, "xi": plant.order, "Xi": plant.order * plant.p, "lambda": plant.order, "r": plant.rho}
-    for name, size in sizes.items():
-        blocks[name] = (first, first + size)
-        first += size
-    return blocks
+def _blocks(words: Vocabulary) -> dict[str, tuple[int, int]]:
+    sizes = {block: len(symbols) for block, symbols in words.blocks.items()}
+    ends = accumulate(sizes.values())
+    return {block: (end - size, end) for (block, size), end in zip(sizes.items(), ends, strict=True)}
 
 
 def _parameters(derivation: Derivation) -> tuple[Parameter, ...]:

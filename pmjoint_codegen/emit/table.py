@@ -169,8 +169,7 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
     in_mode[s.du] = words.g[0] + (words.g[1] - 1) * s.v
     sides = dict(zip(words.kinks, words.sides, strict=True))
     e, kinks = ("e", (real_symbol("e"),)), [("kinks", words.kinks)] if words.kinks else []
-    rows = tuple(entry for row in s.Xi for entry in row)
-    filters = rate_block("xi", s.xi), rate_block("Xi", rows), rate_block("lambda", s.lambda_)
+    filters = tuple(rate_block(block, words.blocks[block]) for block in ("xi", "Xi", "lambda"))
     return (
         Kernel("reference", (t, p), (y_r,), "", "the reference and its derivatives"),
         Kernel(

@@ -11,7 +11,7 @@ actuator and what is reported of the plant follow those.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 import sympy as sp
@@ -34,6 +34,7 @@ class Vocabulary:
         p: parameters, gains, switch, the plant's own parameters.
         x: plant states.
         s: controller states.
+        blocks: both by block: x, xi, Xi row by row, lambda, r.
         w: what the actuator delivers; entry 0 is u.
         g: offset and slope of each entry of w.
         h: matrices of the zero-order hold.
@@ -46,6 +47,7 @@ class Vocabulary:
     p: tuple[sp.Symbol, ...]
     x: tuple[sp.Symbol, ...]
     s: tuple[sp.Symbol, ...]
+    blocks: Mapping[str, tuple[sp.Symbol, ...]]
     w: tuple[sp.Symbol, ...]
     g: tuple[sp.Symbol, ...]
     h: tuple[sp.Symbol, ...]
@@ -73,6 +75,7 @@ def vocabulary(derivation: Derivation) -> Vocabulary:
         ),
         x=x,
         s=s.controller_state,
+        blocks={"x": x, **s.controller_blocks},
         w=w,
         g=g,
         h=Hold.of(s).symbols,
