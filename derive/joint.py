@@ -50,15 +50,14 @@ TAKEN = ("theta", "theta_dot", "q1", "q2", "p1", "p2", "P1", "P2", "d1", "b0", "
 
 @dataclass(frozen=True)
 class Joint:
-    """A design's view of a joint.
+    """A design's view of a joint; the fields are those of `Model`.
 
     Attributes:
         plant: the plant that the controller is designed for; its disturbance is what the design leaves out.
         extras: states of the physics that the design does not have.
         channels: what the actuator delivers: u, and the two pressures' distances from P_0.
         constants: the coefficients (8) as named equations.
-        motion: the angle theta and its rate theta_dot as named equations.
-        pressures: the muscle pressures P1 and P2 as named equations.
+        reported: the angle theta, its rate theta_dot and the muscle pressures as named equations.
         demands: what (1)-(4) presume of the parameters.
         start: the physical states that a run starts from.
     """
@@ -67,8 +66,7 @@ class Joint:
     extras: tuple[ExtraState, ...]
     channels: tuple[Channel, ...]
     constants: tuple[Equation, ...]
-    motion: tuple[Equation, ...]
-    pressures: tuple[Equation, ...]
+    reported: tuple[Equation, ...]
     demands: tuple[Demand, ...]
     start: Start
 
@@ -142,8 +140,7 @@ def reduce_joint(keep: tuple[str, ...], *, lagged: bool, vartheta: sp.Expr, limi
         extras,
         _channels(limit),
         _constants(keep),
-        motion,
-        (*lags, *_pressures(lagged=lagged)),
+        (*motion, *lags, *_pressures(lagged=lagged)),
         demands(lagged=lagged),
         Start((*motion, *lags), len(motion), {**forms, **extra_forms}),
     )

@@ -96,16 +96,7 @@ def _physics(spec: ModelSpec, parameters: tuple[Parameter, ...], where: str) -> 
         }
     assert spec.joint is not None  # `validate` demands one of the two
     joint = to_joint(spec.joint, parameters, known[spec.actuator.limit], where)
-    return {
-        "plant": joint.plant,
-        "disturbance_bound": spec.joint.disturbance_bound,
-        "constants": joint.constants,
-        "extras": joint.extras,
-        "channels": joint.channels,
-        "reported": (*joint.motion, *joint.pressures),
-        "start": joint.start,
-        "demands": joint.demands,
-    }
+    return {**vars(joint), "disturbance_bound": spec.joint.disturbance_bound}
 
 
 def _with(known: Symbols, *names: str) -> Symbols:

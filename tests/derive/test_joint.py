@@ -94,7 +94,7 @@ def test_simulated_plant_is_the_full_physics(keep: tuple[str, ...], lagged: bool
     for channel in joint.channels:
         lower, upper = (float(item.subs(values)) for item in (channel.lower, channel.upper))
         values[channel.symbol] = clip(float((channel.offset + channel.slope * v).subs(values)), lower, upper)
-    for item in joint.pressures:
+    for item in joint.reported:
         values[item.symbol] = float(item.expression.subs(values))
     assert (values[S("P1")], values[S("P2")]) == pytest.approx(P, rel=1e-12)
 
