@@ -1,6 +1,7 @@
 """The mathematics: a model in, named equations out. SymPy only; reads and writes no file."""
 
-from pmjoint_derive.derivation import Derivation, derive
+from pmjoint_derive.derivation import derive
+from pmjoint_derive.design import Derivation, Design
 from pmjoint_derive.equation import Equation, Equations
 from pmjoint_derive.model import (
     Gains,
@@ -9,12 +10,13 @@ from pmjoint_derive.model import (
     Parameter,
     Plant,
     Simulation,
-    parameter_symbol,
+    real_symbol,
 )
 from pmjoint_derive.signals import Signals
 
 __all__ = [
     "Derivation",
+    "Design",
     "Equation",
     "Equations",
     "Gains",
@@ -25,5 +27,5 @@ __all__ = [
     "Signals",
     "Simulation",
     "derive",
-    "parameter_symbol",
+    "real_symbol",
 ]

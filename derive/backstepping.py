@@ -4,29 +4,39 @@ Only three things are stated here: the errors z_i (24), the error dynamics that 
 output's rate as the filters know it (21). Every virtual control alpha_i, every partial derivative and the law
 v follow by solving
 
-    z_i' = -(c_i + e_i s_i^2) z_i - s_i eta - g_i + (coupling to z_{i+1}),      s_1 = -1,  s_i = d alpha_{i-1}
-    / dy,
+    z_i' = -(c_i + e_i s_i^2) z_i - s_i eta - g_i + (coupling to z_{i+1}),
+    s_1 = -1,  s_i = d alpha_{i-1} / dy,
 
 for the one unknown in it. With ``g_2 = b_m z_1`` and ``g_i = z_{i-1}`` the couplings cancel in the sum of
-squares, which is what the certificate (19)-(35) rests on. ``eta = epsilon_2 + D_1`` is what nobody knows of
+squares, which is what the certificate (19)-(35) rests on. ``eta = epsilon_2 + D_1`` is the unknown part of
 y'; the paper's D_1 is 0. It and the input u drop out of the solutions; both are checked.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import sympy as sp
 
-from pmjoint_derive.closed_loop import disturbance_symbols, output_disturbance
-from pmjoint_derive.compensator import compensator_rates
+from pmjoint_derive.certificate import certificate_equations
+from pmjoint_derive.closed_loop import disturbance_symbols, unknown_output_rate
+from pmjoint_derive.compensator import compensator_equations, compensator_rates
+from pmjoint_derive.design import Design
 from pmjoint_derive.equation import Equation
-from pmjoint_derive.filters import estimate, filter_rates, input_filter_rates, input_filters
-from pmjoint_derive.model import Plant, parameter_symbol
+from pmjoint_derive.filters import (
+    estimate,
+    filter_equations,
+    filter_rates,
+    input_filter_rates,
+    input_filters,
+)
+from pmjoint_derive.lyapunov import prove
+from pmjoint_derive.model import real_symbol
 from pmjoint_derive.partials import ChainRule
 from pmjoint_derive.progress import Stage, unwatched
 from pmjoint_derive.shield import multiplied_out, shielded
-from pmjoint_derive.signals import Signals, Units, free, partial_name
+from pmjoint_derive.signals import Units, free, partial_name
 from pmjoint_derive.units import SECOND
 
 SECTION = "Backstepping"
@@ -34,24 +44,31 @@ OMEGA = "Omega"
 
 
 @dataclass(frozen=True)
-class Step:
-    """What one design needs at every step.
+class Backstepping(Design):
+    """The paper's design, with what every step uses."""
 
-    Attributes:
-        plant: plant with named constants.
-        signals: symbols of the design.
-        v_m: symbols of v_{m,1} ... v_{m,n}, the filtered input that each step uses as its virtual control.
-        omega: symbol of what (21) knows of y' besides ``b_m v_{m,2}``.
-        rates: time derivatives of y, the controller's state and the reference, with eta = 0.
-        v_m_rates: time derivatives of ``v_m``; u occurs in entry rho and beyond.
-    """
+    @cached_property
+    def v_m(self) -> tuple[sp.Symbol, ...]:
+        """Symbols of v_{m,1} ... v_{m,n}: the filtered input, each step's virtual control."""
+        return tuple(real_symbol(f"v{self.plant.m}_{i}") for i in range(1, self.plant.order + 1))
 
-    plant: Plant
-    signals: Signals
-    v_m: tuple[sp.Symbol, ...]
-    omega: sp.Symbol
-    rates: dict[sp.Symbol, sp.Expr]
-    v_m_rates: tuple[sp.Expr, ...]
+    @cached_property
+    def omega(self) -> sp.Symbol:
+        """Symbol of the known part of y' (21) besides ``b_m v_{m,2}``."""
+        return real_symbol(OMEGA)
+
+    @cached_property
+    def rates(self) -> dict[sp.Symbol, sp.Expr]:
+        """Time derivatives of y, the controller's state and the reference, with eta = 0."""
+        s = self.signals
+        drive = self.b_m * self.v_m[1] if self.plant.rho > 1 else self.b_m * self.plant.sigma * s.u
+        following = dict(zip(s.y_r, s.y_r[1:], strict=False))
+        return {s.y: drive + self.omega, **filter_rates(self), **compensator_rates(self), **following}
+
+    @cached_property
+    def v_m_rates(self) -> tuple[sp.Expr, ...]:
+        """Time derivatives of `v_m`; u occurs in entry rho and beyond."""
+        return tuple(input_filter_rates(self, self.plant.m, sp.Matrix(self.v_m)))
 
     @property
     def b_m(self) -> sp.Expr:
@@ -60,42 +77,48 @@ class Step:
 
     @property
     def eta(self) -> sp.Expr:
-        """What is not known of y' (21)."""
-        return unknown_output_rate(self.plant, self.signals)
+        """The unknown part of y' (21)."""
+        return unknown_output_rate(self)
+
+    filters = filter_equations
+    compensator = compensator_equations
+    prove = staticmethod(prove)
+    certificate = staticmethod(certificate_equations)
+
+    def law(self, stage: Stage = unwatched) -> list[Equation]:
+        """(24)-(29)."""
+        return backstep(self, stage)
+
+    def error_rates(self) -> list[Equation]:
+        """The error dynamics that the law achieves, exact for any saturation; the basis of (31)."""
+        return [
+            Equation(
+                real_symbol(f"{symbol.name}_dot"),
+                wanted_rate(self, i),
+                "Certificate",
+                "(27)" if i == 1 else "(28)",
+                f"rate of error {i} under the law, whatever u is",
+                self.units.of(symbol) / SECOND,
+            )
+            for i, symbol in enumerate(self.signals.z, start=1)
+        ]
 
 
-def unknown_output_rate(plant: Plant, signals: Signals) -> sp.Expr:
-    """``eta``: the estimation error epsilon_2 (a plant of order one has none) and a disturbance of y'."""
-    error = signals.epsilon[1] if plant.order > 1 else sp.Integer(0)
-    return error + output_disturbance(plant)
-
-
-def omega_expression(plant: Plant, signals: Signals) -> sp.Expr:
+def omega_expression(design: Design) -> sp.Expr:
     """``Omega``: what is known of y' besides its drive (21), (22).
 
     The drive is ``b_m v_{m,2}`` for rho >= 2 and ``b_m sigma u`` for rho = 1.
     """
-    regressor = sum((entry * th for entry, th in zip(plant.Phi[0], plant.theta, strict=True)), sp.Integer(0))
+    plant, signals = design.plant, design.signals
     if plant.order == 1:
-        return plant.phi[0] + regressor
-    known = estimate(plant, signals)[1]
+        return plant.drift[0]
+    known = estimate(design)[1]
     if plant.rho > 1:
         known -= plant.b[0] * input_filters(signals, plant.m)[1]
-    return multiplied_out(plant.phi[0] + regressor + known, (signals.y,))
+    return multiplied_out(plant.drift[0] + known, (signals.y,))
 
 
-def prepare(plant: Plant, signals: Signals) -> Step:
-    """Collect the rates that every step uses."""
-    v_m = tuple(parameter_symbol(f"v{plant.m}_{i}") for i in range(1, plant.order + 1))
-    omega = parameter_symbol(OMEGA)
-    drive = plant.b[0] * v_m[1] if plant.rho > 1 else plant.b[0] * plant.sigma * signals.u
-    rates = {signals.y: drive + omega, **filter_rates(plant, signals), **compensator_rates(plant, signals)}
-    rates |= dict(zip(signals.y_r, signals.y_r[1:], strict=False))
-    v_m_rates = tuple(input_filter_rates(plant, signals, plant.m, sp.Matrix(v_m)))
-    return Step(plant, signals, v_m, omega, rates, v_m_rates)
-
-
-def error_definition(step: Step, i: int) -> sp.Expr:
+def error_definition(step: Backstepping, i: int) -> sp.Expr:
     """``z_i`` of (24)."""
     s = step.signals
     if i == 1:
@@ -103,16 +126,12 @@ def error_definition(step: Step, i: int) -> sp.Expr:
     return step.v_m[i - 1] - s.alpha[i - 2] - s.y_r[i - 1] / step.b_m - s.r[i - 1] / step.b_m
 
 
-def sensitivity(step: Step, i: int) -> sp.Expr:
+def sensitivity(step: Backstepping, i: int) -> sp.Expr:
     """``s_i``: how eta, which is not known of y', enters z_i', with its sign turned."""
-    return (
-        sp.Integer(-1)
-        if i == 1
-        else parameter_symbol(partial_name(step.signals.alpha[i - 2], step.signals.y))
-    )
+    return sp.Integer(-1) if i == 1 else real_symbol(partial_name(step.signals.alpha[i - 2], step.signals.y))
 
 
-def wanted_rate(step: Step, i: int) -> sp.Expr:
+def wanted_rate(step: Backstepping, i: int) -> sp.Expr:
     """The error dynamics that step i asks for: damping, eta, and couplings that cancel in the sum."""
     s, s_i = step.signals, sensitivity(step, i)
     rate = -(s.c[i - 1] + s.e[i - 1] * s_i**2) * s.z[i - 1] - s_i * step.eta
@@ -125,7 +144,7 @@ def wanted_rate(step: Step, i: int) -> sp.Expr:
     return rate
 
 
-def actual_rate(step: Step, i: int, alpha_rate: sp.Expr) -> sp.Expr:
+def actual_rate(step: Backstepping, i: int, alpha_rate: sp.Expr) -> sp.Expr:
     """``z_i'`` along the loop, with the next virtual control (or v) as the unknown in it; (27), (28).
 
     Args:
@@ -147,7 +166,7 @@ def actual_rate(step: Step, i: int, alpha_rate: sp.Expr) -> sp.Expr:
     return rate.xreplace({step.v_m[i]: following})
 
 
-def solve_step(step: Step, i: int, alpha_rate: sp.Expr, partials: list[sp.Symbol]) -> sp.Expr:
+def solve_step(step: Backstepping, i: int, alpha_rate: sp.Expr, partials: list[sp.Symbol]) -> sp.Expr:
     """The virtual control alpha_i (25), or v (29) at the last step.
 
     Raises:
@@ -166,15 +185,15 @@ def solve_step(step: Step, i: int, alpha_rate: sp.Expr, partials: list[sp.Symbol
     return shielded(lambda value: sp.collect(value, partials), -rest, moving) / slope
 
 
-def total_rate(step: Step, partials: dict[sp.Symbol, sp.Symbol]) -> sp.Expr:
+def total_rate(step: Backstepping, partials: dict[sp.Symbol, sp.Symbol]) -> sp.Expr:
     """``alpha'`` for eta = 0: the sum of partial derivatives times rates in (29), by name."""
     return sum((name * step.rates[by] for by, name in partials.items()), sp.Integer(0))
 
 
-def backstep(plant: Plant, signals: Signals, units: Units, stage: Stage = unwatched) -> list[Equation]:
+def backstep(step: Backstepping, stage: Stage = unwatched) -> list[Equation]:
     """All named steps of (24)-(29), in the order in which they can be evaluated; each step is told of."""
-    step = prepare(plant, signals)
-    equations = [*filtered_input_equations(step, units), omega_equation(step, units)]
+    plant, signals, units = step.plant, step.signals, step.units
+    equations = [*filtered_input_equations(step), omega_equation(step)]
     chain = ChainRule(signals, units, SECTION)
     chain.add(equations)
     partials: dict[sp.Symbol, sp.Symbol] = {}
@@ -201,7 +220,7 @@ def backstep(plant: Plant, signals: Signals, units: Units, stage: Stage = unwatc
         chain.add(equations[-1:])
         stage(f"deriving partial derivatives of alpha_{i}, {place}", 0.0)
         derivatives, helpers = chain.partials(alpha)
-        partials = {by: parameter_symbol(partial_name(alpha, by)) for by in derivatives}
+        partials = {by: real_symbol(partial_name(alpha, by)) for by in derivatives}
         named = partial_equations(alpha, partials, derivatives, units)
         for by, item in zip(partials, named, strict=True):
             chain.add_partial(alpha, by, item)
@@ -209,13 +228,13 @@ def backstep(plant: Plant, signals: Signals, units: Units, stage: Stage = unwatc
     return equations
 
 
-def filtered_input_equations(step: Step, units: Units) -> list[Equation]:
+def filtered_input_equations(step: Backstepping) -> list[Equation]:
     """``v_{m,i}`` in terms of lambda (14), for the entries that the law uses."""
     plant, s = step.plant, step.signals
     if plant.rho == 1:
         return []
     expressions = input_filters(s, plant.m)
-    unit = units.of(s.u)
+    unit = step.units.of(s.u)
     return [
         Equation(
             step.v_m[i],
@@ -229,10 +248,10 @@ def filtered_input_equations(step: Step, units: Units) -> list[Equation]:
     ]
 
 
-def omega_equation(step: Step, units: Units) -> Equation:
+def omega_equation(step: Backstepping) -> Equation:
     """``Omega`` as a named equation."""
-    expression = omega_expression(step.plant, step.signals)
-    unit = units.of(step.signals.y) / SECOND
+    expression = omega_expression(step)
+    unit = step.units.of(step.signals.y) / SECOND
     return Equation(step.omega, expression, SECTION, "(21)", "what is known of y' besides its drive", unit)
 
 
@@ -250,20 +269,4 @@ def partial_equations(
             units.of(alpha) / units.of(by),
         )
         for by, name in names.items()
-    ]
-
-
-def error_rate_equations(plant: Plant, signals: Signals, units: Units) -> list[Equation]:
-    """The error dynamics that the law achieves, exact for any saturation; the basis of (31)."""
-    step = prepare(plant, signals)
-    return [
-        Equation(
-            parameter_symbol(f"{symbol.name}_dot"),
-            wanted_rate(step, i),
-            "Certificate",
-            "(27)" if i == 1 else "(28)",
-            f"rate of error {i} under the law, whatever u is",
-            units.of(symbol) / SECOND,
-        )
-        for i, symbol in enumerate(signals.z, start=1)
     ]

@@ -7,7 +7,7 @@ from dataclasses import replace
 import sympy as sp
 
 from pmjoint_derive.closed_loop import disturbance_symbols, output_disturbance
-from pmjoint_derive.derivation import Derivation
+from pmjoint_derive.design import Derivation
 from pmjoint_derive.equation import Equation
 from pmjoint_derive.lyapunov import (
     certified_rate,
@@ -19,7 +19,7 @@ from pmjoint_derive.lyapunov import (
     projected_symbols,
     symmetric_matrix,
 )
-from pmjoint_derive.model import parameter_symbol
+from pmjoint_derive.model import real_symbol
 from pmjoint_derive.signals import Signals
 
 _READABLE = 4  # order up to which P is written in the gains: its entries grow threefold with each order
@@ -38,7 +38,7 @@ def certificate_equations(derivation: Derivation) -> tuple[Equation, ...]:
     P, solved = symmetric_matrix(plant.order), lyapunov_matrix(s) if short else _at_gains(derivation)
     symbols, PD = disturbance_symbols(plant), projected_symbols(plant.order)
     acting = [symbol if rate != 0 else rate for symbol, rate in zip(symbols, plant.disturbance, strict=True)]
-    V_epsilon, V_lost = parameter_symbol("V_epsilon"), parameter_symbol("V_lost")
+    V_epsilon, V_lost = real_symbol("V_epsilon"), real_symbol("V_lost")
     rows = [
         (
             P[i, j].name,
@@ -75,11 +75,11 @@ def certificate_equations(derivation: Derivation) -> tuple[Equation, ...]:
         rows += _residual(derivation, bound)
     taken = {item.name for item in derivation.model.parameters} | set(derivation.equations)
     free = {
-        parameter_symbol(name): parameter_symbol(f"{name}_of_V") for name, *_ in rows if name in taken
+        real_symbol(name): real_symbol(f"{name}_of_V") for name, *_ in rows if name in taken
     }  # nothing here speaks of the plant's parameters, so a name of theirs can only mean our own
     return tuple(
         Equation(
-            free.get(parameter_symbol(name), parameter_symbol(name)),
+            free.get(real_symbol(name), real_symbol(name)),
             expression.xreplace(free),
             "Certificate",
             number,
@@ -109,8 +109,8 @@ def residual(derivation: Derivation, lambda_P: sp.Symbol, D_max: sp.Symbol) -> s
 
 def _decay(derivation: Derivation) -> list[tuple[str, sp.Expr, str, str]]:
     """(34): name, expression, number and meaning of each constant."""
-    s, largest = derivation.signals, parameter_symbol("lambda_P")
-    rate = parameter_symbol("f_minus") / parameter_symbol("f_plus")
+    s, largest = derivation.signals, real_symbol("lambda_P")
+    rate = real_symbol("f_minus") / real_symbol("f_plus")
     return [
         (
             "lambda_P",
@@ -131,12 +131,12 @@ def _decay(derivation: Derivation) -> list[tuple[str, sp.Expr, str, str]]:
 
 def _residual(derivation: Derivation, bound: float) -> list[tuple[str, sp.Expr, str, str]]:
     """(33) and (35), likewise."""
-    V, Y, f, D_max = (parameter_symbol(name) for name in ("V", "Y", "f", "D_max"))
+    V, Y, f, D_max = (real_symbol(name) for name in ("V", "Y", "f", "D_max"))
     return [
         ("D_max", sp.Rational(repr(bound)), "(9)", "bound of the disturbance"),
         (
             "Y",
-            residual(derivation, parameter_symbol("lambda_P"), D_max),
+            residual(derivation, real_symbol("lambda_P"), D_max),
             "(33)",
             "what the disturbance adds at most",
         ),

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import sympy as sp
 
+from pmjoint_derive.design import Design
 from pmjoint_derive.equation import Equation
 from pmjoint_derive.filters import shift_matrix
-from pmjoint_derive.model import Model, Plant, parameter_symbol
-from pmjoint_derive.signals import Signals, Units, derivative_name
+from pmjoint_derive.model import Model, Plant, real_symbol
+from pmjoint_derive.signals import derivative_name
 from pmjoint_derive.units import SECOND, parse_unit
 
 # the disturbance that the paper simulates, (37); any other is the D of (12)
-_EXAMPLE = sp.sin(parameter_symbol("x2")) * sp.cos(parameter_symbol("t")) / 10
+_EXAMPLE = sp.sin(real_symbol("x2")) * sp.cos(real_symbol("t")) / 10
 
 
 def disturbance_symbols(plant: Plant) -> tuple[sp.Symbol, ...]:
     """Symbols D1..Dn of the disturbance."""
-    return tuple(parameter_symbol(f"D{i}") for i in range(1, plant.order + 1))
+    return tuple(real_symbol(f"D{i}") for i in range(1, plant.order + 1))
 
 
 def output_disturbance(plant: Plant) -> sp.Expr:
@@ -24,22 +25,26 @@ def output_disturbance(plant: Plant) -> sp.Expr:
     return sp.Integer(0) if plant.disturbance[0] == 0 else disturbance_symbols(plant)[0]
 
 
-def plant_rates(plant: Plant, signals: Signals) -> dict[sp.Symbol, sp.Expr]:
+def unknown_output_rate(design: Design) -> sp.Expr:
+    """``eta``, the unknown part of y': epsilon_2, which a plant of order one has not, and a disturbance."""
+    error = design.signals.epsilon[1] if design.plant.order > 1 else sp.Integer(0)
+    return error + output_disturbance(design.plant)
+
+
+def plant_rates(design: Design) -> dict[sp.Symbol, sp.Expr]:
     """Right-hand sides of ``x' = A x + phi + Phi theta + b sigma u + D`` (11), (12), keyed by state."""
-    n, p = plant.order, plant.p
-    Phi = sp.Matrix(n, p, lambda i, j: plant.Phi[i][j])
+    plant, signals = design.plant, design.signals
     rates = (
-        shift_matrix(n) * sp.Matrix(signals.x)
-        + sp.Matrix(plant.phi)
-        + Phi * sp.Matrix(p, 1, plant.theta)
-        + sp.Matrix(plant.b_vector) * plant.sigma * signals.u
+        shift_matrix(plant.order) * sp.Matrix(signals.x)
+        + sp.Matrix(plant.known_rates(signals.u))
         + sp.Matrix(disturbance_symbols(plant))
     )
     return dict(zip(signals.x, rates, strict=True))
 
 
-def plant_equations(plant: Plant, signals: Signals, units: Units) -> list[Equation]:
+def plant_equations(design: Design) -> list[Equation]:
     """Output, disturbance and state equations of the simulated plant."""
+    plant, signals, units = design.plant, design.signals, design.units
     output = Equation(signals.y, signals.x[0], "Plant", "(7)", "measured output", units.of(signals.y))
     disturbances = [
         Equation(
@@ -54,35 +59,41 @@ def plant_equations(plant: Plant, signals: Signals, units: Units) -> list[Equati
     ]
     rates = [
         Equation(
-            parameter_symbol(derivative_name(state)),
+            real_symbol(derivative_name(state)),
             rate,
             "Plant",
             "(11)",
             f"rate of {state}",
             units.of(state) / SECOND,
         )
-        for state, rate in plant_rates(plant, signals).items()
+        for state, rate in plant_rates(design).items()
     ]
     return [output, *disturbances, *rates]
 
 
-def reference_equations(model: Model, signals: Signals, units: Units) -> list[Equation]:
+def reference_equations(model: Model, design: Design) -> list[Equation]:
     """The reference and its derivatives up to order rho."""
+    signals = design.signals
     meanings = ["reference", *(f"derivative {i} of the reference" for i in range(1, len(signals.y_r)))]
     return [
         Equation(
-            symbol, sp.diff(model.reference, signals.t, i), "Reference", "", meanings[i], units.of(symbol)
+            symbol,
+            sp.diff(model.reference, signals.t, i),
+            "Reference",
+            "",
+            meanings[i],
+            design.units.of(symbol),
         )
         for i, symbol in enumerate(signals.y_r)
     ]
 
 
-def actuator_equations(model: Model, signals: Signals) -> list[Equation]:
+def actuator_equations(model: Model, design: Design) -> list[Equation]:
     """Saturation (10): what the actuator delivers, u first."""
     return [
         Equation(
             channel.symbol,
-            sp.Max(channel.lower, sp.Min(channel.offset + channel.slope * signals.v, channel.upper)),
+            sp.Max(channel.lower, sp.Min(channel.offset + channel.slope * design.signals.v, channel.upper)),
             "Closed loop",
             "(10)",
             channel.about,
@@ -96,7 +107,7 @@ def extra_equations(model: Model) -> list[Equation]:
     """Reported signals of the physics, and rates of the states that only the simulated plant has."""
     rates = [
         Equation(
-            parameter_symbol(derivative_name(state.symbol)),
+            real_symbol(derivative_name(state.symbol)),
             state.rate,
             "Plant",
             "",
@@ -108,21 +119,21 @@ def extra_equations(model: Model) -> list[Equation]:
     return [*model.reported, *rates]
 
 
-def error_equations(signals: Signals, units: Units) -> list[Equation]:
+def error_equations(design: Design) -> list[Equation]:
     """Tracking error and estimation errors (17)."""
-    y_unit = units.of(signals.y)
+    signals, units = design.signals, design.units
     tracking = Equation(
-        parameter_symbol("e"),
+        real_symbol("e"),
         signals.y - signals.y_r[0],
         "Closed loop",
         "",
         "tracking error, e = z1 + r1",
-        y_unit,
+        units.of(signals.y),
     )
     estimation = [
         Equation(
             symbol,
-            state - parameter_symbol(f"x_hat{i}"),
+            state - real_symbol(f"x_hat{i}"),
             "Estimate",
             "(17)",
             f"estimation error of x{i}",

@@ -1,4 +1,4 @@
-"""The auxiliary system (23) that carries what saturation takes away, ``du = u - v``.
+"""The auxiliary system (23) that carries the clipped part of the input, ``du = u - v``.
 
 ``r_i' = r_{i+1} - ck_i r_i`` for i < rho and ``r_rho' = -ck_rho r_rho + b_m sigma(y) du``. It needs the
 *applied* input: measured on a rig, sat(v) in simulation. Without it (r = 0 for all time) the same law is
@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import sympy as sp
 
+from pmjoint_derive.design import Design
 from pmjoint_derive.equation import Equation
-from pmjoint_derive.model import Plant, parameter_symbol
-from pmjoint_derive.signals import Signals, Units, derivative_name
+from pmjoint_derive.model import real_symbol
+from pmjoint_derive.signals import Signals, derivative_name
 from pmjoint_derive.units import SECOND
 
 SECTION = "Compensator"
@@ -23,32 +24,34 @@ def compensator_matrix(signals: Signals) -> sp.ImmutableMatrix:
     return sp.ImmutableMatrix(rho, rho, lambda i, j: -signals.ck[i] if i == j else int(j == i + 1))
 
 
-def compensator_rates(plant: Plant, signals: Signals) -> dict[sp.Symbol, sp.Expr]:
+def compensator_rates(design: Design) -> dict[sp.Symbol, sp.Expr]:
     """Right-hand sides of (23) with the compensator at work, keyed by state."""
+    plant, signals = design.plant, design.signals
     drive = sp.Matrix([0] * (plant.rho - 1) + [plant.b[0] * plant.sigma * signals.du])
     rates = compensator_matrix(signals) * sp.Matrix(signals.r) + drive
     return dict(zip(signals.r, rates, strict=True))
 
 
-def compensator_equations(plant: Plant, signals: Signals, units: Units) -> list[Equation]:
+def compensator_equations(design: Design) -> list[Equation]:
     """(23) as named equations, with the switch ``compensator`` (1 or 0) on its drive."""
+    signals, units = design.signals, design.units
     lost = Equation(
         symbol=signals.du,
         expression=signals.u - signals.v,
         section=SECTION,
         number="(23)",
-        meaning="what saturation takes away",
+        meaning="the clipped part of the input",
         unit=units.of(signals.u),
     )
     rates = [
         Equation(
-            symbol=parameter_symbol(derivative_name(state)),
+            symbol=real_symbol(derivative_name(state)),
             expression=rate.xreplace({signals.du: signals.compensator * signals.du}),
             section=SECTION,
             number="(23)",
-            meaning="compensator state" if i < plant.rho else "compensator state, driven by du",
+            meaning="compensator state" if i < design.plant.rho else "compensator state, driven by du",
             unit=units.of(state) / SECOND,
         )
-        for i, (state, rate) in enumerate(compensator_rates(plant, signals).items(), start=1)
+        for i, (state, rate) in enumerate(compensator_rates(design).items(), start=1)
     ]
     return [lost, *rates]

@@ -9,9 +9,9 @@ import sympy as sp
 
 from pmjoint_derive.closed_loop import disturbance_symbols
 from pmjoint_derive.compensator import compensator_matrix
-from pmjoint_derive.derivation import Derivation
+from pmjoint_derive.design import Derivation
+from pmjoint_derive.equation import Identity
 from pmjoint_derive.filters import filter_matrix
-from pmjoint_derive.lyapunov import Identity
 from pmjoint_derive.sampling import Hold
 from pmjoint_derive.signals import derivative_name
 

@@ -6,43 +6,35 @@ coefficient that already is a parameter or a number keeps its own name.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import sympy as sp
 
+from pmjoint_derive.design import Design
 from pmjoint_derive.equation import Equation
-from pmjoint_derive.model import Plant, parameter_symbol
-from pmjoint_derive.signals import Signals, Units
+from pmjoint_derive.model import real_symbol
 from pmjoint_derive.units import SECOND, Unit
 
 SECTION = "Plant"
 
 
-@dataclass(frozen=True)
-class NamedPlant:
-    """A plant whose composite coefficients have names.
-
-    Attributes:
-        plant: the plant, with symbols in place of composite ``b`` and ``theta``.
-        equations: what the names stand for.
-    """
-
-    plant: Plant
-    equations: tuple[Equation, ...]
-
-
-def name_constants(plant: Plant, signals: Signals, units: Units) -> NamedPlant:
+def name_constants(design: Design) -> tuple[Design, list[Equation]]:
     """Give names ``b_m ... b_0``, ``theta_1 ... theta_p`` to coefficients that are more than a parameter.
 
     They have no number: (8) is the paper's own pair. The unit of ``b_j`` follows from its place, the rate
     of ``x_{n-j}``; that of a theta depends on its functions of y and is left open.
+
+    Returns:
+        the design with symbols in place of composite ``b`` and ``theta`` of its plant, and what they stand
+        for.
     """
+    plant, signals, units = design.plant, design.signals, design.units
     equations: list[Equation] = []
 
     def name(value: sp.Expr, stem: str, meaning: str, unit: Unit | None) -> sp.Expr:
         if value.is_Symbol or value.is_number:
             return value
-        symbol = parameter_symbol(stem)
+        symbol = real_symbol(stem)
         equations.append(Equation(symbol, value, SECTION, "", meaning, unit))
         return symbol
 
@@ -54,4 +46,4 @@ def name_constants(plant: Plant, signals: Signals, units: Units) -> NamedPlant:
     theta = tuple(
         name(value, f"theta_{i}", "known coefficient", None) for i, value in enumerate(plant.theta, start=1)
     )
-    return NamedPlant(replace(plant, b=b, theta=theta), tuple(equations))
+    return replace(design, plant=replace(plant, b=b, theta=theta)), equations

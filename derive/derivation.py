@@ -1,28 +1,27 @@
 """The driver: a model in, one frozen record of named equations out.
 
-Stages, each a pure function of what stands before it:
+Stages in order, each a pure function of what comes before it:
 
-    name_constants          plant                 -> plant with named b, theta
-    plant_equations         plant                 -> y, D_i, x_i'                     (7), (11), (12)
-    extra_equations         model                 -> what only the simulated plant has
-    filter_equations        plant                 -> xi', Xi', lambda', x_hat         (14), (15)
-    compensator_equations   plant                 -> du, r'                           (23)
-    reference_equations     reference             -> y_r and its derivatives
-    backstep                plant                 -> z_i, alpha_i, partials, v        (24), (25), (29)
-    sampling_equations      filters, compensator  -> xi, Xi, lambda, r one sample later
-    error_rate_equations    plant                 -> z_i' under the law               (27), (28)
-    actuator, errors        model                 -> u, e, epsilon                    (10), (17)
-    true_plant              physics, design       -> the plant in parameters of its own
+    name_constants         design                -> the design with named b, theta, and what they stand for
+    plant_equations        design                -> y, D_i, x_i'                            (7), (11), (12)
+    extra_equations        model                 -> what only the simulated plant has
+    actuator_equations     model, design         -> u, and what else the actuator delivers             (10)
+    design.filters         design                -> xi', Xi', lambda', x_hat                     (14), (15)
+    reference_equations    model, design         -> y_r and its derivatives
+    design.law             design                -> z_i, alpha_i, partial derivatives, v   (24), (25), (29)
+    design.compensator     design                -> du, r'                                             (23)
+    design.error_rates     design                -> z_i' under the law                           (27), (28)
+    error_equations        design                -> e, epsilon                                         (17)
+    sampling_equations     design, equations     -> xi, Xi, lambda, r one sample later
+    true_plant             physics, equations    -> the plant in parameters of its own
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from types import MappingProxyType
 
-import sympy as sp
-
-from pmjoint_derive.backstepping import backstep, error_rate_equations
+from pmjoint_derive.backstepping import Backstepping
 from pmjoint_derive.closed_loop import (
     actuator_equations,
     error_equations,
@@ -30,84 +29,53 @@ from pmjoint_derive.closed_loop import (
     plant_equations,
     reference_equations,
 )
-from pmjoint_derive.compensator import compensator_equations
 from pmjoint_derive.constants import name_constants
+from pmjoint_derive.design import Derivation, Design
 from pmjoint_derive.equation import Equation, Equations
-from pmjoint_derive.filters import filter_equations
-from pmjoint_derive.model import Model, OutsideClassError, Plant
+from pmjoint_derive.model import Model, OutsideClassError
 from pmjoint_derive.progress import Stage, unwatched
 from pmjoint_derive.sampling import sampling_equations
-from pmjoint_derive.signals import Signals, Units
+from pmjoint_derive.signals import Units
 from pmjoint_derive.true_plant import true_plant
 
-
-@dataclass(frozen=True)
-class Derivation:
-    """Everything that is known of one closed loop.
-
-    Attributes:
-        model: what it was derived from.
-        plant: the plant with named constants.
-        signals: the symbols in the equations.
-        units: their physical units.
-        equations: the named equations in an order in which they can be read.
-        own_parameters: parameter that plant and controller share -> the plant's own, in the model's order.
-    """
-
-    model: Model
-    plant: Plant
-    signals: Signals
-    units: Units
-    equations: Equations
-    own_parameters: Mapping[sp.Symbol, sp.Symbol]
-
-    def expanded(self, name: str) -> sp.Expr:
-        """An equation's right-hand side in y, u, states, the reference, epsilon and parameters only.
-
-        Raises:
-            KeyError: when no equation has that name.
-        """
-        s = self.signals
-        return self.equations.expand(
-            self.equations[name].expression, keep=frozenset({s.y, s.u, *s.y_r, *s.epsilon})
-        )
+DESIGNS: Mapping[str, type[Design]] = MappingProxyType({"backstepping": Backstepping})
 
 
 def derive(model: Model, stage: Stage = unwatched) -> Derivation:
-    """Derive filters, compensator, virtual controls, partial derivatives and the law for a model.
+    """Derive filters, compensator, virtual controls, partial derivatives and the law of a model's design.
 
     Args:
         model: what to derive from.
-        stage: told what is being derived.
+        stage: called with the name of each stage and the fraction of it completed.
 
     Raises:
         OutsideClassError: when a parameter bears the name of an equation; what else is outside the class was
             refused when the plant was made.
     """
-    signals, units = Signals.of(model.plant), Units(model)
-    named = name_constants(model.plant, signals, units)
-    plant = named.plant
-    constants = [*model.constants, *named.equations]
-    physics = [*plant_equations(plant, signals, units), *extra_equations(model)]
-    delivered = actuator_equations(model, signals)
+    made_by = DESIGNS[model.design]
+    signals = made_by.signals_for(model.plant)
+    design, constants = name_constants(made_by(model.plant, signals, Units(model, signals)))
+    constants = [*model.constants, *constants]
+    physics = [*plant_equations(design), *extra_equations(model)]
+    delivered = actuator_equations(model, design)
     continuous: list[Equation] = [
         *constants,
         *physics,
-        *filter_equations(plant, signals, units),
-        *reference_equations(model, signals, units),
-        *backstep(plant, signals, units, stage),
-        *compensator_equations(plant, signals, units),
-        *error_rate_equations(plant, signals, units),
+        *design.filters(),
+        *reference_equations(model, design),
+        *design.law(stage),
+        *design.compensator(),
+        *design.error_rates(),
         *delivered,
-        *error_equations(signals, units),
+        *error_equations(design),
     ]
     stage("deriving the sampled controller", 0.0)
-    held = sampling_equations(Equations(continuous), signals, units)
+    held = sampling_equations(design, Equations(continuous))
     stage("deriving the true plant", 0.0)
-    true = true_plant(model, plant, signals, units, [*constants, *physics, *delivered[1:]], continuous)
-    equations = Equations([*continuous, *held, *true.equations])
+    own, true = true_plant(model, design, [*constants, *physics, *delivered[1:]], continuous)
+    equations = Equations([*continuous, *held, *true])
     _check_names(model, equations)
-    return Derivation(model, plant, signals, units, equations, true.parameters)
+    return Derivation(model, design, equations, own)
 
 
 def _check_names(model: Model, equations: Equations) -> None:

@@ -42,6 +42,26 @@ class Equation:
         return str(self.symbol.name)
 
 
+@dataclass(frozen=True)
+class Identity:
+    """A statement that an expression is zero.
+
+    Attributes:
+        name: which statement.
+        claim: the statement, for people.
+        remainder: the expression after expansion; the integer 0 when the statement is proved.
+    """
+
+    name: str
+    claim: str
+    remainder: sp.Expr
+
+    @property
+    def holds(self) -> bool:
+        """Whether the expression expanded to exactly zero."""
+        return bool(self.remainder == 0)
+
+
 class Equations(Mapping[str, Equation]):
     """Equations in the order of their derivation, looked up by name."""
 

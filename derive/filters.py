@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import sympy as sp
 
+from pmjoint_derive.design import Design
 from pmjoint_derive.equation import Equation
-from pmjoint_derive.model import Plant, parameter_symbol
-from pmjoint_derive.signals import Signals, Units, derivative_name
+from pmjoint_derive.model import real_symbol
+from pmjoint_derive.signals import Signals, derivative_name
 from pmjoint_derive.units import SECOND
 
 SECTION = "Filters"
@@ -34,15 +35,17 @@ def input_filters(signals: Signals, j: int) -> sp.ImmutableMatrix:
     return sp.ImmutableMatrix(filter_matrix(signals) ** j * sp.Matrix(signals.lambda_))
 
 
-def input_filter_rates(plant: Plant, signals: Signals, j: int, v_j: sp.Matrix) -> sp.ImmutableMatrix:
+def input_filter_rates(design: Design, j: int, v_j: sp.Matrix) -> sp.ImmutableMatrix:
     """``v_j' = A0 v_j + A0^j e_n sigma u``, from (14); ``v_j`` may be symbols or expressions of lambda."""
+    plant, signals = design.plant, design.signals
     A0 = filter_matrix(signals)
     e_n = sp.Matrix([0] * (plant.order - 1) + [1])
     return sp.ImmutableMatrix(A0 * v_j + A0**j * e_n * plant.sigma * signals.u)
 
 
-def estimate(plant: Plant, signals: Signals) -> sp.ImmutableMatrix:
+def estimate(design: Design) -> sp.ImmutableMatrix:
     """``x_hat = xi + Xi theta + sum_j b_j v_j`` (15), a column of length n."""
+    plant, signals = design.plant, design.signals
     regressor = sp.Matrix(plant.order, plant.p, lambda i, j: signals.Xi[i][j]) * sp.Matrix(
         plant.p, 1, plant.theta
     )
@@ -52,45 +55,48 @@ def estimate(plant: Plant, signals: Signals) -> sp.ImmutableMatrix:
     return sp.ImmutableMatrix(sp.Matrix(signals.xi) + regressor + driven)
 
 
-def filter_rates(plant: Plant, signals: Signals) -> dict[sp.Symbol, sp.Expr]:
+def filter_rates(design: Design) -> dict[sp.Symbol, sp.Expr]:
     """Right-hand sides of (14), keyed by filter state."""
+    plant, signals = design.plant, design.signals
     A0, n, p = filter_matrix(signals), plant.order, plant.p
     xi_dot = A0 * sp.Matrix(signals.xi) + sp.Matrix(signals.k) * signals.y + sp.Matrix(plant.phi)
     Xi = sp.Matrix(n, p, lambda i, j: signals.Xi[i][j])
     Xi_dot = A0 * Xi + sp.Matrix(n, p, lambda i, j: plant.Phi[i][j])
-    lambda_dot = input_filter_rates(plant, signals, 0, sp.Matrix(signals.lambda_))
+    lambda_dot = input_filter_rates(design, 0, sp.Matrix(signals.lambda_))
     rates = dict(zip(signals.xi, xi_dot, strict=True))
     rates |= {signals.Xi[i][j]: Xi_dot[i, j] for i in range(n) for j in range(p)}
     return rates | dict(zip(signals.lambda_, lambda_dot, strict=True))
 
 
-def filter_equations(plant: Plant, signals: Signals, units: Units) -> list[Equation]:
+def filter_equations(design: Design) -> list[Equation]:
     """The filters (14), the estimate (15) and the matrix A0 as named equations."""
     meanings = {
         "xi": "filter driven by y",
         "Xi": "filter driven by Phi(y)",
         "lambda": "filter driven by the applied input",
     }
+    found = filter_rates(design)
     rates = [
         Equation(
-            symbol=parameter_symbol(derivative_name(state)),
-            expression=rate,
+            symbol=real_symbol(derivative_name(state)),
+            expression=found[state],
             section=SECTION,
             number="(14)",
-            meaning=meanings[state.name.rstrip("0123456789")],
-            unit=units.of(state) / SECOND,
+            meaning=meaning,
+            unit=design.units.of(state) / SECOND,
         )
-        for state, rate in filter_rates(plant, signals).items()
+        for block, meaning in meanings.items()
+        for state in design.signals.controller_blocks[block]
     ]
     estimates = [
         Equation(
-            symbol=parameter_symbol(f"x_hat{i}"),
+            symbol=real_symbol(f"x_hat{i}"),
             expression=value,
             section="Estimate",
             number="(15)",
             meaning=f"estimate of x{i}",
-            unit=units.of(signals.x[i - 1]),
+            unit=design.units.of(design.signals.x[i - 1]),
         )
-        for i, value in enumerate(estimate(plant, signals), start=1)
+        for i, value in enumerate(estimate(design), start=1)
     ]
     return rates + estimates

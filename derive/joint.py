@@ -29,19 +29,17 @@ from pmjoint_derive.model import (
     OutsideClassError,
     Plant,
     Start,
-    parameter_symbol,
+    real_symbol,
 )
 from pmjoint_derive.shield import multiplied_out, shielded
 from pmjoint_derive.units import parse_unit
 
 KEEP = ("damping", "quadratic_gain", "pressure_lag")
 LAG = "tau"
-MOVING = (
-    parameter_symbol("t"),
-)  # of the torque: what is said of theta, (1)-(4) must be multiplied out to cancel
-THETA, OMEGA, U, Y = (parameter_symbol(name) for name in ("theta", "theta_dot", "u", "y"))
+MOVING = (real_symbol("t"),)  # of the torque: what is said of theta, (1)-(4) must be multiplied out to cancel
+THETA, OMEGA, U, Y = (real_symbol(name) for name in ("theta", "theta_dot", "u", "y"))
 Q1, Q2, P1, P2 = (
-    parameter_symbol(name) for name in ("q1", "q2", "p1", "p2")
+    real_symbol(name) for name in ("q1", "q2", "p1", "p2")
 )  # pressures' distance from P_0, and their commands
 
 POSITIVE = ("J", "r", "l0", "k0", "u0", "k_u", "P_max", LAG)  # what (1)-(4) presume to be greater than 0
@@ -52,15 +50,14 @@ TAKEN = ("theta", "theta_dot", "q1", "q2", "p1", "p2", "P1", "P2", "d1", "b0", "
 
 @dataclass(frozen=True)
 class Joint:
-    """A design's view of a joint.
+    """A design's view of a joint; the fields are those of `Model`.
 
     Attributes:
         plant: the plant that the controller is designed for; its disturbance is what the design leaves out.
         extras: states of the physics that the design does not have.
         channels: what the actuator delivers: u, and the two pressures' distances from P_0.
         constants: the coefficients (8) as named equations.
-        motion: the angle theta and its rate theta_dot as named equations.
-        pressures: the muscle pressures P1 and P2 as named equations.
+        reported: the angle theta, its rate theta_dot and the muscle pressures as named equations.
         demands: what (1)-(4) presume of the parameters.
         start: the physical states that a run starts from.
     """
@@ -69,21 +66,20 @@ class Joint:
     extras: tuple[ExtraState, ...]
     channels: tuple[Channel, ...]
     constants: tuple[Equation, ...]
-    motion: tuple[Equation, ...]
-    pressures: tuple[Equation, ...]
+    reported: tuple[Equation, ...]
     demands: tuple[Demand, ...]
     start: Start
 
 
 def force(pressure: sp.Expr, contraction: sp.Expr) -> sp.Expr:
     """Pulling force of one muscle (2)."""
-    C1, C2, C3, C4 = (parameter_symbol(name) for name in ("C1", "C2", "C3", "C4"))
+    C1, C2, C3, C4 = (real_symbol(name) for name in ("C1", "C2", "C3", "C4"))
     return pressure * (C1 * contraction**2 + C2 * contraction + C3) + C4
 
 
 def acceleration(first: sp.Expr, second: sp.Expr, vartheta: sp.Expr) -> sp.Expr:
     """``theta''`` from the balance (1) with (2), (3), for given muscle pressures."""
-    J, b_v, r, l0, eps0 = (parameter_symbol(name) for name in ("J", "b_v", "r", "l0", "eps0"))
+    J, b_v, r, l0, eps0 = (real_symbol(name) for name in ("J", "b_v", "r", "l0", "eps0"))
     stretch = r * THETA / l0
     torque = r * (force(first, eps0 + stretch) - force(second, eps0 - stretch))
     return (-b_v * OMEGA + torque + vartheta) / J
@@ -91,7 +87,7 @@ def acceleration(first: sp.Expr, second: sp.Expr, vartheta: sp.Expr) -> sp.Expr:
 
 def base_pressure() -> sp.Expr:
     """``P_0 = k_0 u_0`` of (4)."""
-    return parameter_symbol("k0") * parameter_symbol("u0")
+    return real_symbol("k0") * real_symbol("u0")
 
 
 def coefficients() -> dict[str, sp.Expr]:
@@ -101,7 +97,7 @@ def coefficients() -> dict[str, sp.Expr]:
         ArithmeticError: when the balance holds a monomial that the class does not know, that is, when (1)-(4)
             were changed.
     """
-    P0, k_u = base_pressure(), parameter_symbol("k_u")
+    P0, k_u = base_pressure(), real_symbol("k_u")
     balance = sp.Poly(sp.expand(acceleration(P0 + k_u * U, P0 - k_u * U, sp.Integer(0))), THETA, OMEGA, U)
     terms = {monomial: sp.factor(value) for monomial, value in balance.terms()}
     stiffness, damping, gain, quadratic = (terms.pop(m) for m in ((1, 0, 0), (0, 1, 0), (0, 0, 1), (2, 0, 1)))
@@ -123,7 +119,7 @@ def reduce_joint(keep: tuple[str, ...], *, lagged: bool, vartheta: sp.Expr, limi
         OutsideClassError: for a lag kept without tau, or together with the quadratic gain.
     """
     check_keep(keep, lagged=lagged)
-    a = parameter_symbol("a") if "damping" in keep else sp.Integer(0)
+    a = real_symbol("a") if "damping" in keep else sp.Integer(0)
     kept_lag = "pressure_lag" in keep
     design = _lagged_design(a) if kept_lag else _direct_design(a, quadratic="quadratic_gain" in keep)
     forms = _design_coordinates(design, a)
@@ -144,8 +140,7 @@ def reduce_joint(keep: tuple[str, ...], *, lagged: bool, vartheta: sp.Expr, limi
         extras,
         _channels(limit),
         _constants(keep),
-        motion,
-        (*lags, *_pressures(lagged=lagged)),
+        (*motion, *lags, *_pressures(lagged=lagged)),
         demands(lagged=lagged),
         Start((*motion, *lags), len(motion), {**forms, **extra_forms}),
     )
@@ -154,11 +149,11 @@ def reduce_joint(keep: tuple[str, ...], *, lagged: bool, vartheta: sp.Expr, limi
 def demands(*, lagged: bool) -> tuple[Demand, ...]:
     """What (1)-(4) presume: positive inertia, lengths and pressures, the base pressure below P_max."""
     names = (name for name in POSITIVE if lagged or name != LAG)
-    symbols = (parameter_symbol(name) for name in names)
-    room = parameter_symbol("P_max") - base_pressure()
+    symbols = (real_symbol(name) for name in names)
+    room = real_symbol("P_max") - base_pressure()
     return (
         *(Demand(symbol, symbol) for symbol in symbols),
-        Demand(parameter_symbol("u0"), room, "the base pressure k0*u0 is not below P_max"),
+        Demand(real_symbol("u0"), room, "the base pressure k0*u0 is not below P_max"),
     )
 
 
@@ -198,7 +193,7 @@ def _constants(keep: tuple[str, ...]) -> tuple[Equation, ...]:
         | ({"kappa"} if "quadratic_gain" in keep else set())
     )
     return tuple(
-        Equation(parameter_symbol(name), value, "Plant", number, meaning, parse_unit(unit))
+        Equation(real_symbol(name), value, "Plant", number, meaning, parse_unit(unit))
         for name, value in coefficients().items()
         if name in kept
         for number, unit, meaning in (about[name],)
@@ -207,15 +202,15 @@ def _constants(keep: tuple[str, ...]) -> tuple[Equation, ...]:
 
 def _direct_design(a: sp.Expr, *, quadratic: bool) -> Plant:
     """N = rho = 2: ``x1' = x2 - a y``, ``x2' = d1 y + b0 sigma(y) u``."""
-    zero, d1, b0 = sp.Integer(0), parameter_symbol("d1"), parameter_symbol("b0")
-    sigma = 1 + parameter_symbol("kappa") * Y**2 if quadratic else sp.Integer(1)
+    zero, d1, b0 = sp.Integer(0), real_symbol("d1"), real_symbol("b0")
+    sigma = 1 + real_symbol("kappa") * Y**2 if quadratic else sp.Integer(1)
     return Plant(2, (-a * Y, zero), ((zero,), (Y,)), (d1,), (b0,), sigma, (zero, zero))
 
 
 def _lagged_design(a: sp.Expr) -> Plant:
     """N = rho = 3: the observer form of joint and lag in series, from their characteristic polynomial."""
-    zero, tau = sp.Integer(0), parameter_symbol(LAG)
-    d1, b0, s = parameter_symbol("d1"), parameter_symbol("b0"), sp.Symbol("s")
+    zero, tau = sp.Integer(0), real_symbol(LAG)
+    d1, b0, s = real_symbol("d1"), real_symbol("b0"), sp.Symbol("s")
     series = sp.Matrix([[0, 1, 0], [d1, -a, b0], [0, 0, -1 / tau]])
     _, *lower = sp.Poly(series.charpoly(s).as_expr(), s).all_coeffs()
     phi = tuple(-sp.expand(value) * Y for value in lower)
@@ -224,12 +219,12 @@ def _lagged_design(a: sp.Expr) -> Plant:
 
 def _effective_input() -> sp.Expr:
     """The input that the present pressures amount to."""
-    return (Q1 + Q2) / (2 * parameter_symbol("k_u"))
+    return (Q1 + Q2) / (2 * real_symbol("k_u"))
 
 
 def _physical_rates(vartheta: sp.Expr, *, lagged: bool) -> dict[sp.Symbol, sp.Expr]:
     """Rates of theta, theta' and, where they lag, of the pressures' distances from P_0."""
-    P0, tau = base_pressure(), parameter_symbol(LAG)
+    P0, tau = base_pressure(), real_symbol(LAG)
     rates: dict[sp.Symbol, sp.Expr] = {THETA: OMEGA, OMEGA: acceleration(P0 + Q1, P0 - Q2, vartheta)}
     if lagged:
         return {**rates, Q1: (P1 - Q1) / tau, Q2: (P2 - Q2) / tau}
@@ -238,12 +233,12 @@ def _physical_rates(vartheta: sp.Expr, *, lagged: bool) -> dict[sp.Symbol, sp.Ex
 
 def _design_coordinates(design: Plant, a: sp.Expr) -> dict[sp.Symbol, sp.Expr]:
     """``x1 = theta`` and ``x_{i+1} = x_i' - phi_i`` along the design's model, in physical states."""
-    d1, b0 = parameter_symbol("d1"), parameter_symbol("b0")
+    d1, b0 = real_symbol("d1"), real_symbol("b0")
     rates = {THETA: OMEGA, OMEGA: d1 * THETA - a * OMEGA + b0 * _effective_input()}
     forms: list[sp.Expr] = [THETA]
     for i in range(design.order - 1):
         forms.append(multiplied_out(_along(forms[-1], rates) - design.phi[i].xreplace({Y: THETA}), MOVING))
-    return {parameter_symbol(f"x{i}"): form for i, form in enumerate(forms, start=1)}
+    return {real_symbol(f"x{i}"): form for i, form in enumerate(forms, start=1)}
 
 
 def _extra_coordinates(order: int, *, lagged: bool, kept_lag: bool) -> dict[sp.Symbol, sp.Expr]:
@@ -251,7 +246,7 @@ def _extra_coordinates(order: int, *, lagged: bool, kept_lag: bool) -> dict[sp.S
     if not lagged:
         return {}
     forms = (Q1 - Q2,) if kept_lag else (Q1, Q2)
-    return {parameter_symbol(f"x{order + i}"): form for i, form in enumerate(forms, start=1)}
+    return {real_symbol(f"x{order + i}"): form for i, form in enumerate(forms, start=1)}
 
 
 def _along(form: sp.Expr, rates: dict[sp.Symbol, sp.Expr]) -> sp.Expr:
@@ -270,25 +265,18 @@ def _left_out(
     design: Plant, forms: dict[sp.Symbol, sp.Expr], rates: dict[sp.Symbol, sp.Expr]
 ) -> tuple[sp.Expr, ...]:
     """``D`` of (12): rates of the full physics less those of the design, in physical states and u."""
-    values = {parameter_symbol(name): value for name, value in coefficients().items()}
+    values = {real_symbol(name): value for name, value in coefficients().items()}
     states = [*forms.values(), sp.Integer(0)]
     return tuple(
         _collected(
-            multiplied_out((_along(states[i], rates) - states[i + 1] - drift).xreplace(values), MOVING)
+            multiplied_out(
+                (_along(states[i], rates) - states[i + 1] - drift.xreplace({Y: THETA})).xreplace(values),
+                MOVING,
+            )
         )
         - (design.b_vector[i] * design.sigma * U).xreplace({Y: THETA})
-        for i, drift in enumerate(_drifts(design))
+        for i, drift in enumerate(design.drift)
     )
-
-
-def _drifts(design: Plant) -> list[sp.Expr]:
-    """``phi + Phi theta`` of the design at y = theta."""
-    return [
-        (
-            phi + sum((entry * th for entry, th in zip(Phi, design.theta, strict=True)), sp.Integer(0))
-        ).xreplace({Y: THETA})
-        for phi, Phi in zip(design.phi, design.Phi, strict=True)
-    ]
 
 
 def _collected(value: sp.Expr) -> sp.Expr:
@@ -298,7 +286,7 @@ def _collected(value: sp.Expr) -> sp.Expr:
 
 def _channels(limit: sp.Expr) -> tuple[Channel, ...]:
     """U within its limit, and both pressures' distances from P_0, clipped where a muscle is empty or full."""
-    P0, P_max, k_u, zero = base_pressure(), parameter_symbol("P_max"), parameter_symbol("k_u"), sp.Integer(0)
+    P0, P_max, k_u, zero = base_pressure(), real_symbol("P_max"), real_symbol("k_u"), sp.Integer(0)
     reach = k_u * limit
     return (
         Channel(U, zero, sp.Integer(1), -limit, limit, "V", "applied input sat(v)"),
@@ -331,6 +319,6 @@ def _pressures(*, lagged: bool) -> tuple[Equation, ...]:
     P0, pascal = base_pressure(), parse_unit("Pa")
     first, second = (Q1, Q2) if lagged else (P1, P2)
     return (
-        Equation(parameter_symbol("P1"), P0 + first, "Plant", "(4)", "pressure of muscle 1", pascal),
-        Equation(parameter_symbol("P2"), P0 - second, "Plant", "(4)", "pressure of muscle 2", pascal),
+        Equation(real_symbol("P1"), P0 + first, "Plant", "(4)", "pressure of muscle 1", pascal),
+        Equation(real_symbol("P2"), P0 - second, "Plant", "(4)", "pressure of muscle 2", pascal),
     )

@@ -21,36 +21,20 @@ e_i)`` in place of ``sum |P D|^2/(2 e_i)``, and other squares (`squares`).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import sympy as sp
 
-from pmjoint_derive.backstepping import unknown_output_rate
-from pmjoint_derive.closed_loop import disturbance_symbols, output_disturbance
-from pmjoint_derive.derivation import Derivation
-from pmjoint_derive.filters import filter_matrix, shift_matrix
-from pmjoint_derive.model import parameter_symbol
+from pmjoint_derive.closed_loop import (
+    disturbance_symbols,
+    output_disturbance,
+    plant_rates,
+    unknown_output_rate,
+)
+from pmjoint_derive.design import Derivation
+from pmjoint_derive.equation import Identity
+from pmjoint_derive.filters import filter_matrix
+from pmjoint_derive.model import real_symbol
 from pmjoint_derive.signals import Signals, derivative_name, partial_name
-
-
-@dataclass(frozen=True)
-class Identity:
-    """A statement that an expression is zero.
-
-    Attributes:
-        name: which statement.
-        claim: the statement, for people.
-        remainder: the expression after expansion; the integer 0 when the statement is proved.
-    """
-
-    name: str
-    claim: str
-    remainder: sp.Expr
-
-    @property
-    def holds(self) -> bool:
-        """Whether the expression expanded to exactly zero."""
-        return bool(self.remainder == 0)
 
 
 def expand_to_zero(expression: sp.Expr, sigma: sp.Expr) -> sp.Expr:
@@ -64,11 +48,11 @@ def expand_to_zero(expression: sp.Expr, sigma: sp.Expr) -> sp.Expr:
     Returns:
         0, or what is left over.
     """
-    whole = expression.xreplace({sigma: parameter_symbol("sigma")}) if sigma.is_Add else expression
+    whole = expression.xreplace({sigma: real_symbol("sigma")}) if sigma.is_Add else expression
     rest = sp.expand(whole)
     if rest == 0:
         return sp.Integer(0)
-    numerator = sp.expand(sp.fraction(sp.together(rest.xreplace({parameter_symbol("sigma"): sigma})))[0])
+    numerator = sp.expand(sp.fraction(sp.together(rest.xreplace({real_symbol("sigma"): sigma})))[0])
     return sp.Integer(0) if numerator == 0 else rest
 
 
@@ -92,7 +76,7 @@ def lyapunov_residual(P: sp.ImmutableMatrix, signals: Signals) -> sp.ImmutableMa
 
 def symmetric_matrix(n: int) -> sp.ImmutableMatrix:
     """``P`` as symbols ``P_11``, ``P_12``, ..., n x n."""
-    return sp.ImmutableMatrix(n, n, lambda i, j: parameter_symbol(f"P_{min(i, j) + 1}{max(i, j) + 1}"))
+    return sp.ImmutableMatrix(n, n, lambda i, j: real_symbol(f"P_{min(i, j) + 1}{max(i, j) + 1}"))
 
 
 def unfold(derivation: Derivation, name: str, keep: frozenset[sp.Symbol] = frozenset()) -> sp.Expr:
@@ -128,12 +112,7 @@ def sensitivities(derivation: Derivation) -> tuple[sp.Expr, ...]:
 def _partial(derivation: Derivation, alpha: sp.Symbol, by: sp.Symbol) -> sp.Expr:
     """The name of a partial derivative, or 0 where none is named."""
     name = partial_name(alpha, by)
-    return parameter_symbol(name) if name in derivation.equations else sp.Integer(0)
-
-
-def unknown_rate(derivation: Derivation) -> sp.Expr:
-    """``eta = epsilon_2 + D_1``: what the controller does not know of y'."""
-    return unknown_output_rate(derivation.plant, derivation.signals)
+    return real_symbol(name) if name in derivation.equations else sp.Integer(0)
 
 
 def true_rates(derivation: Derivation) -> dict[sp.Symbol, sp.Expr]:
@@ -144,10 +123,10 @@ def true_rates(derivation: Derivation) -> dict[sp.Symbol, sp.Expr]:
     y' stays a symbol.
     """
     s, plant = derivation.signals, derivation.plant
-    y_dot = plant.phi[0] + sum((a * b for a, b in zip(plant.Phi[0], plant.theta, strict=True)), sp.Integer(0))
+    y_dot = plant.drift[0]
     if plant.order > 1:
         y_dot += unfold(derivation, "x_hat2")
-    y_dot += unknown_rate(derivation)
+    y_dot += unknown_output_rate(derivation.design)
     if plant.rho == 1:
         y_dot += plant.b[0] * plant.sigma * s.u
     rates = {s.y: y_dot}
@@ -178,33 +157,23 @@ def virtual_control_rates(
 
 
 def claimed_rates(derivation: Derivation, s_: tuple[sp.Expr, ...]) -> tuple[sp.Expr, ...]:
-    """``z_i'`` as (27), (28) claim it, in symbols z_i.
+    """``z_i'`` as the derivation claims it (27), (28), in symbols z_i.
 
     Args:
         derivation: the design.
         s_: the sensitivities, as expressions or symbols.
     """
-    s, b_m, rho = derivation.signals, derivation.plant.b[0], derivation.plant.rho
-    rates = []
-    for i in range(1, rho + 1):
-        rate = -(s.c[i - 1] + s.e[i - 1] * s_[i - 1] ** 2) * s.z[i - 1]
-        rate -= s_[i - 1] * unknown_rate(derivation)
-        if i < rho:
-            rate += (b_m if i == 1 else 1) * s.z[i]
-        if i > 1:
-            rate -= (b_m if i == 2 else 1) * s.z[i - 2]
-        rates.append(rate)
-    return tuple(rates)
+    s, equations = derivation.signals, derivation.equations
+    names = (real_symbol(partial_name(alpha, s.y)) for alpha in s.alpha)
+    given = dict(zip(names, s_[1:], strict=True))
+    return tuple(equations[derivative_name(z)].expression.xreplace(given) for z in s.z)
 
 
 def estimation_identities(derivation: Derivation) -> list[Identity]:
     """``epsilon' = A0 epsilon + D`` for ``epsilon = x - x_hat`` along plant and filters, for any u (17)."""
     s, plant = derivation.signals, derivation.plant
-    n, p = plant.order, plant.p
-    D = sp.Matrix(disturbance_symbols(plant))
-    Phi_theta = sp.Matrix(n, p, lambda i, j: plant.Phi[i][j]) * sp.Matrix(p, 1, plant.theta)
-    drive = sp.Matrix(plant.phi) + Phi_theta + sp.Matrix(plant.b_vector) * plant.sigma * s.u
-    x_dot = (shift_matrix(n) * sp.Matrix(s.x) + drive + D).xreplace({s.y: s.x[0]})
+    n, D = plant.order, sp.Matrix(disturbance_symbols(plant))
+    x_dot = sp.Matrix(list(plant_rates(derivation.design).values())).xreplace({s.y: s.x[0]})
     x_hat = sp.Matrix([unfold(derivation, f"x_hat{i}") for i in range(1, n + 1)])
     rates = {symbol: rate.xreplace({s.y: s.x[0]}) for symbol, rate in true_rates(derivation).items()}
     error_dot = x_dot - sp.Matrix([rate_along(entry, rates) for entry in x_hat])
@@ -247,7 +216,7 @@ def _error_identity(
     derivation: Derivation, i: int, rates: Mapping[sp.Symbol, sp.Expr], claim: sp.Expr
 ) -> Identity:
     s, equations = derivation.signals, derivation.equations
-    names = frozenset(parameter_symbol(partial_name(alpha, by)) for alpha in s.alpha for by in s.measurable)
+    names = frozenset(real_symbol(partial_name(alpha, by)) for alpha in s.alpha for by in s.measurable)
     keep = _primitive(derivation) | names
     definition = unfold(derivation, s.z[i - 1].name, names | frozenset(s.alpha))
     rest = equations.expand(rate_along(definition, rates) - claim, keep | frozenset(s.z[:i]))
@@ -258,13 +227,13 @@ def _error_identity(
 def energy_identity(derivation: Derivation) -> Identity:
     """(31): the couplings cancel in ``d/dt sum z_i^2 / 2``, with z_i' as established above."""
     s = derivation.signals
-    s_ = (sp.Integer(-1), *(parameter_symbol(f"s{i}") for i in range(2, derivation.plant.rho + 1)))
+    s_ = (sp.Integer(-1), *(real_symbol(f"s{i}") for i in range(2, derivation.plant.rho + 1)))
     rate = sum(
         (z * claim for z, claim in zip(s.z, claimed_rates(derivation, s_), strict=True)), sp.Integer(0)
     )
     claim = sum(
         (
-            -(c + e * s_i**2) * z**2 - s_i * z * unknown_rate(derivation)
+            -(c + e * s_i**2) * z**2 - s_i * z * unknown_output_rate(derivation.design)
             for c, e, z, s_i in zip(s.c, s.e, s.z, s_, strict=True)
         ),
         sp.Integer(0),
@@ -285,7 +254,8 @@ def squares(derivation: Derivation, PD: sp.MatrixBase, s_: tuple[sp.Expr, ...]) 
         PD: ``P D``, n x 1.
         s_: the sensitivities.
     """
-    s, eta, D_1 = derivation.signals, unknown_rate(derivation), output_disturbance(derivation.plant)
+    s, eta = derivation.signals, unknown_output_rate(derivation.design)
+    D_1 = output_disturbance(derivation.plant)
     weight, share = (1, sp.Rational(1, 2)) if D_1 == 0 else (2, sp.Rational(1, 4))
     young = [e * (s_i * z + eta / (2 * e)) ** 2 for e, s_i, z in zip(s.e, s_, s.z, strict=True)]
     inputs = [share * entry**2 / e for e in s.e for entry in sp.Matrix(s.epsilon) - weight * PD]
@@ -301,7 +271,7 @@ def given_away(derivation: Derivation) -> tuple[sp.Expr, ...]:
 
 def projected_symbols(n: int) -> sp.ImmutableMatrix:
     """``P D`` as symbols ``PD1``, ``PD2``, ..., n x 1."""
-    return sp.ImmutableMatrix([parameter_symbol(f"PD{i}") for i in range(1, n + 1)])
+    return sp.ImmutableMatrix([real_symbol(f"PD{i}") for i in range(1, n + 1)])
 
 
 def error_function(s: Signals, P: sp.MatrixBase) -> sp.Expr:
@@ -340,7 +310,7 @@ def certified_rate(derivation: Derivation, PD: sp.MatrixBase) -> sp.Expr:
 def certificate_identity(derivation: Derivation) -> Identity:
     """(32) as an identity, modulo the Lyapunov equation: its residual multiplies the only term left."""
     s, n = derivation.signals, derivation.plant.order
-    s_ = (sp.Integer(-1), *(parameter_symbol(f"s{i}") for i in range(2, derivation.plant.rho + 1)))
+    s_ = (sp.Integer(-1), *(real_symbol(f"s{i}") for i in range(2, derivation.plant.rho + 1)))
     P, epsilon = symmetric_matrix(n), sp.Matrix(s.epsilon)
     D = sp.Matrix(disturbance_symbols(derivation.plant))
     weight = error_weight(s)

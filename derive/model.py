@@ -32,7 +32,7 @@ class OutsideClassError(ValueError):
         self.remedy = remedy
 
 
-def parameter_symbol(name: str) -> sp.Symbol:
+def real_symbol(name: str) -> sp.Symbol:
     """The one SymPy symbol that stands for a parameter, a signal or a state of that name (real-valued)."""
     return sp.Symbol(name, real=True)
 
@@ -58,7 +58,7 @@ class Parameter:
     @property
     def symbol(self) -> sp.Symbol:
         """The parameter's symbol in expressions."""
-        return parameter_symbol(self.name)
+        return real_symbol(self.name)
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ class Plant:
             )
 
     def _check_symbols(self) -> None:
-        hidden = {parameter_symbol(f"x{i}") for i in range(1, self.order + 1)} | {parameter_symbol("t")}
+        hidden = {real_symbol(f"x{i}") for i in range(1, self.order + 1)} | {real_symbol("t")}
         known = {
             "plant.phi": self.phi,
             "plant.Phi": tuple(entry for row in self.Phi for entry in row),
@@ -131,10 +131,10 @@ class Plant:
         }
         for key, entries in known.items():
             for symbol in sorted(set().union(*(entry.free_symbols for entry in entries)) & hidden, key=str):
-                measured = symbol == parameter_symbol("x1")
+                measured = symbol == real_symbol("x1")
                 why = "which is y here" if measured else "which the controller does not measure"
                 raise OutsideClassError(key, f"depends on {symbol}, {why}", "use y and parameters only")
-        measured = hidden | {parameter_symbol("y")}
+        measured = hidden | {real_symbol("y")}
         for key, entries in {"plant.theta": self.theta, "plant.b": self.b}.items():
             for symbol in sorted(set().union(*(entry.free_symbols for entry in entries)) & measured, key=str):
                 raise OutsideClassError(key, f"depends on {symbol}", "use parameters only")
@@ -153,6 +153,22 @@ class Plant:
     def p(self) -> int:
         """Number of entries of ``theta``."""
         return len(self.theta)
+
+    @property
+    def drift(self) -> tuple[sp.Expr, ...]:
+        """``phi + Phi theta`` of (11), n functions of y."""
+        return tuple(
+            sum((entry * factor for entry, factor in zip(row, self.theta, strict=True)), known)
+            for known, row in zip(self.phi, self.Phi, strict=True)
+        )
+
+    def known_rates(self, u: sp.Expr) -> tuple[sp.Expr, ...]:
+        """``phi + Phi theta + b sigma u`` of (11): what the design's model knows of x_i' beyond x_{i+1}.
+
+        Args:
+            u: the applied input.
+        """
+        return tuple(drift + b * self.sigma * u for drift, b in zip(self.drift, self.b_vector, strict=True))
 
     @property
     def b_vector(self) -> tuple[sp.Expr, ...]:
@@ -177,6 +193,11 @@ class Gains:
     ck: tuple[float, ...]
     k: tuple[float, ...]
     compensator: bool = True
+
+    @property
+    def by_kind(self) -> dict[str, tuple[float, ...]]:
+        """Each list by its name, in the order of the parameter vector."""
+        return {"c": self.c, "e": self.e, "ck": self.ck, "k": self.k}
 
 
 @dataclass(frozen=True)
@@ -290,6 +311,7 @@ class Model:
         reported: further named signals of the plant, such as muscle pressures.
         demands: what the physics presumes of its parameters, the controller's and the plant's own.
         start: the physical states that a run starts from; None: those of the plant class.
+        design: row of `pmjoint_derive.derivation.DESIGNS`.
     """
 
     name: str
@@ -311,12 +333,11 @@ class Model:
     reported: tuple[Equation, ...] = ()
     demands: tuple[Demand, ...] = ()
     start: Start | None = None
+    design: str = "backstepping"
 
     @property
     def actuator(self) -> tuple[Channel, ...]:
         """What the actuator delivers, u first (10)."""
         zero, one = sp.Integer(0), sp.Integer(1)
-        u = Channel(
-            parameter_symbol("u"), zero, one, -self.limit, self.limit, self.u_unit, "applied input sat(v)"
-        )
+        u = Channel(real_symbol("u"), zero, one, -self.limit, self.limit, self.u_unit, "applied input sat(v)")
         return self.channels or (u,)

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Sequence
 import sympy as sp
 
 from pmjoint_derive.equation import Equation
-from pmjoint_derive.model import parameter_symbol
+from pmjoint_derive.model import real_symbol
 from pmjoint_derive.shield import multiplied_out, shielded
 from pmjoint_derive.signals import Signals, Units, partial_name
 
@@ -105,7 +105,7 @@ class ChainRule:
         """A value that is more than one symbol or a constant, as an equation."""
         if not value.free_symbols & self._moving or value.is_Symbol or (-value).is_Symbol:
             return value
-        name = parameter_symbol(higher_name(base, path))
+        name = real_symbol(higher_name(base, path))
         unit = self._table[base].unit
         for by in path:
             unit = None if unit is None else unit / self._units.of(by)

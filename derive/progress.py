@@ -1,11 +1,11 @@
-"""Who watches a derivation: told each stage by name, since a high order takes minutes."""
+"""Progress of a derivation, reported stage by stage, since a high order takes minutes."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-Stage = Callable[[str, float], None]  # name of what begins, or goes on; the part of it that is done, 0 to 1
+Stage = Callable[[str, float], None]  # name of the stage, fraction of it completed
 
 
 def unwatched(name: str, done: float) -> None:
-    """Tell nobody."""
+    """Report to nobody."""

@@ -13,9 +13,10 @@ from dataclasses import dataclass
 
 import sympy as sp
 
+from pmjoint_derive.design import Design
 from pmjoint_derive.equation import Equation, Equations
-from pmjoint_derive.model import parameter_symbol
-from pmjoint_derive.signals import Signals, Units, derivative_name
+from pmjoint_derive.model import real_symbol
+from pmjoint_derive.signals import Signals, derivative_name
 
 SECTION = "Sampled"
 
@@ -49,7 +50,7 @@ class Hold:
 
 
 def _matrix(stem: str, size: int) -> sp.ImmutableMatrix:
-    return sp.ImmutableMatrix(size, size, lambda i, j: parameter_symbol(f"{stem}_{i + 1}{j + 1}"))
+    return sp.ImmutableMatrix(size, size, lambda i, j: real_symbol(f"{stem}_{i + 1}{j + 1}"))
 
 
 def held_update(
@@ -61,8 +62,9 @@ def held_update(
     return list(F * sp.Matrix(states) + G * drive)
 
 
-def sampling_equations(equations: Equations, signals: Signals, units: Units) -> list[Equation]:
+def sampling_equations(design: Design, equations: Equations) -> list[Equation]:
     """The controller's state one sample later, as named equations ``xi1_next`` and so on."""
+    signals = design.signals
     hold = Hold.of(signals)
     columns = [[row[j] for row in signals.Xi] for j in range(len(signals.Xi[0]))] if signals.Xi[0] else []
     update: dict[sp.Symbol, sp.Expr] = {}
@@ -71,12 +73,12 @@ def sampling_equations(equations: Equations, signals: Signals, units: Units) -> 
     update |= dict(zip(signals.r, held_update(equations, signals.r, hold.Fr, hold.Gr), strict=True))
     return [
         Equation(
-            parameter_symbol(f"{state.name}_next"),
+            real_symbol(f"{state.name}_next"),
             update[state],
             SECTION,
             "(23)" if state in signals.r else "(14)",
             f"{state} one sample later",
-            units.of(state),
+            design.units.of(state),
         )
         for state in signals.controller_state
     ]

@@ -7,16 +7,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import chain
 
 import sympy as sp
 
-from pmjoint_derive.model import Model, Plant, parameter_symbol
+from pmjoint_derive.model import Model, Plant, real_symbol
 from pmjoint_derive.units import SECOND, Unit, parse_unit
 
 
 def named(stem: str, count: int, first: int = 1) -> tuple[sp.Symbol, ...]:
     """Real symbols ``stem1 ... stemN``."""
-    return tuple(parameter_symbol(f"{stem}{i}") for i in range(first, first + count))
+    return tuple(real_symbol(f"{stem}{i}") for i in range(first, first + count))
 
 
 def reference_name(order: int) -> str:
@@ -42,7 +43,7 @@ class Signals:
         epsilon: n estimation errors (17).
         v: the control law's output (29).
         u: the applied, saturated input (10).
-        du: what saturation takes away, u - v (23).
+        du: the clipped part of the input, u - v (23).
         c, e, ck: rho gains each; k: n filter gains.
         compensator: 1 when (23) is driven, 0 for plain clipping.
     """
@@ -72,31 +73,36 @@ class Signals:
         """The signals of a design for ``plant``."""
         n, rho, p = plant.order, plant.rho, plant.p
         return cls(
-            t=parameter_symbol("t"),
-            y=parameter_symbol("y"),
+            t=real_symbol("t"),
+            y=real_symbol("y"),
             x=named("x", n),
             xi=named("xi", n),
-            Xi=tuple(tuple(parameter_symbol(f"Xi{i}{j}") for j in range(1, p + 1)) for i in range(1, n + 1)),
+            Xi=tuple(tuple(real_symbol(f"Xi{i}{j}") for j in range(1, p + 1)) for i in range(1, n + 1)),
             lambda_=named("lambda", n),
             r=named("r", rho),
-            y_r=tuple(parameter_symbol(reference_name(i)) for i in range(rho + 1)),
+            y_r=tuple(real_symbol(reference_name(i)) for i in range(rho + 1)),
             z=named("z", rho),
             alpha=named("alpha", rho - 1),
             epsilon=named("epsilon", n),
-            v=parameter_symbol("v"),
-            u=parameter_symbol("u"),
-            du=parameter_symbol("du"),
+            v=real_symbol("v"),
+            u=real_symbol("u"),
+            du=real_symbol("du"),
             c=named("c", rho),
             e=named("e", rho),
             ck=named("ck", rho),
             k=named("k", n),
-            compensator=parameter_symbol("compensator"),
+            compensator=real_symbol("compensator"),
         )
 
     @property
     def controller_state(self) -> tuple[sp.Symbol, ...]:
         """What the controller integrates: xi, Xi row by row, lambda, r."""
-        return (*self.xi, *(entry for row in self.Xi for entry in row), *self.lambda_, *self.r)
+        return tuple(chain.from_iterable(self.controller_blocks.values()))
+
+    @property
+    def controller_blocks(self) -> dict[str, tuple[sp.Symbol, ...]]:
+        """The same by block."""
+        return {"xi": self.xi, "Xi": tuple(chain.from_iterable(self.Xi)), "lambda": self.lambda_, "r": self.r}
 
     @property
     def measurable(self) -> tuple[sp.Symbol, ...]:
@@ -106,7 +112,12 @@ class Signals:
     @property
     def gains(self) -> tuple[sp.Symbol, ...]:
         """All gains in the order of the parameter vector, then the compensator's switch."""
-        return (*self.c, *self.e, *self.ck, *self.k, self.compensator)
+        return (*chain.from_iterable(self.gains_by_kind.values()), self.compensator)
+
+    @property
+    def gains_by_kind(self) -> dict[str, tuple[sp.Symbol, ...]]:
+        """The symbols of `pmjoint_derive.model.Gains.by_kind`."""
+        return {"c": self.c, "e": self.e, "ck": self.ck, "k": self.k}
 
 
 def derivative_name(symbol: sp.Symbol) -> str:
@@ -125,9 +136,9 @@ class Units:
     A unit that a parameter does not state is taken from its place: ``k_i`` is 1/s^i whatever the model.
     """
 
-    def __init__(self, model: Model) -> None:
-        """Label every signal of ``model``."""
-        plant, s = model.plant, Signals.of(model.plant)
+    def __init__(self, model: Model, s: Signals) -> None:
+        """Label every signal ``s`` of a design for ``model``."""
+        plant = model.plant
         y, u = parse_unit(model.y_unit), parse_unit(model.u_unit)
         stated = {item.name: parse_unit(item.unit) for item in model.parameters}
         stated |= {item.name: item.unit or Unit({}) for item in model.constants}

@@ -5,104 +5,87 @@ controller use, such as ``J``, has a twin ``J_plant`` that the plant alone uses;
 is the nominal one. Equations of the plant that depend on such a parameter have twins by the same rule:
 ``b0_plant``, ``D2_plant``, ``x2_dot_plant``. The design's own equations, and the theory, stay as they are.
 
-To the design, what the plant does differently is disturbance. In ``x_i' = x_{i+1} + known_i + D_i`` (11),
-(12), with ``known_i = phi_i + (Phi theta)_i + b_i sigma u``, the controller faces ``D_i_seen = D_i_plant +
-mismatch_i``, where ``mismatch_i = known_i_plant - known_i``; the estimation error obeys (17) with it.
+To the design, the model mismatch is disturbance. In ``x_i' = x_{i+1} + known_i + D_i`` (11), (12), with
+``known_i = phi_i + (Phi theta)_i + b_i sigma u``, the effective disturbance is ``D_i_effective = D_i_plant +
+mismatch_i``, where ``mismatch_i = known_i_plant - known_i``. The estimation error obeys (17) with it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 
 import sympy as sp
 
 from pmjoint_derive.closed_loop import disturbance_symbols
+from pmjoint_derive.design import Design
 from pmjoint_derive.equation import Equation, Equations
-from pmjoint_derive.model import Model, Plant, parameter_symbol
-from pmjoint_derive.signals import Signals, Units, derivative_name, free
+from pmjoint_derive.model import Model, real_symbol
+from pmjoint_derive.signals import Signals, derivative_name, free
 from pmjoint_derive.units import SECOND
 
 SECTION = "True plant"
 SUFFIX = "_plant"
 
 
-@dataclass(frozen=True)
-class TruePlant:
-    """What the simulated plant has for itself.
-
-    Attributes:
-        parameters: shared parameter -> the plant's own, in the model's order.
-        equations: the twins, and the disturbance that the design sees.
-    """
-
-    parameters: Mapping[sp.Symbol, sp.Symbol]
-    equations: tuple[Equation, ...]
-
-
 def own_symbol(symbol: sp.Symbol) -> sp.Symbol:
     """The plant's own ``J_plant`` of a parameter or name ``J``."""
-    return parameter_symbol(f"{symbol.name}{SUFFIX}")
+    return real_symbol(f"{symbol.name}{SUFFIX}")
 
 
-def seen_symbol(symbol: sp.Symbol) -> sp.Symbol:
-    """``D1_seen`` of ``D1``: what is left of x1' when the design's model is taken away."""
-    return parameter_symbol(f"{symbol.name}_seen")
+def effective_symbol(symbol: sp.Symbol) -> sp.Symbol:
+    """``D1_effective`` of ``D1``: what is left of x1' when the design's model is taken away."""
+    return real_symbol(f"{symbol.name}_effective")
 
 
 def true_plant(
     model: Model,
-    plant: Plant,
-    signals: Signals,
-    units: Units,
+    design: Design,
     physics: Sequence[Equation],
     derived: Sequence[Equation],
-) -> TruePlant:
+) -> tuple[Mapping[sp.Symbol, sp.Symbol], tuple[Equation, ...]]:
     """Find the parameters that plant and controller share, and write the plant in its own.
 
     Args:
         model: what is derived from.
-        plant: the plant with named constants.
-        signals: symbols of the design.
-        units: of the signals.
+        design: what the controller believes.
         physics: the equations of the plant and of its actuator, u excepted: the controller clips v itself.
         derived: all equations, the design's among them.
+
+    Returns:
+        shared parameter -> the plant's own, in the model's order; the twins and the effective disturbance.
     """
-    known = _known_rates(plant, signals, units)
+    known = _known_rates(design)
     table = Equations([*derived, *known])
-    shared = _shared(model, signals, table, physics)
+    shared = _shared(model, design.signals, table, physics)
     own = {symbol: own_symbol(symbol) for symbol in shared}
     changed = _depending([*physics, *known], own)
-    disturbances = disturbance_symbols(plant)
+    disturbances = disturbance_symbols(design.plant)
     differing = [i for i, item in enumerate(known) if item.symbol in changed]
     changed |= {disturbances[i] for i in differing}  # D_i keeps its name; x_i' has changed with known_i
     twins = own | {symbol: own_symbol(symbol) for symbol in changed}
-    return TruePlant(
+    return (
         own,
         (
             *(known[i] for i in differing),
             *(_twin(item, twins) for item in (*physics, *known) if item.symbol in changed),
-            *(entry for i in differing for entry in _seen(disturbances[i], known[i])),
+            *(entry for i in differing for entry in _effective(disturbances[i], known[i])),
         ),
     )
 
 
-def _known_rates(plant: Plant, signals: Signals, units: Units) -> list[Equation]:
+def _known_rates(design: Design) -> list[Equation]:
     """``known_i``: what the design's model says of x_i', beyond x_{i+1}."""
-    forced = [
-        phi + sum((a * c for a, c in zip(row, plant.theta, strict=True)), b * plant.sigma * signals.u)
-        for phi, row, b in zip(plant.phi, plant.Phi, plant.b_vector, strict=True)
-    ]
+    x, known = design.signals.x, design.plant.known_rates(design.signals.u)
     return [
         Equation(
-            parameter_symbol(f"known{i}"),
+            real_symbol(f"known{i}"),
             rate,
             SECTION,
             "(11)",
             f"what the design knows of the rate of {state}",
-            units.of(state) / SECOND,
+            design.units.of(state) / SECOND,
         )
-        for i, (state, rate) in enumerate(zip(signals.x, forced, strict=True), start=1)
+        for i, (state, rate) in enumerate(zip(x, known, strict=True), start=1)
     ]
 
 
@@ -122,7 +105,7 @@ def _shared(
 
 
 def _rate(state: sp.Symbol) -> sp.Symbol:
-    return parameter_symbol(derivative_name(state))
+    return real_symbol(derivative_name(state))
 
 
 def _reach(names: Iterable[sp.Symbol], table: Equations, until: Iterable[sp.Symbol] = ()) -> set[sp.Symbol]:
@@ -159,25 +142,25 @@ def _twin(item: Equation, twins: Mapping[sp.Symbol, sp.Symbol]) -> Equation:
     )
 
 
-def _seen(disturbance: sp.Symbol, known: Equation) -> tuple[Equation, Equation]:
+def _effective(disturbance: sp.Symbol, known: Equation) -> tuple[Equation, Equation]:
     """What the design does not know of one rate."""
     index = disturbance.name.removeprefix("D")
-    mismatch = parameter_symbol(f"mismatch{index}")
+    mismatch = real_symbol(f"mismatch{index}")
     return (
         Equation(
             mismatch,
             own_symbol(known.symbol) - known.symbol,
             SECTION,
             "(12)",
-            f"what the design believes wrongly of the rate of x{index}",
+            f"model mismatch in the rate of x{index}",
             known.unit,
         ),
         Equation(
-            seen_symbol(disturbance),
+            effective_symbol(disturbance),
             own_symbol(disturbance) + mismatch,
             SECTION,
             "(12)",
-            "disturbance that the controller faces",
+            "effective disturbance: what the controller faces",
             known.unit,
         ),
     )

@@ -226,7 +226,8 @@ def _toolchain_key() -> str:
     from importlib import metadata  # slow to import, and of no use to a model that needs no derivation
 
     package = Path(__file__).resolve().parent
-    folders = (package.parent / "pmjoint_derive", package / "modelfile", package / "emit", package / "report")
+    derivation = package.parent / "pmjoint_derive"
+    folders = (derivation, package, *(package / name for name in ("modelfile", "emit", "report")))
     sources = [path for folder in folders for path in sorted(folder.glob("*.py"))]
     versions = [__version__, metadata.version("sympy"), metadata.version("casadi")]
     return canonical_hash([versions, [sha256_file(path) for path in sources]])

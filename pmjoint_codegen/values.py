@@ -25,7 +25,6 @@ SI = "1"  # the scale of a parameter that is stated in SI units, or in units tha
 COMPENSATOR = "compensator"  # the switch between (23) and plain clipping
 SETTLED = 0.02  # part of |e(0)| within which e has settled once it stays there
 OWN_SUFFIX = "_plant"  # of the simulated plant's own value of a parameter that the controller uses too
-_POSITIVE_GAINS = ("c", "e", "ck")
 
 Numbers = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -43,6 +42,36 @@ _FUNCTIONS: Mapping[str, Callable[[Any], Any]] = MappingProxyType(
     {name: getattr(np, name) for name in ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh", "abs")}
 )
 _CONSTANTS: Mapping[str, float] = MappingProxyType({"pi": math.pi, "e": math.e})
+
+
+@dataclass(frozen=True)
+class GainKind:
+    """A list of gains under ``[design]``; its entries are parameters such as ``c1``, ``c2``.
+
+    Attributes:
+        name: key of the list, and what its parameters' names begin with.
+        latex: the same in the paper's notation.
+        about: what an entry is; its number follows.
+        of_filters: one entry a state, all together such that A0 is Hurwitz (14); else one positive entry a
+            step.
+    """
+
+    name: str
+    latex: str
+    about: str
+    of_filters: bool = False
+
+    def names(self, n: int, rho: int) -> tuple[str, ...]:
+        """Names of the parameters, for order n and relative degree rho."""
+        return gain_names((self.name,), n if self.of_filters else rho)
+
+
+GAINS = (
+    GainKind("c", "c", "damping of backstepping error"),
+    GainKind("e", "e", "damping against the estimation error, step"),
+    GainKind("ck", "c_k", "decay rate of compensator state"),
+    GainKind("k", "k", "filter gain", of_filters=True),
+)
 
 
 @dataclass(frozen=True)
@@ -118,7 +147,7 @@ def check_values(
     for name, value in values.items():
         if not math.isfinite(value):
             raise refuse(name, f"is {value}", "a finite number")
-    for name in (*gain_names(_POSITIVE_GAINS, rho), limit):
+    for name in (*positive_gains(rho), limit):
         if not values[name] > 0:
             written = from_si(values[name], (scales or {}).get(name, SI))
             raise refuse(name, f"is {written:g}", "a number greater than 0")
@@ -126,7 +155,7 @@ def check_values(
         raise refuse(leading, "is 0, so b_m = 0 and no input acts", "a number other than 0")
     if values[COMPENSATOR] not in (0, 1):
         raise refuse(COMPENSATOR, f"is {values[COMPENSATOR]:g}", "1 (on) or 0 (off)")
-    gains = [values[name] for name in gain_names(("k",), n)]
+    gains = [values[name] for name in filter_gains(n)]
     if not is_hurwitz([1.0, *gains]):
         raise refuse(
             "k", f"leaves A0 = A - k e1' unstable, eigenvalues {roots_text([1.0, *gains])}", _hurwitz_rule(n)
@@ -256,6 +285,16 @@ def all_to_si(values: Numbers, scale: str) -> Numbers:
 def of_plant(values: Mapping[str, float], name: str) -> float:
     """What the simulated plant has for a parameter, whatever the controller believes."""
     return values.get(f"{name}{OWN_SUFFIX}", values[name])
+
+
+def positive_gains(rho: int) -> tuple[str, ...]:
+    """Names of the gains that are positive, for relative degree rho."""
+    return gain_names((kind.name for kind in GAINS if not kind.of_filters), rho)
+
+
+def filter_gains(n: int) -> tuple[str, ...]:
+    """Names of the gains of A0, for order n."""
+    return gain_names((kind.name for kind in GAINS if kind.of_filters), n)
 
 
 def gain_names(kinds: Iterable[str], count: int) -> tuple[str, ...]:

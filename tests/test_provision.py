@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,21 @@ def test_what_another_toolchain_has_derived_is_derived_again(
         provision, "sha256_file", lambda path: "changed" if path == changed else sha256_file(path)
     )
     assert folder() != first
+
+
+@pytest.mark.parametrize("file", ["pmjoint_derive/filters.py", "pmjoint_codegen/values.py"])
+def test_every_source_that_shapes_generated_text_is_in_the_key(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, file: str
+) -> None:
+    """A description of a gain stands in values.py, and in model.json."""
+    root = Path(__file__).resolve().parents[1]
+    for name in ("pmjoint_derive", "pmjoint_codegen"):
+        shutil.copytree(root / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
+    monkeypatch.setattr(provision, "__file__", str(tmp_path / "pmjoint_codegen" / "provision.py"))
+    before = provision._toolchain_key()
+    with (tmp_path / file).open("a") as source:
+        source.write("# another\n")
+    assert provision._toolchain_key() != before
 
 
 def test_the_remedy_for_an_edited_file_names_the_model_as_it_was_found(tmp_path: Path) -> None:

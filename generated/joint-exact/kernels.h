@@ -38,7 +38,7 @@ int estimate(const double **arg, double **res, long long int *iw, double *w, int
 int estimate_work(long long int *sz_arg, long long int *sz_res,
     long long int *sz_iw, long long int *sz_w);
 
-/* disturbance that the controller faces, (12): (t[1], x[2], w[3], p[34]) -> (D[2]); 95 operations */
+/* effective disturbance: what the controller faces, (12): (t[1], x[2], w[3], p[34]) -> (D[2]); 95 operations */
 int disturbance(const double **arg, double **res, long long int *iw, double *w, int mem);
 int disturbance_work(long long int *sz_arg, long long int *sz_res,
     long long int *sz_iw, long long int *sz_w);

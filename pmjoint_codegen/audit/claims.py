@@ -15,6 +15,7 @@ from pmjoint_codegen.audit.notation import Scope, chain, names, value
 from pmjoint_codegen.audit.paper import DESIGN, JOINT
 from pmjoint_codegen.audit.runs import Experiments, error_norm, late_peak, peak
 from pmjoint_codegen.audit.stability import certificate
+from pmjoint_codegen.values import GAINS
 
 _LUMPED = "vartheta/J - b_v/J*dot(theta)"  # what is left of (1)-(4) at theta = 0 and u = 0
 
@@ -393,7 +394,7 @@ def _meaning(symbol: sp.Symbol, scope: str) -> str:
     if scope == JOINT and name.startswith("C_"):
         return f"the muscle constant {name}"
     stem, index = name.rstrip("0123456789"), name[len(name.rstrip("0123456789")) :]
-    kinds = {"c": "gain c", "e": "gain e", "ck": "gain c_k", "k": "filter gain k_"}
-    if stem in kinds and index:
-        return f"the {kinds[stem]}{index}"
+    kind = next((kind for kind in GAINS if kind.name == stem), None)
+    if kind and index:
+        return f"the filter gain {kind.latex}_{index}" if kind.of_filters else f"the gain {kind.latex}{index}"
     return {"d1": "the plant's d_1 (8)", "b0": "the plant's b_0 (8)"}.get(name, f"the signal {name}")

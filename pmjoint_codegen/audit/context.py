@@ -22,7 +22,7 @@ import sympy as sp
 from pmjoint_codegen.audit.joint import joint_symbols
 from pmjoint_codegen.audit.notation import Scope, value
 from pmjoint_codegen.audit.paper import DESIGN, JOINT, Printed
-from pmjoint_derive import Derivation, Signals, parameter_symbol
+from pmjoint_derive import Derivation, Signals, real_symbol
 from pmjoint_derive.filters import filter_matrix, shift_matrix
 from pmjoint_derive.lyapunov import error_function, lyapunov_function, lyapunov_matrix
 from pmjoint_derive.units import Unit
@@ -55,8 +55,8 @@ class Context:
         """The table of symbols for a part of the paper."""
         s = self.signals
         known = {"u": s.u, "y": s.y, "x_1": s.x[0], "x_2": s.x[1], "d": disturbance_symbol()}
-        known |= {"b_0": parameter_symbol("b0"), "d_1": parameter_symbol("d1")}
-        known |= {"dot(x_1)": parameter_symbol("x1_dot"), "dot(x_2)": parameter_symbol("x2_dot")}
+        known |= {"b_0": real_symbol("b0"), "d_1": real_symbol("d1")}
+        known |= {"dot(x_1)": real_symbol("x1_dot"), "dot(x_2)": real_symbol("x2_dot")}
         if name == DESIGN:
             return DesignScope(self)
         if name == JOINT:
@@ -111,21 +111,14 @@ class Context:
 
     def numbers(self) -> Mapping[sp.Symbol, sp.Rational]:
         """The example's parameters and gains."""
-        model, s = self.derivation.model, self.signals
-        values = {item.symbol: item.value for item in model.parameters}
-        for symbols, gains in (
-            (s.c, model.gains.c),
-            (s.e, model.gains.e),
-            (s.ck, model.gains.ck),
-            (s.k, model.gains.k),
-        ):
-            values |= dict(zip(symbols, gains, strict=True))
+        values = {item.symbol: item.value for item in self.derivation.model.parameters}
+        values |= self.derivation.gain_values
         return {symbol: sp.Rational(repr(number)) for symbol, number in values.items()}
 
 
 def disturbance_symbol() -> sp.Symbol:
     """The symbol of d, which enters the second state."""
-    return parameter_symbol("D2")
+    return real_symbol("D2")
 
 
 class DesignScope(Mapping[str, Any]):
@@ -183,10 +176,10 @@ def _design_table(context: Context) -> Mapping[str, Any]:
         "t": s.t,
         "d": d,
         "Delta_u": s.du,
-        "b_0": parameter_symbol("b0"),
-        "d_1": parameter_symbol("d1"),
-        "theta_1": parameter_symbol("d1"),
-        "u_M": parameter_symbol("u_max"),
+        "b_0": real_symbol("b0"),
+        "d_1": real_symbol("d1"),
+        "theta_1": real_symbol("d1"),
+        "u_M": real_symbol("u_max"),
         "D_max": sp.Symbol("D_max", positive=True),
         "y_r": s.y_r[0],
         "x": sp.Matrix(s.x),
@@ -196,7 +189,7 @@ def _design_table(context: Context) -> Mapping[str, Any]:
         "Xi_A": sp.Matrix(s.Xi).T,
         "Xi_A2": s.Xi[1][0],
         "epsilon": sp.Matrix(s.epsilon),
-        "hat(x)": sp.Matrix([parameter_symbol(f"x_hat{i}") for i in range(1, n + 1)]),
+        "hat(x)": sp.Matrix([real_symbol(f"x_hat{i}") for i in range(1, n + 1)]),
         "A": shift_matrix(n),
         "A_0": filter_matrix(s),
         "k": sp.Matrix(s.k),
@@ -205,8 +198,8 @@ def _design_table(context: Context) -> Mapping[str, Any]:
         "E_2": sp.eye(n)[:, 1],
         "D": sp.Matrix([0, d]),
         "Phi_1": sp.Matrix([0, s.y]),
-        "Theta": sp.Matrix([parameter_symbol("b0"), parameter_symbol("d1")]),
-        "omega": sp.Matrix([parameter_symbol("v0_2"), s.Xi[1][0]]),
+        "Theta": sp.Matrix([real_symbol("b0"), real_symbol("d1")]),
+        "omega": sp.Matrix([real_symbol("v0_2"), s.Xi[1][0]]),
         "bar(omega)": sp.Matrix([0, s.Xi[1][0]]),
         "P": P,
         "norm(P)": spectral_norm(),
@@ -216,7 +209,7 @@ def _design_table(context: Context) -> Mapping[str, Any]:
         "V_2": lyapunov_function(s, V_epsilon),
     }
     for i in range(1, n + 1):
-        table |= {f"x_{i}": s.x[i - 1], f"hat(x_{i})": parameter_symbol(f"x_hat{i}"), f"xi_{i}": s.xi[i - 1]}
+        table |= {f"x_{i}": s.x[i - 1], f"hat(x_{i})": real_symbol(f"x_hat{i}"), f"xi_{i}": s.xi[i - 1]}
         table |= {
             f"epsilon_{i}": s.epsilon[i - 1],
             f"r_{i}": s.r[i - 1],
@@ -225,7 +218,7 @@ def _design_table(context: Context) -> Mapping[str, Any]:
         }
         table |= {f"C_{i}": s.c[i - 1], f"c_{i}": s.c[i - 1], f"e_{i}": s.e[i - 1]}
         table |= {f"C_k{i}": s.ck[i - 1], f"c_k{i}": s.ck[i - 1]}
-    table |= {f"v_0_{i}": parameter_symbol(f"v0_{i}") for i in (1, 2, 3)} | {"alpha_1": s.alpha[0]}
+    table |= {f"v_0_{i}": real_symbol(f"v0_{i}") for i in (1, 2, 3)} | {"alpha_1": s.alpha[0]}
     return MappingProxyType(table)
 
 

@@ -15,7 +15,7 @@ from pmjoint_codegen.audit.notation import Scope, chain, value
 from pmjoint_codegen.audit.paper import Printed
 from pmjoint_codegen.modelfile.reader import read_document
 from pmjoint_codegen.workspace import find_model
-from pmjoint_derive import parameter_symbol
+from pmjoint_derive import real_symbol
 from pmjoint_derive.joint import acceleration, base_pressure
 
 MEASURED = "joint"  # model file
@@ -58,11 +58,9 @@ def equation_of_motion(paper: Mapping[str, Printed], scope: Scope) -> sp.Expr:
 
 def modelled_acceleration(scope: Scope) -> sp.Expr:
     """The same of the joint that this project derives and simulates, in the printed symbols."""
-    P_0, change = base_pressure(), parameter_symbol("k_u") * parameter_symbol("u")
-    acceleration_ = acceleration(P_0 + change, P_0 - change, parameter_symbol("vartheta"))
-    return sp.expand(
-        acceleration_.xreplace({parameter_symbol(ours): scope[name] for ours, name in _OURS.items()})
-    )
+    P_0, change = base_pressure(), real_symbol("k_u") * real_symbol("u")
+    acceleration_ = acceleration(P_0 + change, P_0 - change, real_symbol("vartheta"))
+    return sp.expand(acceleration_.xreplace({real_symbol(ours): scope[name] for ours, name in _OURS.items()}))
 
 
 def measured_joint(scope: Scope) -> Mapping[sp.Symbol, sp.Expr]:

@@ -10,7 +10,8 @@ from typing import Any
 
 from pmjoint_codegen.check.inputs.features import Features
 from pmjoint_codegen.compile.compiler import Compiler, find_compiler
-from pmjoint_codegen.emit.table import Kernel, kernel_table, vocabulary
+from pmjoint_codegen.emit.table import Kernel, kernel_table
+from pmjoint_codegen.emit.vocabulary import vocabulary
 from pmjoint_codegen.identity import Document
 from pmjoint_codegen.kernels import compiled, interpreted
 from pmjoint_codegen.kernels.evaluator import Evaluator

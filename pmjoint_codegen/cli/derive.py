@@ -48,14 +48,13 @@ def command(model: str, form: str) -> None:
         from pmjoint_codegen.report.text import text_report
         from pmjoint_codegen.workspace import find_model
         from pmjoint_derive import derive
-        from pmjoint_derive.certificate import certificate_equations
 
         path = find_model(model)
         shown.stage("reading the model", 0.0)
         source = model_of(read_document(path), str(path))
         derivation = derive(source, shown.stage)
         shown.stage("certificate", 0.0)
-        equations = (*derivation.equations.values(), *certificate_equations(derivation))
+        equations = (*derivation.equations.values(), *derivation.design.certificate(derivation))
     if form == "json":
         document(derivation_record(source, equations))
     else:

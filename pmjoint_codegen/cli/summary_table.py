@@ -110,7 +110,7 @@ def _disturbance(run: Run) -> Iterator[tuple[str, ...]]:
 
 
 def _what(run: Run) -> str:
-    """Say what D is: physics that the design neglects, and what it believes wrongly of the plant."""
+    """Say what D is: physics that the design neglects, and the model mismatch."""
     stated = run.manifest.stated(run.settings.parameters)
     own = [name for name in stated if name in run.manifest.own]
     first = "neglected physics" if run.summary["pressures"] else "the model's disturbance"

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from itertools import accumulate
 
 import casadi as ca
 import sympy as sp
 
 from pmjoint_codegen import __version__
-from pmjoint_codegen.emit.table import Kernel, kernel_table, vocabulary
+from pmjoint_codegen.emit.table import LOOPS, Kernel, Made, kernel_table
+from pmjoint_codegen.emit.vocabulary import Vocabulary, vocabulary
 from pmjoint_codegen.identity import Document, model_hash
 from pmjoint_codegen.manifest import (
     Function,
@@ -20,8 +22,8 @@ from pmjoint_codegen.manifest import (
     Start,
     Variable,
 )
-from pmjoint_codegen.values import Rule
-from pmjoint_derive import Derivation, Model, parameter_symbol
+from pmjoint_codegen.values import GAINS, Rule
+from pmjoint_derive import Derivation, Model, real_symbol
 
 
 def tool_versions() -> dict[str, str]:
@@ -35,26 +37,16 @@ def tool_versions() -> dict[str, str]:
 
 def describe_functions(derivation: Derivation, functions: Mapping[str, ca.Function]) -> tuple[Function, ...]:
     """The kernels as records, with their sizes and operation counts."""
-    rows = {kernel.name: kernel for kernel in kernel_table(derivation)}
-    described = {
-        "taylor": ("(11), (14), (23), (29)", "Taylor coefficients of what closed_loop gives"),
-        "guard": ("", "nonlinear part of what closed_loop gives on a disc around t, as a bound"),
-        "plant_taylor": ("(11)", "Taylor coefficients of what plant gives"),
-        "plant_guard": ("", "nonlinear part of what plant gives on a disc around t, as a bound"),
-        "sample": ("(10), (11), (14), (23), (29)", "one sample: v, w, plant_taylor under w, the next s"),
-    }
-    return tuple(_function(name, function, rows.get(name), described) for name, function in functions.items())
+    rows = (*kernel_table(derivation), *LOOPS)
+    return tuple(_function(row, functions[row.name]) for row in rows)
 
 
-def _function(
-    name: str, function: ca.Function, row: Kernel | None, described: Mapping[str, tuple[str, str]]
-) -> Function:
-    equation, about = (row.equation, row.about) if row else described[name]
+def _function(row: Kernel | Made, function: ca.Function) -> Function:
     inputs = tuple((label, int(function.nnz_in(i))) for i, label in enumerate(function.name_in()))
     outputs = tuple((label, int(function.nnz_out(i))) for i, label in enumerate(function.name_out()))
     moves = (ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST)
     operations = sum(function.instruction_id(i) not in moves for i in range(function.n_instructions()))
-    return Function(name, inputs, outputs, equation, about, operations)
+    return Function(row.name, inputs, outputs, row.equation, row.about, operations)
 
 
 def equations_text(derivation: Derivation) -> str:
@@ -114,9 +106,9 @@ def describe(
         kinks=tuple(str(argument) for argument in words.kinks),
         windows=windows,
         guards=guards,
-        states=_states(derivation),
-        start=start_of(derivation),
-        blocks=_blocks(derivation),
+        states=_states(derivation, words),
+        start=start_of(derivation, words),
+        blocks=_blocks(words),
         parameters=_parameters(derivation),
         rules=rules_of(derivation),
         signals=tuple(_signal(derivation, symbol) for symbol in words.signals),
@@ -135,29 +127,20 @@ def describe(
     )
 
 
-def _states(derivation: Derivation) -> tuple[Variable, ...]:
-    meanings = {
-        "x": "plant state",
-        "xi": "filter state (14)",
-        "Xi": "filter state (14)",
-        "lambda": "filter state (14)",
-    }
-    words = vocabulary(derivation)
+def _states(derivation: Derivation, words: Vocabulary) -> tuple[Variable, ...]:
+    others = {"x": "plant state", "r": "compensator state (23)"}
     return tuple(
-        Variable(
-            symbol.name,
-            str(derivation.units.of(symbol)),
-            meanings.get(symbol.name.rstrip("0123456789"), "compensator state (23)"),
-        )
-        for symbol in (*words.x, *words.s)
+        Variable(symbol.name, str(derivation.units.of(symbol)), others.get(block, "filter state (14)"))
+        for block, symbols in words.blocks.items()
+        for symbol in symbols
     )
 
 
-def start_of(derivation: Derivation) -> Start:
+def start_of(derivation: Derivation, words: Vocabulary) -> Start:
     """The states that x0 gives, and the plant's states in them and in the plant's own parameters."""
-    model, words = derivation.model, vocabulary(derivation)
+    model = derivation.model
     if model.start is None:
-        own = _states(derivation)[: len(words.x)]
+        own = _states(derivation, words)[: len(words.x)]
         return Start(own, len(own), tuple(state.name for state in own))
     constants = {item.symbol: item.expression for item in model.constants}
     forms = (model.start.states[state].xreplace(constants) for state in words.x)
@@ -168,38 +151,26 @@ def start_of(derivation: Derivation) -> Start:
     )
 
 
-def _blocks(derivation: Derivation) -> dict[str, tuple[int, int]]:
-    plant, nx = derivation.plant, len(vocabulary(derivation).x)
-    blocks: dict[str, tuple[int, int]] = {}
-    first = 0
-    sizes = {"x": nx, "xi": plant.order, "Xi": plant.order * plant.p, "lambda": plant.order, "r": plant.rho}
-    for name, size in sizes.items():
-        blocks[name] = (first, first + size)
-        first += size
-    return blocks
+def _blocks(words: Vocabulary) -> dict[str, tuple[int, int]]:
+    sizes = {block: len(symbols) for block, symbols in words.blocks.items()}
+    ends = accumulate(sizes.values())
+    return {block: (end - size, end) for (block, size), end in zip(sizes.items(), ends, strict=True)}
 
 
 def _parameters(derivation: Derivation) -> tuple[Parameter, ...]:
     model, s, units = derivation.model, derivation.signals, derivation.units
-    gains = model.gains
-    abouts = {
-        "c": "damping of backstepping error",
-        "e": "damping against the estimation error, step",
-        "ck": "decay rate of compensator state",
-        "k": "filter gain",
-    }
-    values = {"c": gains.c, "e": gains.e, "ck": gains.ck, "k": gains.k}
+    values = derivation.gain_values
     plant = [
         Parameter(item.name, item.value, item.unit, item.about, "plant", item.scale)
         for item in model.parameters
     ]
     design = [
-        Parameter(symbol.name, float(value), str(units.of(symbol)), f"{abouts[stem]} {i}", "gain")
-        for stem, symbols in {"c": s.c, "e": s.e, "ck": s.ck, "k": s.k}.items()
-        for i, (symbol, value) in enumerate(zip(symbols, values[stem], strict=True), start=1)
+        Parameter(gain.name, float(values[gain]), str(units.of(gain)), f"{kind.about} {i}", "gain")
+        for kind in GAINS
+        for i, gain in enumerate(s.gains_by_kind[kind.name], start=1)
     ]
     about = "1: (23) is driven by u - v; 0: r = 0, plain clipping"
-    switch = Parameter(s.compensator.name, float(gains.compensator), "1", about, "switch")
+    switch = Parameter(s.compensator.name, float(model.gains.compensator), "1", about, "switch")
     own = [
         Parameter(
             derivation.own_parameters[item.symbol].name,
@@ -238,7 +209,7 @@ def rules_of(derivation: Derivation) -> tuple[Rule, ...]:
 
 def _reference_rule(model: Model, rho: int) -> list[Rule]:
     """Assumption 1 where a run starts, as far as parameters decide it; their polynomials are finite."""
-    t = parameter_symbol("t")
+    t = real_symbol("t")
     at_start = (sp.diff(model.reference, t, order).subs(t, 0) for order in range(rho + 1))
     terms = tuple(_python(value) for value in at_start if not value.is_polynomial(*value.free_symbols))
     allowed = f"parameters for which it and its derivatives up to {rho} are finite at t = 0"

@@ -1,21 +1,19 @@
-"""The table's rows as CasADi functions, and what the loops use beside them, composed from the rows."""
+"""The table's rows as CasADi functions."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
 
 import casadi as ca
 import sympy as sp
 
 from pmjoint_codegen.emit.compact import compact_where_long
 from pmjoint_codegen.emit.guard import guard_function
-from pmjoint_codegen.emit.sampling import sampled_functions
-from pmjoint_codegen.emit.table import Block, Kernel, kernel_table
+from pmjoint_codegen.emit.table import LANES, LOOPS, Composed, Guard, Kernel, Made, Taylor, kernel_table
 from pmjoint_codegen.emit.taylor import taylor_function
 from pmjoint_codegen.emit.translate import Translator
 from pmjoint_derive import Derivation
 from pmjoint_derive.progress import Stage, unwatched
-
-GUARDS = ("guard", "plant_guard")  # bounds, not equations
-COMPOSED = ("taylor", "guard", "plant_taylor", "plant_guard", "sample")
 
 
 def build_function(kernel: Kernel, derivation: Derivation) -> ca.Function:
@@ -32,18 +30,20 @@ def build_function(kernel: Kernel, derivation: Derivation) -> ca.Function:
     }
     translate = Translator(kernel.name, known, kernel.given, derivation.equations, kernel.sides)
     results = [_dense([translate(sp.sympify(entry)) for entry in entries]) for _, entries in kernel.outputs]
-    return ca.Function(
-        kernel.name, arguments, ca.cse(results), _labels(kernel.inputs), _labels(kernel.outputs)
-    )
+    taken, given = ([label for label, _ in blocks] for blocks in (kernel.inputs, kernel.outputs))
+    return ca.Function(kernel.name, arguments, ca.cse(results), taken, given)
 
 
 def build_functions(derivation: Derivation, order: int, stage: Stage = unwatched) -> dict[str, ca.Function]:
-    """Every kernel by name, in the order of the table, then those of `COMPOSED`, which are made from them.
+    """Every kernel by name, in the order of the table, then those of `LOOPS`, which are made from them.
 
     Args:
         derivation: named equations.
         order: highest coefficient of ``taylor``.
-        stage: told which kernels are being built.
+        stage: called with the name of each stage and the fraction of it completed.
+
+    Raises:
+        ModelError: an output that needs an undefined symbol, or an operation without a Taylor recurrence.
     """
     rows = {kernel.name: kernel for kernel in kernel_table(derivation)}
     functions: dict[str, ca.Function] = {}
@@ -51,17 +51,35 @@ def build_functions(derivation: Derivation, order: int, stage: Stage = unwatched
         stage("building kernels", count / len(rows))
         functions[name] = build_function(kernel, derivation)
     stage(f"building Taylor coefficients up to order {order}", 0.0)
-    loop = functions["closed_loop"]
-    compact = compact_where_long("taylor", loop, order, state="X")
-    functions["taylor"] = compact.unrolled() if compact else taylor_function("taylor", loop, order, state="X")
-    functions["guard"] = guard_function("guard", loop, state="X")
-    stage("building the sampled loop's kernels", 0.0)
-    return functions | sampled_functions(functions)
+    for made in LOOPS:
+        functions[made.name] = make_function(made, functions, order)
+    return functions
+
+
+def lane_functions(functions: Mapping[str, ca.Function]) -> dict[str, ca.Function]:
+    """The functions of `LANES` by name, from those of `build_functions`."""
+    return {made.name: make_function(made, functions) for made in LANES}
+
+
+def make_function(made: Made, functions: Mapping[str, ca.Function], order: int = 0) -> ca.Function:
+    """One row that is made from others.
+
+    Args:
+        made: the row.
+        functions: those that it is made from, among others.
+        order: highest Taylor coefficient, where the row leaves it open.
+    """
+    match made:
+        case Taylor(name, of, state, fixed):
+            compact = compact_where_long(name, functions[of], fixed or order, state=state)
+            if compact and not fixed:
+                return compact.unrolled()
+            return taylor_function(name, functions[of], fixed or order, state=state)
+        case Guard(name, of, state):
+            return guard_function(name, functions[of], state=state)
+        case Composed(name, parts, build):
+            return build(name, *(functions[part] for part in parts))
 
 
 def _dense(entries: list[ca.SX]) -> ca.SX:
     return ca.densify(ca.vertcat(*entries)) if entries else ca.SX(0, 1)
-
-
-def _labels(blocks: tuple[Block, ...]) -> list[str]:
-    return [label for label, _ in blocks]

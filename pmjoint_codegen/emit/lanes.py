@@ -15,37 +15,11 @@ from collections.abc import Mapping
 import casadi as ca
 
 from pmjoint_codegen.emit.guard import bent
-from pmjoint_codegen.emit.sampling import HOLD_ORDER, sampled_sizes, symbols_of
-from pmjoint_codegen.emit.table import Vocabulary
-from pmjoint_codegen.emit.taylor import taylor_function
+from pmjoint_codegen.emit.sampling import sampled_sizes, symbols_of
+from pmjoint_codegen.emit.vocabulary import Vocabulary
 from pmjoint_codegen.loops.quadrature import lane_steps
 
 LANE_ORDER = 12  # continuous: least time a run from 1e-5 to 1e-8
-
-
-def lane_functions(functions: Mapping[str, ca.Function]) -> dict[str, ca.Function]:
-    """The functions for lanes, by name.
-
-    Args:
-        functions: the kernels, as :func:`pmjoint_codegen.emit.functions.build_functions` gives them.
-
-    Raises:
-        ModelError: for an operation without a Taylor recurrence.
-    """
-    loop = functions["closed_loop"]
-    return {
-        "actuation_lanes": _renamed("actuation_lanes", functions["actuation"]),
-        "matrices_lanes": _matrices(functions),
-        "taylor_lanes": taylor_function("taylor_lanes", loop, LANE_ORDER, state="X"),
-        "guard_lanes": _renamed("guard_lanes", functions["guard"]),
-        "rates_lanes": _stacked("rates_lanes", loop),
-        "arrive_lanes": _arrive(loop.size1_in("X"), _channels(loop), LANE_ORDER),
-        "bernstein_lanes": _bernstein(LANE_ORDER),
-        "plant_lanes": taylor_function("plant_lanes", functions["plant"], HOLD_ORDER, state="x"),
-        "plant_guard_lanes": _renamed("plant_guard_lanes", functions["plant_guard"]),
-        "plant_rates_lanes": _stacked("plant_rates_lanes", functions["plant"]),
-        "sample_lanes": _renamed("sample_lanes", functions["sample"]),
-    }
 
 
 def lane_sizes(words: Vocabulary, functions: Mapping[str, ca.Function]) -> dict[str, int | str]:
@@ -62,24 +36,22 @@ def lane_sizes(words: Vocabulary, functions: Mapping[str, ca.Function]) -> dict[
     return sizes
 
 
-def _channels(function: ca.Function) -> int:
-    """Entries of all results together."""
-    return sum(function.size1_out(i) for i in range(function.n_out()))
+def matrices(name: str, *parts: ca.Function) -> ca.Function:
+    """The filters' and the compensator's matrix in one vector, each row by row."""
+    (p,) = symbols_of(parts[0])
+    both = [part(p) for part in parts]
+    return ca.Function(name, [p], [ca.densify(ca.vertcat(*both))], ["p"], ["matrices"])
 
 
-def _matrices(functions: Mapping[str, ca.Function]) -> ca.Function:
-    p = ca.SX.sym("p", functions["filter_matrix"].size1_in("p"))
-    both = [functions[name](p) for name in ("filter_matrix", "compensator_matrix")]
-    return ca.Function("matrices_lanes", [p], [ca.densify(ca.vertcat(*both))], ["p"], ["matrices"])
-
-
-def _arrive(states: int, channels: int, order: int) -> ca.Function:
+def arrive(name: str, loop: ca.Function) -> ca.Function:
     """The end of a step of ``taylor_lanes``, and what is asked of the step, as straight lines.
 
     X there and its slopes, both by Horner, and the values of the other channels; v and e as
     ``sum_k a_k s^k`` over s in [0, 1]; the mean of e^2, by five Gauss nodes: what they leave out, the
     tolerance makes small (below 1e-9 of it).
     """
+    order, states = LANE_ORDER, loop.size1_in("X")
+    channels = sum(loop.size1_out(i) for i in range(loop.n_out()))
     c, h = ca.SX.sym("c", (order + 1) * channels), ca.SX.sym("h")
     values, slopes = [], []
     for i in range(channels):
@@ -95,9 +67,7 @@ def _arrive(states: int, channels: int, order: int) -> ca.Function:
     v, e = ([c[k * channels + i] * powers[k] for k in range(order + 1)] for i in (states, states + 1))
     results = [values[:states], slopes[:states], values[states:], v, e, [_mean_square(e)]]
     names = ["X", "slope", "ends", "v", "e", "square"]
-    return ca.Function(
-        "arrive_lanes", [c, h], [ca.vertcat(*entries) for entries in results], ["c", "h"], names
-    )
+    return ca.Function(name, [c, h], [ca.vertcat(*entries) for entries in results], ["c", "h"], names)
 
 
 def _mean_square(a: list[ca.SX]) -> ca.SX:
@@ -112,17 +82,18 @@ def _mean_square(a: list[ca.SX]) -> ca.SX:
     return total
 
 
-def _bernstein(order: int) -> ca.Function:
+def bernstein(name: str) -> ca.Function:
     """Bernstein coefficients on [0, 1] of ``sum_k a_k s^k``: their extremes bound the polynomial, closely."""
+    order = LANE_ORDER
     a = ca.SX.sym("a", order + 1)
     b = [a[k] * (1 / math.comb(order, k)) for k in range(order + 1)]
     for level in range(1, order + 1):
         for j in range(order, level - 1, -1):
             b[j] = b[j] + b[j - 1]
-    return ca.Function("bernstein_lanes", [a], [ca.vertcat(*b)], ["a"], ["b"])
+    return ca.Function(name, [a], [ca.vertcat(*b)], ["a"], ["b"])
 
 
-def _stacked(name: str, function: ca.Function) -> ca.Function:
+def stacked(name: str, function: ca.Function) -> ca.Function:
     """All results in one, in order: what the channels of a Taylor kernel are held to."""
     inputs = symbols_of(function)
     return ca.Function(
@@ -130,6 +101,7 @@ def _stacked(name: str, function: ca.Function) -> ca.Function:
     )
 
 
-def _renamed(name: str, function: ca.Function) -> ca.Function:
+def same(name: str, function: ca.Function) -> ca.Function:
+    """A function of single runs, for lanes."""
     inputs = symbols_of(function)
     return ca.Function(name, inputs, function.call(inputs), function.name_in(), function.name_out())

@@ -3,12 +3,12 @@
 Stages, input to output:
 
     derive           Model               -> Derivation (named equations)
-    build_functions  Derivation          -> CasADi functions, one a row of the table, and the loops' own
+    build_functions  Derivation          -> CasADi functions, one for each row of the table and of LOOPS
     kernels_source   functions           -> kernels.c
     sampled_header   functions           -> sampled.h, what the sampled loop takes in
     kernels_header   function records    -> kernels.h
     tapes_of         functions           -> kernels.tape, for the interpreted evaluator
-    lane_functions   functions           -> functions over lanes -> lanes.c, lanes.h, for sweeps
+    lane_functions   functions           -> functions over lanes, LANES -> lanes.c, lanes.h, for sweeps
     equations_text   Derivation          -> equations.json, for comparisons
     derivation_page  Derivation          -> derivation.md, what a reviewer reads
     describe         all of the above    -> model.json
@@ -30,16 +30,17 @@ from pmjoint_codegen.emit.describe import (
     equations_text,
     tool_versions,
 )
-from pmjoint_codegen.emit.functions import build_functions
+from pmjoint_codegen.emit.functions import build_functions, lane_functions
 from pmjoint_codegen.emit.guard import looks_at_actuator, rule_of
 from pmjoint_codegen.emit.lane_text import lanes_header, lanes_source
-from pmjoint_codegen.emit.lanes import LANE_ORDER, lane_functions, lane_sizes
-from pmjoint_codegen.emit.sampling import HOLD_ORDER, PLANT_ORDER, SAMPLED, sampled_sizes
+from pmjoint_codegen.emit.lanes import lane_sizes
+from pmjoint_codegen.emit.sampling import SAMPLED, sampled_sizes
 from pmjoint_codegen.emit.scalar_text import HEADER as SAMPLED_HEADER
 from pmjoint_codegen.emit.scalar_text import sampled_header
 from pmjoint_codegen.emit.straight_text import instructions
-from pmjoint_codegen.emit.table import vocabulary
+from pmjoint_codegen.emit.table import LANES, LOOPS, Taylor
 from pmjoint_codegen.emit.tape import tapes_of
+from pmjoint_codegen.emit.vocabulary import vocabulary
 from pmjoint_codegen.errors import ModelError
 from pmjoint_codegen.identity import Document, structure_hash
 from pmjoint_codegen.kernels.tape import FILE_NAME as TAPE
@@ -99,10 +100,9 @@ def generate(
     texts[EQUATIONS] = equations_text(derivation)
     hashes = {name: sha256(text.encode()) for name, text in texts.items()}
     guards = {
-        "taylor": rule_of(functions["closed_loop"], order),
-        "plant_taylor": rule_of(functions["plant"], PLANT_ORDER),
-        "taylor_lanes": rule_of(functions["closed_loop"], LANE_ORDER),
-        "plant_lanes": rule_of(functions["plant"], HOLD_ORDER),
+        row.name: rule_of(functions[row.of], row.order or order)
+        for row in (*LOOPS, *LANES)
+        if isinstance(row, Taylor)
     }
     windows = not looks_at_actuator(functions["plant_guard"], len(vocabulary(derivation).w))
     manifest = describe(document, derivation, records, order, guards, windows, hashes)

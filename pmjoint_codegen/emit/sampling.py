@@ -13,45 +13,35 @@ from collections.abc import Mapping
 
 import casadi as ca
 
-from pmjoint_codegen.emit.guard import guard_function, looks_at_actuator
-from pmjoint_codegen.emit.table import Vocabulary
+from pmjoint_codegen.emit.guard import looks_at_actuator
 from pmjoint_codegen.emit.taylor import taylor_function
+from pmjoint_codegen.emit.vocabulary import Vocabulary
 
 HOLD_ORDER = 5  # of ``sample``: one step over a hold of 1 ms at 1e-10
 PLANT_ORDER = 10  # of ``plant_taylor``: one step over a hold of 10 ms at 1e-10; see docs/design.md
 SAMPLED = ("sample",)  # what ``sampled.h`` holds
 
 
-def sampled_functions(functions: Mapping[str, ca.Function]) -> dict[str, ca.Function]:
-    """``plant_taylor``, ``plant_guard`` and ``sample``.
-
-    Args:
-        functions: the rows of the table.
-
-    Raises:
-        ModelError: for an operation without a Taylor recurrence.
-    """
-    plant = functions["plant"]
-    return {
-        "plant_taylor": taylor_function("plant_taylor", plant, PLANT_ORDER, state="x"),
-        "plant_guard": guard_function("plant_guard", plant, state="x"),
-        "sample": _sample(functions, taylor_function("held", plant, HOLD_ORDER, state="x")),
-    }
-
-
-def _sample(functions: Mapping[str, ca.Function], held: ca.Function) -> ca.Function:
+def sample(
+    name: str,
+    reference: ca.Function,
+    law: ca.Function,
+    actuation: ca.Function,
+    plant: ca.Function,
+    update: ca.Function,
+) -> ca.Function:
     """One sample: y taken, v of (29), w of (10), the plant under w, the controller's next state.
 
     A kink counts on the side on which its argument is at the sample, or on neither where that is 0.
     """
-    law, update, plant = functions["law"], functions["sampled_update"], functions["plant"]
+    held = taylor_function("held", plant, HOLD_ORDER, state="x")
     nx, kinks = held.size1_in("x"), plant.size1_out("kinks") if "kinks" in plant.name_out() else 0
     nw = held.size1_in("w") - kinks
     t, p = ca.SX.sym("t"), ca.SX.sym("p", law.size1_in("p"))
     X, h = ca.SX.sym("X", nx + law.size1_in("s")), ca.SX.sym("h", update.size1_in("h"))
     x, s = X[:nx], X[nx:]
-    v = law(x[0], s, functions["reference"](t, p), p)[2]
-    limits = functions["actuation"](p)
+    v = law(x[0], s, reference(t, p), p)[2]
+    limits = actuation(p)
     w = ca.vertcat(
         *(
             ca.fmin(ca.fmax(limits[4 * j] + limits[4 * j + 1] * v, limits[4 * j + 2]), limits[4 * j + 3])
@@ -62,9 +52,7 @@ def _sample(functions: Mapping[str, ca.Function], held: ca.Function) -> ca.Funct
     for j in range(kinks):
         sides[j] = ca.sign(plant(t, x, ca.vertcat(w, sides), p)[2][j])
     results = [v, w, held(t, x, ca.vertcat(w, sides), p), update(x[0], s, w[0], v, h, p)]
-    return ca.Function(
-        "sample", [t, X, h, p], ca.cse(results), ["t", "X", "h", "p"], ["v", "w", "c", "s_next"]
-    )
+    return ca.Function(name, [t, X, h, p], ca.cse(results), ["t", "X", "h", "p"], ["v", "w", "c", "s_next"])
 
 
 def sampled_sizes(words: Vocabulary, functions: Mapping[str, ca.Function]) -> dict[str, int]:

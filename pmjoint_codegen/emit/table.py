@@ -1,36 +1,32 @@
 """The flat table of what is emitted: name, inputs, outputs, equation. It predicts ``generated/``.
 
-Blocks (dense vectors): ``p`` parameters, then gains and the compensator's switch; ``X`` plant states, then
-``s`` the controller's states (xi, Xi row by row, lambda, r); ``y_r`` the reference and its derivatives; ``w``
-what the actuator delivers; ``g`` the actuator inside one saturation mode, ``w_j = g[2j] + g[2j+1] v``; ``h``
-the matrices of the exact zero-order hold. Where the plant has kinks, ``g`` of the closed loop and ``w`` of
-the plant end with the side of each, +1 or -1: ``abs(a)`` is then ``side a`` and ``sign(a)`` is ``side``.
-``p`` ends with the plant's own values of parameters that it shares with the controller: rates of x, the
-actuator and what is reported of the plant follow those.
+A row is a `Kernel`, made of named equations, or it is made from rows before it: `Taylor` coefficients of what
+another gives, a `Guard` of these, or `Composed`. `kernel_table` has the rows that depend on the derivation,
+`LOOPS` what single runs add to them and `LANES` what sweeps do. `vocabulary` explains the blocks.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
+import casadi as ca
 import sympy as sp
 
-from pmjoint_codegen.emit.kinks import kink_arguments
-from pmjoint_derive import Derivation, parameter_symbol
+from pmjoint_codegen.emit.lanes import LANE_ORDER, arrive, bernstein, matrices, same, stacked
+from pmjoint_codegen.emit.sampling import HOLD_ORDER, PLANT_ORDER, sample
+from pmjoint_codegen.emit.vocabulary import Block, rate_block, twins, vocabulary
+from pmjoint_derive import Derivation, real_symbol
 from pmjoint_derive.closed_loop import disturbance_symbols
 from pmjoint_derive.compensator import compensator_matrix
 from pmjoint_derive.filters import filter_matrix
-from pmjoint_derive.sampling import Hold
-from pmjoint_derive.signals import derivative_name, named
-from pmjoint_derive.true_plant import own_symbol, seen_symbol
-
-Block = tuple[str, tuple[sp.Expr, ...]]
+from pmjoint_derive.signals import named
+from pmjoint_derive.true_plant import effective_symbol, own_symbol
 
 
 @dataclass(frozen=True)
 class Kernel:
-    """One emitted function.
+    """A function of named equations.
 
     Attributes:
         name: name in C.
@@ -52,85 +48,128 @@ class Kernel:
 
 
 @dataclass(frozen=True)
-class Vocabulary:
-    """The blocks of one derivation, as symbols.
+class Taylor:
+    """Taylor coefficients of what another function gives, along its solution.
 
     Attributes:
-        p: parameters, gains, switch, the plant's own parameters.
-        x: plant states.
-        s: controller states.
-        w: what the actuator delivers; entry 0 is u.
-        g: offset and slope of each entry of w.
-        h: matrices of the zero-order hold.
-        kinks: arguments of abs and sign in the plant's rates, inner ones first.
-        sides: the side of each.
-        signals: what the ``signals`` kernel returns.
-        partials: every partial derivative of every virtual control.
+        name: name in C.
+        of: the other function.
+        state: label of its input that moves.
+        order: highest coefficient; None where it is chosen for each model.
+        equation: paper numbers.
+        about: one line for the reader.
     """
 
-    p: tuple[sp.Symbol, ...]
-    x: tuple[sp.Symbol, ...]
-    s: tuple[sp.Symbol, ...]
-    w: tuple[sp.Symbol, ...]
-    g: tuple[sp.Symbol, ...]
-    h: tuple[sp.Symbol, ...]
-    kinks: tuple[sp.Expr, ...]
-    sides: tuple[sp.Symbol, ...]
-    signals: tuple[sp.Symbol, ...]
-    partials: tuple[sp.Symbol, ...]
+    name: str
+    of: str
+    state: str
+    order: int | None
+    equation: str = ""
+    about: str = ""
 
 
-def vocabulary(derivation: Derivation) -> Vocabulary:
-    """The blocks of a derivation."""
-    s, n = derivation.signals, derivation.plant.order
-    model = derivation.model
-    w = tuple(channel.symbol for channel in model.actuator)
-    g = tuple(parameter_symbol(f"g_{kind}{j}") for j in range(1, len(w) + 1) for kind in ("offset", "slope"))
-    x = (*s.x, *(state.symbol for state in model.extras))
-    kinks = kink_arguments(_true_rates(derivation, x), derivation.equations)
-    return Vocabulary(
-        p=(
-            *(item.symbol for item in derivation.model.parameters),
-            *s.gains,
-            *derivation.own_parameters.values(),
-        ),
-        x=x,
-        s=s.controller_state,
-        w=w,
-        g=g,
-        h=Hold.of(s).symbols,
-        kinks=kinks,
-        sides=tuple(parameter_symbol(f"side{i}") for i in range(1, len(kinks) + 1)),
-        signals=(
-            *(s.y, s.y_r[0], parameter_symbol("e"), *s.z, *s.alpha, s.v, s.u, *named("x_hat", n)),
-            *disturbance_symbols(derivation.plant),
-            *(item.symbol for item in model.reported),
-        ),
-        partials=tuple(
-            item.symbol
-            for item in derivation.equations.values()
-            if item.meaning.startswith("partial derivative")
-        ),
-    )
+@dataclass(frozen=True)
+class Guard:
+    """A bound of what such coefficients can miss.
+
+    Attributes:
+        name: name in C.
+        of: the function whose coefficients they are.
+        state: label of its input that moves.
+        equation: empty: it is no equation of the paper.
+        about: one line for the reader.
+    """
+
+    name: str
+    of: str
+    state: str
+    equation: str = ""
+    about: str = ""
+
+
+@dataclass(frozen=True)
+class Composed:
+    """A function put together from others.
+
+    Attributes:
+        name: name in C.
+        of: what it is made from.
+        build: takes the name and the functions of `of`.
+        equation: paper numbers.
+        about: one line for the reader.
+    """
+
+    name: str
+    of: tuple[str, ...]
+    build: Callable[..., ca.Function]
+    equation: str = ""
+    about: str = ""
+
+
+Made = Taylor | Guard | Composed
+
+LOOPS: tuple[Made, ...] = (
+    Taylor(
+        "taylor",
+        "closed_loop",
+        "X",
+        None,
+        "(11), (14), (23), (29)",
+        "Taylor coefficients of what closed_loop gives",
+    ),
+    Guard(
+        "guard",
+        "closed_loop",
+        "X",
+        about="nonlinear part of what closed_loop gives on a disc around t, as a bound",
+    ),
+    Taylor("plant_taylor", "plant", "x", PLANT_ORDER, "(11)", "Taylor coefficients of what plant gives"),
+    Guard(
+        "plant_guard",
+        "plant",
+        "x",
+        about="nonlinear part of what plant gives on a disc around t, as a bound",
+    ),
+    Composed(
+        "sample",
+        ("reference", "law", "actuation", "plant", "sampled_update"),
+        sample,
+        "(10), (11), (14), (23), (29)",
+        "one sample: v, w, plant_taylor under w, the next s",
+    ),
+)
+LANES: tuple[Made, ...] = (
+    Composed("actuation_lanes", ("actuation",), same),
+    Composed("matrices_lanes", ("filter_matrix", "compensator_matrix"), matrices),
+    Taylor("taylor_lanes", "closed_loop", "X", LANE_ORDER),
+    Composed("guard_lanes", ("guard",), same),
+    Composed("rates_lanes", ("closed_loop",), stacked),
+    Composed("arrive_lanes", ("closed_loop",), arrive),
+    Composed("bernstein_lanes", (), bernstein),
+    Taylor("plant_lanes", "plant", "x", HOLD_ORDER),
+    Composed("plant_guard_lanes", ("plant_guard",), same),
+    Composed("plant_rates_lanes", ("plant",), stacked),
+    Composed("sample_lanes", ("sample",), same),
+)
 
 
 def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
-    """Every function of ``kernels.c`` but those that are made from these rows, see `functions`."""
+    """The rows that are made of a derivation's equations."""
     s, words = derivation.signals, vocabulary(derivation)
     t, p, x, state = ("t", (s.t,)), ("p", words.p), ("x", words.x), ("s", words.s)
     y, y_r, u, v, du = ("y", (s.y,)), ("y_r", s.y_r), ("u", (s.u,)), ("v", (s.v,)), ("du", (s.du,))
     X, w, h = ("X", (*words.x, *words.s)), ("w", words.w), ("h", words.h)
     limits = tuple(entry for four in actuator_limits(derivation).values() for entry in four)
     delivered = {own_symbol(symbol): symbol for symbol in words.w}
-    own = _own(
-        derivation, (*_rate_block("x", words.x)[1], *(item.symbol for item in derivation.model.reported))
-    )
-    faced = _faced(derivation)
+    physical = (*rate_block("x", words.x)[1], *(item.symbol for item in derivation.model.reported))
+    own = twins(derivation, physical, own_symbol)
+    effective = twins(derivation, disturbance_symbols(derivation.plant), effective_symbol)
     in_mode = {symbol: words.g[2 * j] + words.g[2 * j + 1] * s.v for j, symbol in enumerate(words.w)}
     # One factor of v, so that nothing is left of what saturation clips where it clips nothing.
     in_mode[s.du] = words.g[0] + (words.g[1] - 1) * s.v
     sides = dict(zip(words.kinks, words.sides, strict=True))
-    e, kinks = ("e", (parameter_symbol("e"),)), [("kinks", words.kinks)] if words.kinks else []
+    e, kinks = ("e", (real_symbol("e"),)), [("kinks", words.kinks)] if words.kinks else []
+    filters = tuple(rate_block(block, words.blocks[block]) for block in ("xi", "Xi", "lambda"))
     return (
         Kernel("reference", (t, p), (y_r,), "", "the reference and its derivatives"),
         Kernel(
@@ -147,11 +186,11 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
             "(29)",
             "partial derivatives of alpha",
         ),
-        Kernel("filters", (y, state, u, p), _rates(s.xi, s.Xi, s.lambda_), "(14)", "rates of the K-filters"),
+        Kernel("filters", (y, state, u, p), filters, "(14)", "rates of the K-filters"),
         Kernel(
             "compensator",
             (y, state, du, p),
-            (_rate_block("r", s.r),),
+            (rate_block("r", s.r),),
             "(23)",
             "rates of the compensator",
         ),
@@ -161,13 +200,13 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
             (t, x, w, p),
             (("D", disturbance_symbols(derivation.plant)),),
             "(12)",
-            "disturbance that the controller faces",
-            {**faced, **delivered},
+            "effective disturbance: what the controller faces",
+            {**effective, **delivered},
         ),
         Kernel(
             "plant",
             (t, x, ("w", (*words.w, *words.sides)), p),
-            (_rate_block("x", words.x), e, *kinks),
+            (rate_block("x", words.x), e, *kinks),
             "(11)",
             "rates of the plant, the tracking error",
             {**own, **delivered},
@@ -183,7 +222,7 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
         Kernel(
             "closed_loop",
             (t, X, ("g", (*words.g, *words.sides)), p),
-            (_rate_block("X", (*words.x, *words.s)), v, e, *kinks),
+            (rate_block("X", (*words.x, *words.s)), v, e, *kinks),
             "(11), (14), (23), (29)",
             "rates of the closed loop inside one saturation mode, v, the tracking error",
             {**own, **delivered, **in_mode},
@@ -195,7 +234,7 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
             (("signals", words.signals),),
             "",
             "everything a run reports beside its states",
-            {**own, **faced},
+            {**own, **effective},
         ),
         Kernel(
             "filter_matrix", (p,), (("A0", tuple(filter_matrix(s))),), "(14)", "A0 = A - k e1', row by row"
@@ -204,34 +243,11 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
         Kernel(
             "sampled_update",
             (y, state, u, v, h, p),
-            (("s_next", tuple(parameter_symbol(f"{item.name}_next") for item in words.s)),),
+            (("s_next", tuple(real_symbol(f"{item.name}_next") for item in words.s)),),
             "(14), (23)",
             "the controller's state one sample later",
         ),
     )
-
-
-def _true_rates(derivation: Derivation, x: tuple[sp.Symbol, ...]) -> tuple[sp.Symbol, ...]:
-    """Symbols of the simulated plant's rates, in its own values where these may differ."""
-    rates = _rate_block("x", x)[1]
-    own = _own(derivation, rates)
-    return tuple(own.get(rate, rate) for rate in rates)
-
-
-def _own(derivation: Derivation, symbols: Iterable[sp.Symbol]) -> dict[sp.Symbol, sp.Expr]:
-    """Names of the plant that its own parameters change -> their twins."""
-    return {
-        symbol: own_symbol(symbol) for symbol in symbols if own_symbol(symbol).name in derivation.equations
-    }
-
-
-def _faced(derivation: Derivation) -> dict[sp.Symbol, sp.Expr]:
-    """Each disturbance -> what the controller faces of it."""
-    return {
-        symbol: seen_symbol(symbol)
-        for symbol in disturbance_symbols(derivation.plant)
-        if seen_symbol(symbol).name in derivation.equations
-    }
 
 
 def actuator_limits(derivation: Derivation) -> dict[sp.Symbol, tuple[sp.Expr, ...]]:
@@ -243,14 +259,3 @@ def actuator_limits(derivation: Derivation) -> dict[sp.Symbol, tuple[sp.Expr, ..
     }
     u, *others = limits
     return {u: limits[u]} | {w: tuple(entry.xreplace(own) for entry in limits[w]) for w in others}
-
-
-def _rate_block(label: str, states: tuple[sp.Symbol, ...]) -> Block:
-    return f"{label}_dot", tuple(parameter_symbol(derivative_name(state)) for state in states)
-
-
-def _rates(
-    xi: tuple[sp.Symbol, ...], Xi: tuple[tuple[sp.Symbol, ...], ...], lambda_: tuple[sp.Symbol, ...]
-) -> tuple[Block, ...]:
-    rows = tuple(entry for row in Xi for entry in row)
-    return _rate_block("xi", xi), _rate_block("Xi", rows), _rate_block("lambda", lambda_)

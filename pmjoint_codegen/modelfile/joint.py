@@ -17,7 +17,7 @@ from pmjoint_codegen.modelfile.expressions import parse
 from pmjoint_codegen.modelfile.tables import Expression, ParameterSpec, Range, Table
 from pmjoint_codegen.modelfile.units import Scales, Wanted
 from pmjoint_codegen.values import SI, from_si, to_si
-from pmjoint_derive import OutsideClassError, Parameter, parameter_symbol
+from pmjoint_derive import OutsideClassError, Parameter, real_symbol
 from pmjoint_derive.joint import KEEP, LAG, POSITIVE, Joint, check_keep, reduce_joint
 
 # name -> SI unit, another unit that people use, and the meaning where the file states none
@@ -191,6 +191,6 @@ def to_joint(spec: JointSpec, parameters: tuple[Parameter, ...], limit: sp.Symbo
         ModelError: for a bad expression.
         OutsideClassError: for physics that no design can keep.
     """
-    symbols = {item.name: item.symbol for item in parameters} | {"t": parameter_symbol("t")}
+    symbols = {item.name: item.symbol for item in parameters} | {"t": real_symbol("t")}
     torque = parse(spec.disturbance, symbols, f"{where}: joint.disturbance", kinks=True)
     return reduce_joint(spec.keep, lagged=spec.tau is not None, vartheta=torque, limit=limit)

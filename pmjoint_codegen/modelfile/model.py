@@ -22,11 +22,11 @@ from pmjoint_codegen.modelfile.joint import (
     joint_parameters,
     to_joint,
 )
-from pmjoint_codegen.modelfile.schema import DesignSpec, ModelSpec, PlantSpec
+from pmjoint_codegen.modelfile.schema import ModelSpec, PlantSpec
 from pmjoint_codegen.modelfile.soundness import check_model
 from pmjoint_codegen.modelfile.units import ANY, Scales, Wanted
-from pmjoint_codegen.values import COMPENSATOR, check_values, gain_names
-from pmjoint_derive import Gains, Model, OutsideClassError, Parameter, Plant, Simulation, parameter_symbol
+from pmjoint_codegen.values import COMPENSATOR, GAINS, check_values
+from pmjoint_derive import Gains, Model, OutsideClassError, Parameter, Plant, Simulation, real_symbol
 
 Symbols = Mapping[str, sp.Symbol]
 
@@ -53,8 +53,8 @@ def to_derive(spec: ModelSpec, where: str = "") -> Model:
             parameters=parameters,
             limit=known[spec.actuator.limit],
             reference=parse(spec.simulation.reference, _with(known, "t"), f"{where}: simulation.reference"),
-            gains=_gains(spec.design),
-            simulation=_simulation(spec),
+            gains=Gains(**spec.design.model_dump()),
+            simulation=Simulation(**spec.simulation.model_dump(exclude={"reference"})),
             y_unit=spec.units.y,
             u_unit=spec.units.u,
             y_range=spec.y_range,
@@ -96,20 +96,11 @@ def _physics(spec: ModelSpec, parameters: tuple[Parameter, ...], where: str) -> 
         }
     assert spec.joint is not None  # `validate` demands one of the two
     joint = to_joint(spec.joint, parameters, known[spec.actuator.limit], where)
-    return {
-        "plant": joint.plant,
-        "disturbance_bound": spec.joint.disturbance_bound,
-        "constants": joint.constants,
-        "extras": joint.extras,
-        "channels": joint.channels,
-        "reported": (*joint.motion, *joint.pressures),
-        "start": joint.start,
-        "demands": joint.demands,
-    }
+    return {**vars(joint), "disturbance_bound": spec.joint.disturbance_bound}
 
 
 def _with(known: Symbols, *names: str) -> Symbols:
-    return {name: parameter_symbol(name) for name in names} | dict(known)
+    return {name: real_symbol(name) for name in names} | dict(known)
 
 
 def _plant(spec: PlantSpec, known: Symbols, where: str) -> Plant:
@@ -149,17 +140,6 @@ def _parse(text: str, allowed: Symbols, known: Symbols, where: str) -> sp.Expr:
         raise
 
 
-def _gains(spec: DesignSpec) -> Gains:
-    return Gains(c=spec.c, e=spec.e, ck=spec.ck, k=spec.k, compensator=spec.compensator)
-
-
-def _simulation(spec: ModelSpec) -> Simulation:
-    run = spec.simulation
-    return Simulation(
-        x0=run.x0, horizon=run.horizon, output_step=run.output_step, sample_time=run.sample_time
-    )
-
-
 def _check_values(spec: ModelSpec, parameters: tuple[Parameter, ...], where: str) -> None:
     """Hold the file's numbers to the rules that values set for one run obey as well."""
     design = spec.design
@@ -169,16 +149,16 @@ def _check_values(spec: ModelSpec, parameters: tuple[Parameter, ...], where: str
         "k": "design.k",
         COMPENSATOR: "design.compensator",
     }
-    for kind, gains in {"c": design.c, "e": design.e, "ck": design.ck, "k": design.k}.items():
-        names = gain_names((kind,), len(gains))
-        values |= dict(zip(names, gains, strict=True))
-        keys |= {name: f"design.{kind}, entry {i}" for i, name in enumerate(names, start=1)}
+    for kind in GAINS:
+        names = kind.names(spec.order, spec.relative_degree)
+        values |= dict(zip(names, getattr(design, kind.name), strict=True))
+        keys |= {name: f"design.{kind.name}, entry {i}" for i, name in enumerate(names, start=1)}
     values[COMPENSATOR] = float(design.compensator)
     leading = spec.plant.b[0].strip() if spec.plant else ""
     check_values(
         values,
         n=spec.order,
-        rho=len(design.c),
+        rho=spec.relative_degree,
         limit=spec.actuator.limit,
         leading=leading if leading in spec.parameters else None,
         where=where,

@@ -25,6 +25,7 @@ from pmjoint_codegen.modelfile.tables import (
     Table,
     Unit,
 )
+from pmjoint_codegen.values import GAINS
 from pmjoint_derive.joint import TAKEN
 
 LARGEST_ORDER = 9  # beyond it, names such as Xi111 would be ambiguous
@@ -213,15 +214,16 @@ def _check_plant(plant: PlantSpec, where: str) -> None:
 def _check_lengths(spec: ModelSpec, where: str) -> None:
     """Compare gains and initial state with the order n and the relative degree rho."""
     design, n, rho = spec.design, spec.order, spec.relative_degree
-    of_order = {"design.k": design.k}
+    lists = {f"design.{kind.name}": (kind, getattr(design, kind.name)) for kind in GAINS}
+    of_order = {key: entries for key, (kind, entries) in lists.items() if kind.of_filters}
     if spec.joint is None:
         of_order["simulation.x0"] = spec.simulation.x0
     else:
         _check_start(spec.joint, spec.simulation.x0, where)
-    of_degree = {"design.c": design.c, "design.e": design.e, "design.ck": design.ck}
+    of_degree = {key: entries for key, (kind, entries) in lists.items() if not kind.of_filters}
     degree = "relative degree = order + 1 - length of b" if spec.plant else "relative degree of the joint"
-    for lists, wanted, why in ((of_order, n, "order of the plant"), (of_degree, rho, degree)):
-        for key, entries in lists.items():
+    for group, wanted, why in ((of_order, n, "order of the plant"), (of_degree, rho, degree)):
+        for key, entries in group.items():
             if len(entries) != wanted:
                 raise _wrong_length(where, key, len(entries), f"{wanted} ({why})")
 

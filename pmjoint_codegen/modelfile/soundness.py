@@ -13,7 +13,7 @@ from pmjoint_codegen.errors import ModelError, quoted
 from pmjoint_codegen.modelfile.points import NotFiniteError, Point, value_at
 from pmjoint_codegen.modelfile.zeros import find_zero
 from pmjoint_codegen.values import is_hurwitz, roots_text
-from pmjoint_derive import Model, Plant, parameter_symbol
+from pmjoint_derive import Model, Plant, real_symbol
 
 
 def check_model(model: Model, where: str) -> None:
@@ -52,7 +52,7 @@ def _check_range(model: Model, values: Point, where: str) -> None:
     if model.y_range is None:
         return
     low, high = model.y_range
-    place = find_zero(model.plant.sigma, parameter_symbol("y"), values, low, high)
+    place = find_zero(model.plant.sigma, real_symbol("y"), values, low, high)
     if place is not None:
         raise ModelError(
             f"sigma vanishes, or is not finite, near y = {place:.6g}, within the range {low:g} to {high:g}",
@@ -66,7 +66,7 @@ def _check_reference(model: Model, start: Point, where: str) -> None:
 
     A Taylor step needs all of them, and a power that is not whole has not all of them where its base is 0.
     """
-    t = parameter_symbol("t")
+    t = real_symbol("t")
     for order in range(model.plant.rho + 1):
         value = sp.diff(model.reference, t, order)
         _finite(value, start, f"{where}, derivative {order}" if order else where)
@@ -83,14 +83,14 @@ def _initial_point(model: Model, values: Point) -> dict[sp.Symbol, float]:
     """Where a run starts: t = 0, x from x0, y = x1, nothing delivered yet."""
     x0 = model.simulation.x0
     if model.start is None:
-        states = {parameter_symbol(f"x{i}"): value for i, value in enumerate(x0, start=1)}
+        states = {real_symbol(f"x{i}"): value for i, value in enumerate(x0, start=1)}
     else:
         given = {item.symbol: 0.0 for item in model.start.variables}
         given |= dict(zip(given, x0, strict=False))
         point = {**values, **given}
         states = {state: value_at(form, point) for state, form in model.start.states.items()}
     at_rest = {item.symbol: 0.0 for item in model.actuator}
-    return states | at_rest | {parameter_symbol("y"): x0[0], parameter_symbol("t"): 0.0}
+    return states | at_rest | {real_symbol("y"): x0[0], real_symbol("t"): 0.0}
 
 
 def _entries(plant: Plant) -> Iterable[tuple[str, sp.Expr]]:

@@ -17,7 +17,7 @@ from pmjoint_codegen.report.notation import (
     scaled_sum,
 )
 from pmjoint_codegen.report.sections import by_section, own_parameters
-from pmjoint_codegen.values import from_si
+from pmjoint_codegen.values import GAINS, from_si
 from pmjoint_derive.equation import Equation
 from pmjoint_derive.model import Model, Parameter
 from pmjoint_derive.sampling import SECTION as SAMPLED
@@ -96,8 +96,10 @@ def _parameters(parameters: tuple[Parameter, ...]) -> Iterator[str]:
 
 def gains(model: Model) -> str:
     """Give the gains in a sentence."""
-    rows = {"c": model.gains.c, "e": model.gains.e, "c_k": model.gains.ck, "k": model.gains.k}
-    lists = ", ".join(f"${stem} = ({', '.join(map(latex_number, row))})$" for stem, row in rows.items())
+    values = model.gains.by_kind
+    lists = ", ".join(
+        f"${kind.latex} = ({', '.join(map(latex_number, values[kind.name]))})$" for kind in GAINS
+    )
     switch = f"${latex_name('compensator')} = {int(model.gains.compensator)}$"
     return f"Gains: {lists}. The switch {switch} is 1 where the compensator (23) works and 0 where $r = 0$."
 

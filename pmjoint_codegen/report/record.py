@@ -36,7 +36,7 @@ def derivation_record(model: Model, equations: Iterable[Equation]) -> dict[str, 
             }
             for item in model.parameters
         ],
-        "gains": {"c": list(gains.c), "e": list(gains.e), "ck": list(gains.ck), "k": list(gains.k)},
+        "gains": {kind: list(values) for kind, values in gains.by_kind.items()},
         "compensator": gains.compensator,
         "true_plant": own_parameters(model, known),
         "equations": [equation_record(equation) for equation in known],

@@ -62,12 +62,7 @@ def _parameters(model: Model) -> list[str]:
     for item in model.parameters:
         statement = f"{item.name} = {from_si(item.value, item.scale)!r}"
         lines.append(_commented(statement, _remark("", item.about, item.unit)))
-    for stem, values in (
-        ("c", model.gains.c),
-        ("e", model.gains.e),
-        ("ck", model.gains.ck),
-        ("k", model.gains.k),
-    ):
+    for stem, values in model.gains.by_kind.items():
         names = ", ".join(f"{stem}{i}" for i in range(1, len(values) + 1))
         lines.append(f"{names} = {', '.join(f'{value!r}' for value in values)}")
     lines.append(

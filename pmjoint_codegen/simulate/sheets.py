@@ -256,7 +256,7 @@ def _pressure_text(run: Record) -> str:
     cut = f" ({' and '.join(clipped)} clipped)" if clipped else ""
     return (
         f"Muscle pressures between empty and $P_{{\\max}}${cut}; components of $D$ (12) that act: what the "
-        "design neglects of the physics, and what it believes wrongly of the plant."
+        "design neglects of the physics, and the model mismatch."
     )
 
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.values import COMPENSATOR, gain_names, hurwitz_rows, obeys
+from pmjoint_codegen.values import COMPENSATOR, filter_gains, hurwitz_rows, obeys, positive_gains
 
 Mask = npt.NDArray[np.bool_]
 
@@ -27,7 +27,7 @@ def valid_rows(manifest: Manifest, p: Array, x0: Array) -> Mask:
     column = {name: p[:, i] for i, name in enumerate(manifest.parameter_names)}
     good = np.all(np.isfinite(p), axis=1) & np.all(np.isfinite(x0), axis=1)
     for name in (
-        *gain_names(("c", "e", "ck"), manifest.rho),
+        *positive_gains(manifest.rho),
         *([manifest.limit] if manifest.limit in column else []),
     ):
         good &= column[name] > 0
@@ -36,7 +36,7 @@ def valid_rows(manifest: Manifest, p: Array, x0: Array) -> Mask:
     good &= np.isin(column[COMPENSATOR], (0.0, 1.0))
     for rule in manifest.rules:
         good &= obeys(rule, column)
-    k = np.column_stack([column[name] for name in gain_names(("k",), manifest.n)])
+    k = np.column_stack([column[name] for name in filter_gains(manifest.n)])
     result: Mask = good & _hurwitz(k, good)
     return result
 

@@ -19,12 +19,12 @@ import numpy.typing as npt
 from pmjoint_codegen.errors import UsageError, quoted
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.values import gain_names
+from pmjoint_codegen.values import GAINS, filter_gains, gain_names
 
 REACH: Final = 5.0  # bounds that are not given: the model's value divided and multiplied by this
 DAMPING: Final = (0.3, 2.0)  # from a lively pair of poles to two real ones, 1 : 14 apart
 DIGITS: Final = 5  # of a gain: what is tried is what is written
-DEFAULT: Final = ("c", "e", "ck", "poles")
+DEFAULT: Final = (*(kind.name for kind in GAINS if not kind.of_filters), "poles")
 _GAIN: Final = re.compile(r"\s*([a-z]+\d*)\s*(?:=([^:]+):([^:]+))?")
 
 
@@ -76,7 +76,7 @@ class Space:
     def gains(self) -> tuple[str, ...]:
         """Names of all gains that the search may change."""
         direct = tuple(bound.name for bound in self.bounds if not _is_polar(bound.name))
-        return (*direct, *(gain_names(("k",), self.n) if len(direct) < self.size else ()))
+        return (*direct, *(filter_gains(self.n) if len(direct) < self.size else ()))
 
     def decode(self, points: Array) -> dict[str, Array]:
         """Gains of some points.
@@ -127,8 +127,7 @@ def make_space(manifest: Manifest, wanted: tuple[str, ...]) -> Space:
 
 def _groups(manifest: Manifest) -> dict[str, tuple[str, ...]]:
     """Every name that may be given, with the coordinates that it stands for."""
-    groups = {kind: gain_names((kind,), manifest.rho) for kind in ("c", "e", "ck")}
-    groups |= {"k": gain_names(("k",), manifest.n)}
+    groups = {kind.name: kind.names(manifest.n, manifest.rho) for kind in GAINS}
     groups |= {
         "poles": gain_names(("pole",), (manifest.n + 1) // 2),
         "damping": gain_names(("damping",), manifest.n // 2),
@@ -190,7 +189,7 @@ def _present(manifest: Manifest) -> dict[str, float]:
     """Where the model stands in every coordinate."""
     values = {item.name: float(item.value) for item in manifest.parameters if item.kind == "gain"}
     roots = np.asarray(
-        np.roots([1.0, *(values[name] for name in gain_names(("k",), manifest.n))]), dtype=np.complex128
+        np.roots([1.0, *(values[name] for name in filter_gains(manifest.n))]), dtype=np.complex128
     )
     for i, pair in enumerate(_pairs(roots), start=1):
         size = math.sqrt(abs(pair[0] * pair[-1]))

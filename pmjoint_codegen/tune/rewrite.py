@@ -14,8 +14,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from pmjoint_codegen.errors import ModelError
+from pmjoint_codegen.values import GAINS
 
-KINDS: Final = ("c", "e", "ck", "k")
 _ARRAY: Final = r"^([ \t]*{key}[ \t]*=[ \t]*)(\[[^\]]*\])[ \t]*(#[^\r\n]*)?"
 _NAME: Final = re.compile(r"^(name[ \t]*=[ \t]*)(\"[^\"\r\n]*\"|'[^'\r\n]*')", re.MULTILINE)
 _TABLE: Final = re.compile(r"^[ \t]*\[(?![ \t\r\n]*[\"'\d])", re.MULTILINE)
@@ -43,7 +43,7 @@ def rewrite(text: str, name: str, gains: Mapping[str, float], note: str, where: 
         following = _TABLE.search(edited, heading.end())
         end = following.start() if following else len(edited)
         section = edited[heading.end() : end]
-        for kind in KINDS:
+        for kind in (item.name for item in GAINS):
             if wanted["design"][kind] != document["design"][kind]:
                 section = _replaced(section, kind, wanted["design"][kind])
         edited = edited[: heading.end()] + section + edited[end:]

@@ -15,7 +15,7 @@ from pmjoint_codegen.audit.findings import Finding
 from pmjoint_codegen.audit.judgement import Verdict
 from pmjoint_codegen.audit.paper import printed_equations
 from pmjoint_codegen.audit.stability import certificate
-from pmjoint_derive import derive, parameter_symbol
+from pmjoint_derive import derive, real_symbol
 from pmjoint_derive.equation import Equations
 
 Findings = Mapping[str, Finding]
@@ -111,7 +111,7 @@ def test_in_other_units_the_law_gains_a_multiple_of_z1(context: Context, finding
     q, b0, z_1 = (sp.Symbol(name) for name in ("q", "b0", "z_1"))
     assert sp.expand(sp.sympify(said) - b0 * z_1 * (1 - 1 / q**2)) == 0  # b_0 z_1 counts as u^-1, v as u
     law = context.derivation.equations["v"]
-    uncoupled = replace(law, expression=law.expression + context.signals.z[0] * parameter_symbol("b0"))
+    uncoupled = replace(law, expression=law.expression + context.signals.z[0] * real_symbol("b0"))
     equations = Equations(
         uncoupled if item.name == "v" else item for item in context.derivation.equations.values()
     )

@@ -16,9 +16,9 @@ import sympy as sp
 from pmjoint_codegen.check.gates import proof
 from pmjoint_codegen.check.result import GateResult
 from pmjoint_codegen.check.subject import Subject
-from pmjoint_derive import Derivation, Equations, parameter_symbol
+from pmjoint_derive import Derivation, Equations, real_symbol
 
-S = parameter_symbol
+S = real_symbol
 Tally = Callable[[str, str, GateResult], None]
 TWINS = {"k1": "k2", "c1": "c2", "e1": "e2", "ck1": "ck2", "xi1": "xi2", "lambda1": "lambda2", "r1": "r2"}
 

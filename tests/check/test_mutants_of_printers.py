@@ -28,8 +28,7 @@ from pmjoint_codegen.check.subject import Subject
 from pmjoint_codegen.compile.compiler import Compiler
 from pmjoint_codegen.compile.library import FLAGS, build
 from pmjoint_codegen.emit import lane_text, scalar_text
-from pmjoint_codegen.emit.functions import build_functions
-from pmjoint_codegen.emit.lanes import lane_functions
+from pmjoint_codegen.emit.functions import build_functions, lane_functions
 from pmjoint_codegen.emit.straight_text import instructions
 from pmjoint_codegen.emit.tape import tapes_of
 from pmjoint_codegen.kernels.evaluator import Kernel, Kind

@@ -7,9 +7,9 @@ from collections.abc import Callable
 import pytest
 import sympy as sp
 
-from pmjoint_derive import Derivation, Gains, Model, Parameter, Plant, Simulation, derive, parameter_symbol
+from pmjoint_derive import Derivation, Gains, Model, Parameter, Plant, Simulation, derive, real_symbol
 
-S = parameter_symbol
+S = real_symbol
 ORDERS = ((1, 1), (2, 1), (2, 2), (3, 2), (3, 3), (4, 4))  # (n, rho)
 
 

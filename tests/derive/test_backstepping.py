@@ -8,11 +8,11 @@ from dataclasses import replace
 import pytest
 import sympy as sp
 
-from pmjoint_derive import Derivation, derive, parameter_symbol
+from pmjoint_derive import Derivation, derive, real_symbol
 from pmjoint_derive.compensator import compensator_rates
 from pmjoint_derive.filters import filter_rates
 
-S = parameter_symbol
+S = real_symbol
 
 
 def paper_law() -> tuple[sp.Expr, sp.Expr]:
@@ -72,7 +72,7 @@ def true_rates(derivation: Derivation) -> dict[sp.Symbol, sp.Expr]:
         y_dot += derivation.expanded("x_hat2") + s.epsilon[1]
     if plant.rho == 1:
         y_dot += plant.b[0] * plant.sigma * s.u
-    rates = {s.y: y_dot, **filter_rates(plant, s), **compensator_rates(plant, s)}
+    rates = {s.y: y_dot, **filter_rates(derivation.design), **compensator_rates(derivation.design)}
     return rates | dict(zip(s.y_r, s.y_r[1:], strict=False))
 
 

@@ -8,12 +8,12 @@ from dataclasses import replace
 
 import sympy as sp
 
-from pmjoint_derive import Derivation, Gains, Model, Parameter, derive, parameter_symbol
+from pmjoint_derive import Derivation, Gains, Model, Parameter, derive, real_symbol
 from pmjoint_derive.certificate import certificate_equations
 from pmjoint_derive.equation import Equations
 from pmjoint_derive.filters import filter_matrix
 
-S = parameter_symbol
+S = real_symbol
 
 
 def drawn(symbols: set[sp.Symbol], seed: int) -> dict[sp.Symbol, sp.Rational]:

@@ -8,9 +8,9 @@ from dataclasses import replace
 import pytest
 import sympy as sp
 
-from pmjoint_derive import Derivation, Equation, Equations, Model, derive, parameter_symbol
+from pmjoint_derive import Derivation, Equation, Equations, Model, derive, real_symbol
 
-S = parameter_symbol
+S = real_symbol
 
 
 def equation(name: str, value: sp.Expr) -> Equation:

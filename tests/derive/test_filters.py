@@ -11,12 +11,12 @@ from pmjoint_derive.filters import estimate, filter_matrix, filter_rates, input_
 
 def test_estimation_error_dynamics(derivation: Derivation) -> None:
     s, plant = derivation.signals, derivation.plant
-    x_hat = estimate(plant, s)
-    rates = filter_rates(plant, s)
+    x_hat = estimate(derivation.design)
+    rates = filter_rates(derivation.design)
     x_hat_dot = sp.Matrix(
         [sum(sp.diff(entry, state) * rate for state, rate in rates.items()) for entry in x_hat]
     )
-    x_dot = sp.Matrix(list(plant_rates(plant, s).values()))
+    x_dot = sp.Matrix(list(plant_rates(derivation.design).values()))
     epsilon = sp.Matrix(s.x) - x_hat
     wanted = filter_matrix(s) * epsilon + sp.Matrix(disturbance_symbols(plant))
     difference = (x_dot - x_hat_dot - wanted).xreplace({s.y: s.x[0]})
@@ -27,7 +27,7 @@ def test_input_filter_chain(derivation: Derivation) -> None:
     """v_{m,i}' = v_{m,i+1} - k_i v_{m,1} below rho, and sigma u enters entry rho with factor one."""
     s, plant = derivation.signals, derivation.plant
     v_m = input_filters(s, plant.m)
-    rates = input_filter_rates(plant, s, plant.m, v_m)
+    rates = input_filter_rates(derivation.design, plant.m, v_m)
     for i in range(1, plant.rho + 1):
         following = v_m[i] if i < plant.order else sp.Integer(0)
         drive = plant.sigma * s.u if i == plant.rho else 0

@@ -15,9 +15,9 @@ import mpmath
 import pytest
 import sympy as sp
 
-from pmjoint_derive import Derivation, Model, derive, parameter_symbol
+from pmjoint_derive import Derivation, Model, derive, real_symbol
 
-S = parameter_symbol
+S = real_symbol
 DIGITS, STEP = 200, "1e-30"
 Vector = list[mpmath.mpf]
 

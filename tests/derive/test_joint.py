@@ -7,10 +7,10 @@ import random
 import pytest
 import sympy as sp
 
-from pmjoint_derive import OutsideClassError, parameter_symbol
+from pmjoint_derive import OutsideClassError, real_symbol
 from pmjoint_derive.joint import Joint, coefficients, reduce_joint
 
-S = parameter_symbol
+S = real_symbol
 NUMBERS = {
     "J": 0.05, "b_v": 0.109, "r": 0.015, "l0": 0.185, "eps0": 0.15, "C1": 8.032e-3, "C2": -1.285e-2,
     "C3": 3.2e-3, "C4": 7.0, "k0": 1e5, "u0": 2.5, "k_u": 1e5, "P_max": 5e5, "tau": 0.08, "u_max": 4.0,
@@ -94,7 +94,7 @@ def test_simulated_plant_is_the_full_physics(keep: tuple[str, ...], lagged: bool
     for channel in joint.channels:
         lower, upper = (float(item.subs(values)) for item in (channel.lower, channel.upper))
         values[channel.symbol] = clip(float((channel.offset + channel.slope * v).subs(values)), lower, upper)
-    for item in joint.pressures:
+    for item in joint.reported:
         values[item.symbol] = float(item.expression.subs(values))
     assert (values[S("P1")], values[S("P2")]) == pytest.approx(P, rel=1e-12)
 

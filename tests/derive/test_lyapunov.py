@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from pmjoint_derive import Derivation, Model, derive, parameter_symbol
+from pmjoint_derive import Derivation, Model, derive, real_symbol
 from pmjoint_derive.consistency import consistency_identities
 from pmjoint_derive.lyapunov import expand_to_zero, lyapunov_matrix, prove, squares
 from pmjoint_derive.signals import derivative_name
 
-S = parameter_symbol
+S = real_symbol
 
 
 def test_every_identity_expands_to_zero_in_every_order(derivation: Derivation) -> None:

@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 import sympy as sp
 
-from pmjoint_derive import Model, OutsideClassError, parameter_symbol
+from pmjoint_derive import Model, OutsideClassError, real_symbol
 
-S = parameter_symbol
+S = real_symbol
 
 
 @pytest.mark.parametrize(

@@ -8,10 +8,10 @@ import hypothesis.strategies as st
 import sympy as sp
 from hypothesis import Phase, given, settings
 
-from pmjoint_derive import Derivation, Gains, Model, Parameter, Plant, Simulation, derive, parameter_symbol
+from pmjoint_derive import Derivation, Gains, Model, Parameter, Plant, Simulation, derive, real_symbol
 from pmjoint_derive.filters import filter_matrix
 
-S = parameter_symbol
+S = real_symbol
 Y = S("y")
 SHAPES = (sp.Integer(0), Y, Y**2, Y**3, sp.sin(Y), sp.cos(Y), sp.tanh(Y), sp.exp(-(Y**2)), Y / (1 + Y**2))
 SIGMAS = (sp.Integer(1), 1 + Y**2 / 7, 2 + sp.sin(Y), sp.exp(Y / 3), 1 / (1 + Y**2))

@@ -9,10 +9,10 @@ import pytest
 import sympy as sp
 
 from pmjoint_codegen import ClosedLoop
-from pmjoint_derive.model import parameter_symbol
+from pmjoint_derive.model import real_symbol
 from pmjoint_derive.shield import multiplied_out, shielded
 
-y, a, b = (parameter_symbol(name) for name in "yab")
+y, a, b = (real_symbol(name) for name in "yab")
 
 STRIBECK = """\
 schema = 1

@@ -15,9 +15,9 @@ from pmjoint_codegen.values import OWN_SUFFIX
 from pmjoint_derive import Derivation, Model, Parameter, derive
 from pmjoint_derive.closed_loop import disturbance_symbols
 from pmjoint_derive.filters import estimate, filter_matrix, filter_rates
-from pmjoint_derive.model import Channel, parameter_symbol
+from pmjoint_derive.model import Channel, real_symbol
 from pmjoint_derive.signals import derivative_name
-from pmjoint_derive.true_plant import SUFFIX, own_symbol, seen_symbol
+from pmjoint_derive.true_plant import SUFFIX, effective_symbol, own_symbol
 
 MODELS = ("paper", "joint", "joint-damped", "joint-exact", "joint-lag", "third-order")
 
@@ -41,8 +41,7 @@ def rates(derivation: Derivation) -> list[sp.Expr]:
     keep |= {own_symbol(symbol) for symbol in keep}
     states = [*s.x, *(extra.symbol for extra in derivation.model.extras)]
     return [
-        equations.expand(either(derivation, parameter_symbol(derivative_name(state))), keep)
-        for state in states
+        equations.expand(either(derivation, real_symbol(derivative_name(state))), keep) for state in states
     ]
 
 
@@ -53,8 +52,8 @@ def agreeing(derivation: Derivation) -> dict[sp.Symbol, sp.Symbol]:
 
 def test_the_controller_clips_v_by_its_own_numbers_alone(builder: Callable[..., Model]) -> None:
     """Whatever the limits of u are made of: u is the controller's, and the plant takes what is applied."""
-    d1 = parameter_symbol("d1")
-    u = Channel(parameter_symbol("u"), sp.Integer(0), sp.Integer(1), -d1, d1, "V", "applied input")
+    d1 = real_symbol("d1")
+    u = Channel(real_symbol("u"), sp.Integer(0), sp.Integer(1), -d1, d1, "V", "applied input")
     found = derive(replace(builder(2, 2), channels=(u,)))
     assert sorted(map(str, found.own_parameters)) == ["b0", "d1"]
     assert "x2_dot_plant" in found.equations and "u_plant" not in found.equations
@@ -71,11 +70,11 @@ def test_a_parameter_of_the_reference_alone_has_no_twin(
     changed = replace(
         plain,
         parameters=(*plain.parameters, amplitude),
-        reference=amplitude.symbol * sp.sin(parameter_symbol("t")),
+        reference=amplitude.symbol * sp.sin(real_symbol("t")),
     )
     found = derive(changed)
     assert found.own_parameters == derive(plain).own_parameters != {}
-    torque = amplitude.symbol * sp.cos(parameter_symbol("t"))
+    torque = amplitude.symbol * sp.cos(real_symbol("t"))
     disturbed = replace(changed.plant, disturbance=(*changed.plant.disturbance[:-1], torque))
     both = derive(replace(changed, plant=disturbed))  # where the plant uses it as well, the two may differ
     assert amplitude.symbol in both.own_parameters
@@ -110,41 +109,42 @@ def test_all_that_both_use_has_two_values(shipped: Derivation) -> None:
     """Only the limit of u is the controller's alone to apply; the rest of what is shared is told apart."""
     s, equations, model = shipped.signals, shipped.equations, shipped.model
     known = {item.symbol for item in model.parameters}
-    controller = [s.v, *(parameter_symbol(derivative_name(state)) for state in s.controller_state)]
+    controller = [s.v, *(real_symbol(derivative_name(state)) for state in s.controller_state)]
     believed = set().union(*(equations.expand(item).free_symbols for item in controller)) & known
     states = [*s.x, *(extra.symbol for extra in model.extras)]
     physical = set().union(
-        *(equations.expand(parameter_symbol(derivative_name(state))).free_symbols for state in states)
+        *(equations.expand(real_symbol(derivative_name(state))).free_symbols for state in states)
     )
     assert set(shipped.own_parameters) == believed & physical - {model.limit}
 
 
-def test_the_estimation_error_obeys_17_with_the_disturbance_that_is_seen(shipped: Derivation) -> None:
+def test_the_estimation_error_obeys_17_with_the_effective_disturbance(shipped: Derivation) -> None:
     s, plant, equations = shipped.signals, shipped.plant, shipped.equations
     keep = frozenset({s.y, s.u, *(channel.symbol for channel in shipped.model.actuator)})
     keep |= {own_symbol(symbol) for symbol in keep}
-    x_hat = estimate(plant, s)
+    x_hat = estimate(shipped.design)
+    filtered = filter_rates(shipped.design).items()
     x_hat_dot = sp.Matrix([
-        sum(sp.diff(entry, state) * rate for state, rate in filter_rates(plant, s).items()) for entry in x_hat
+        sum(sp.diff(entry, state) * rate for state, rate in filtered) for entry in x_hat
     ])  # fmt: skip
     x_hat, x_hat_dot = (
         matrix.applyfunc(lambda entry: equations.expand(entry, keep))
         for matrix in (sp.Matrix(x_hat), x_hat_dot)
     )
-    seen = [
-        seen_symbol(symbol) if seen_symbol(symbol).name in equations else symbol
+    effective = [
+        effective_symbol(symbol) if effective_symbol(symbol).name in equations else symbol
         for symbol in disturbance_symbols(plant)
     ]
-    D = sp.Matrix([equations.expand(symbol, keep) for symbol in seen])
+    D = sp.Matrix([equations.expand(symbol, keep) for symbol in effective])
     x_dot = sp.Matrix(rates(shipped)[: plant.order])
     wanted = filter_matrix(s) * (sp.Matrix(s.x) - x_hat) + D
     difference = (x_dot - x_hat_dot - wanted).xreplace({s.y: s.x[0]})
     assert difference.applyfunc(lambda entry: sp.cancel(sp.together(entry))).is_zero_matrix
 
 
-def test_where_the_values_agree_the_seen_disturbance_is_the_models(shipped: Derivation) -> None:
+def test_where_the_values_agree_the_effective_disturbance_is_the_models(shipped: Derivation) -> None:
     equations = shipped.equations
     for symbol in disturbance_symbols(shipped.plant):
-        if seen_symbol(symbol).name in equations:
+        if effective_symbol(symbol).name in equations:
             mismatch = equations.expand(equations[f"mismatch{symbol.name[1:]}"].expression)
             assert mismatch.xreplace(agreeing(shipped)) == 0  # term by term: no rounding either

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from pmjoint_derive import Derivation, Model, derive, parameter_symbol
+from pmjoint_derive import Derivation, Model, derive, real_symbol
 from pmjoint_derive.units import SECOND, Unit, parse_unit
 
 
@@ -46,7 +46,7 @@ def test_algebra() -> None:
 
 def test_the_paper_s_signals(paper: Derivation) -> None:
     units = {
-        name: str(paper.units.of(parameter_symbol(name)))
+        name: str(paper.units.of(real_symbol(name)))
         for name in ("xi2", "Xi21", "lambda2", "z2", "c1", "e2", "k2", "r2")
     }
     assert units == {
@@ -65,7 +65,7 @@ def test_the_paper_s_signals(paper: Derivation) -> None:
 
 def test_a_composite_input_coefficient_has_the_unit_of_its_place(builder: Callable[..., Model]) -> None:
     """``b_j u`` is a part of the rate of ``x_{n-j}``, whatever b_j is made of."""
-    model, b0, d1 = builder(3, 2), parameter_symbol("b0"), parameter_symbol("d1")
+    model, b0, d1 = builder(3, 2), real_symbol("b0"), real_symbol("d1")
     plant = replace(model.plant, b=(2 * b0, 3 * b0), theta=(d1, 2 * d1))
     found = derive(replace(model, plant=plant))
     u = found.units.of(found.signals.u)

@@ -8,12 +8,12 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from pmjoint_codegen.emit.functions import build_functions
+from pmjoint_codegen.emit.functions import build_functions, lane_functions
 from pmjoint_codegen.emit.lane_text import lanes_header, lanes_source
-from pmjoint_codegen.emit.lanes import LANE_ORDER, lane_functions, lane_sizes
+from pmjoint_codegen.emit.lanes import LANE_ORDER, lane_sizes
 from pmjoint_codegen.emit.pipeline import Artifacts
 from pmjoint_codegen.emit.straight_text import instructions
-from pmjoint_codegen.emit.table import vocabulary
+from pmjoint_codegen.emit.vocabulary import vocabulary
 from pmjoint_codegen.errors import ModelError
 from pmjoint_derive import Derivation
 

@@ -15,7 +15,7 @@ from pmjoint_codegen.emit.functions import build_functions
 from pmjoint_codegen.emit.pipeline import Artifacts
 from pmjoint_codegen.emit.sampling import HOLD_ORDER, PLANT_ORDER, SAMPLED, sampled_sizes
 from pmjoint_codegen.emit.scalar_text import sampled_header, wrapper
-from pmjoint_codegen.emit.table import vocabulary
+from pmjoint_codegen.emit.vocabulary import vocabulary
 from pmjoint_codegen.errors import ModelError
 from pmjoint_derive import Derivation
 

@@ -24,7 +24,7 @@ from pmjoint_codegen.emit.staleness import REMEDIES, Verdict, compare
 from pmjoint_codegen.identity import model_hash
 from pmjoint_codegen.modelfile.reader import read_document
 from pmjoint_codegen.storage import replace_folder, sha256
-from pmjoint_derive import Plant, Signals, backstepping
+from pmjoint_derive import Design, backstepping
 from pmjoint_derive.compensator import compensator_rates
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -264,11 +264,9 @@ def test_a_derivation_that_fails_is_a_changed_generator_too(
 ) -> None:
     """A slip may leave u in the law, which the derivation itself finds out."""
 
-    def slipped(plant: Plant, signals: Signals) -> dict[sp.Symbol, sp.Expr]:
-        return {
-            state: rate.subs(signals.du, -signals.du)
-            for state, rate in compensator_rates(plant, signals).items()
-        }
+    def slipped(design: Design) -> dict[sp.Symbol, sp.Expr]:
+        du = design.signals.du
+        return {state: rate.subs(du, -du) for state, rate in compensator_rates(design).items()}
 
     monkeypatch.setattr(backstepping, "compensator_rates", slipped)
     assert run(["regenerate", "--check"]) == 1

@@ -10,9 +10,9 @@ import sympy as sp
 
 from pmjoint_codegen.emit.translate import Translator
 from pmjoint_codegen.errors import ModelError
-from pmjoint_derive import Equation, Equations, parameter_symbol
+from pmjoint_derive import Equation, Equations, real_symbol
 
-S = parameter_symbol
+S = real_symbol
 A, B = S("a"), S("b")
 
 

@@ -10,7 +10,10 @@ import sympy as sp
 
 from pmjoint_codegen.errors import ModelError
 from pmjoint_codegen.modelfile import model_of
-from pmjoint_derive import parameter_symbol as symbol
+from pmjoint_codegen.modelfile.schema import DesignSpec
+from pmjoint_codegen.values import COMPENSATOR, GAINS
+from pmjoint_derive import Signals
+from pmjoint_derive import real_symbol as symbol
 
 Edit = Callable[[dict[str, Any]], dict[str, Any]]
 
@@ -24,6 +27,17 @@ def test_the_papers_model(paper: dict[str, Any]) -> None:
     assert [item.value for item in model.parameters] == [0.2, 2.0, 10.0]
     assert model.gains.k == (6.0, 8.0) and model.gains.compensator
     assert model.simulation.x0 == (1.5, 0.0) and model.disturbance_bound == 0.1
+
+
+def test_gains_are_one_table(paper: dict[str, Any]) -> None:
+    """The file's keys, the derivation's record and its symbols are what the table says, in its order."""
+    kinds = [kind.name for kind in GAINS]
+    model = model_of(paper, "m.toml")
+    signals = Signals.of(model.plant)
+    assert [*DesignSpec.model_fields] == [*kinds, "compensator"]
+    assert [*model.gains.by_kind] == [*signals.gains_by_kind] == kinds
+    named = [name for kind in GAINS for name in kind.names(model.plant.order, model.plant.rho)]
+    assert [str(gain) for gain in signals.gains] == [*named, COMPENSATOR]
 
 
 def test_what_is_left_out_is_zero(edited: Edit) -> None:

@@ -11,7 +11,7 @@ import pytest
 import sympy as sp
 
 from pmjoint_codegen.emit.pipeline import generate
-from pmjoint_codegen.emit.table import vocabulary
+from pmjoint_codegen.emit.vocabulary import vocabulary
 from pmjoint_codegen.errors import ModelError
 from pmjoint_codegen.modelfile import model_of
 from pmjoint_codegen.modelfile.names import FUNCTIONS, key_path, why_not

@@ -11,10 +11,10 @@ import sympy as sp
 from pmjoint_codegen.errors import ModelError
 from pmjoint_codegen.modelfile import model_of
 from pmjoint_codegen.modelfile.zeros import find_zero
-from pmjoint_derive import parameter_symbol
+from pmjoint_derive import real_symbol
 
 Edit = Callable[..., dict[str, Any]]
-Y, A = parameter_symbol("y"), parameter_symbol("a")
+Y, A = real_symbol("y"), real_symbol("a")
 
 
 @pytest.mark.parametrize(

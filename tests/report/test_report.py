@@ -29,7 +29,7 @@ from pmjoint_codegen.report.notation import (
 )
 from pmjoint_codegen.report.record import derivation_record
 from pmjoint_codegen.report.text import text_report
-from pmjoint_derive import Derivation, Gains, Model, Parameter, Plant, Simulation, derive, parameter_symbol
+from pmjoint_derive import Derivation, Gains, Model, Parameter, Plant, Simulation, derive, real_symbol
 from pmjoint_derive.certificate import certificate_equations
 from pmjoint_derive.equation import Equation, Equations
 
@@ -39,7 +39,7 @@ ZERO = sp.Integer(0)
 
 def model(n: int, rho: int) -> Model:
     """Return a plant of order n and relative degree rho, nonlinear in y where that is not the paper's own."""
-    y, d1, b0, u_max = (parameter_symbol(name) for name in ("y", "d1", "b0", "u_max"))
+    y, d1, b0, u_max = (real_symbol(name) for name in ("y", "d1", "b0", "u_max"))
     plain = (n, rho) == (2, 2)
     plant = Plant(
         order=n,
@@ -48,7 +48,7 @@ def model(n: int, rho: int) -> Model:
         theta=(d1,),
         b=(b0, *(sp.Integer(3),) * (n - rho)),
         sigma=sp.Integer(1) if plain else 1 + y**2,
-        disturbance=(*(ZERO,) * (n - 1), sp.Rational(1, 10) * sp.cos(parameter_symbol("t"))),
+        disturbance=(*(ZERO,) * (n - 1), sp.Rational(1, 10) * sp.cos(real_symbol("t"))),
     )
     return Model(
         name="joint_1",
@@ -61,7 +61,7 @@ def model(n: int, rho: int) -> Model:
         ),
         plant=plant,
         limit=u_max,
-        reference=sp.sin(parameter_symbol("t")),
+        reference=sp.sin(real_symbol("t")),
         gains=Gains((15.0,) * rho, (0.1,) * rho, (1.0,) * rho, (6.0, 11.0, 6.0)[:n]),
         simulation=Simulation((1.5, *(0.0,) * (n - 1)), 20.0, 0.01, 0.001),
     )
@@ -107,7 +107,7 @@ def test_the_printed_certificate_runs_as_code_and_gives_the_rate_of_v(derivation
     }
     names: dict[str, object] = {symbol.name: value for symbol, value in point.items()}
     exec(compile(section, "certificate", "exec"), names)
-    rate = Equations(certificate).expand(parameter_symbol("V_dot")).xreplace(point)
+    rate = Equations(certificate).expand(real_symbol("V_dot")).xreplace(point)
     assert names["V_dot"] == rate  # exact: rational numbers
     record: Any = derivation_record(derivation.model, equations)
     said = {item["name"]: item for item in record["equations"]}
@@ -222,8 +222,8 @@ def test_markdown_has_each_equation_of_the_latex_behind_its_name(derivation: Der
 @pytest.mark.parametrize("place", [0, 3, -1], ids=["first", "middle", "last"])
 def test_markdown_shows_a_changed_term_as_one_changed_line(place: int) -> None:
     names = [f"w{i:02d}" for i in range(1, 25)]
-    terms = [parameter_symbol(name) * parameter_symbol("delta") ** 3 for name in names]
-    law = Equation(parameter_symbol("v"), ZERO, "Backstepping", "(29)", "law", None)
+    terms = [real_symbol(name) * real_symbol("delta") ** 3 for name in names]
+    law = Equation(real_symbol("v"), ZERO, "Backstepping", "(29)", "law", None)
     longer = list(terms)
     longer[place] *= sp.Rational(355, 113)  # long enough to move what follows, where lines are filled
     pages = [
@@ -319,13 +319,13 @@ def test_names_follow_the_papers_notation(name: str, latex: str) -> None:
 
 
 def test_a_power_does_not_stick_to_a_partial_derivative() -> None:
-    squared = parameter_symbol("dalpha1_dy") ** 2
+    squared = real_symbol("dalpha1_dy") ** 2
     assert latex_expression(squared) == r"\left(\frac{\partial \alpha_1}{\partial y}\right)^{2}"
-    assert latex_expression(parameter_symbol("d3y_r") ** 2) == r"\left(y_r^{(3)}\right)^{2}"
+    assert latex_expression(real_symbol("d3y_r") ** 2) == r"\left(y_r^{(3)}\right)^{2}"
 
 
 def test_minus_signs_come_after_plus_signs() -> None:
-    a, b = parameter_symbol("a"), parameter_symbol("b")
+    a, b = real_symbol("a"), real_symbol("b")
     assert text_expression(b - a) == "b - a"
 
 

@@ -13,7 +13,7 @@ from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.modelfile import model_of
 from pmjoint_codegen.modelfile.reader import read_document
 from pmjoint_codegen.workspace import find_model
-from pmjoint_derive import derive, parameter_symbol
+from pmjoint_derive import derive, real_symbol
 
 MODELS = sorted(path.stem for path in (Path(__file__).parents[2] / "models").glob("*.toml"))
 STEP = 2e-4  # s
@@ -40,13 +40,13 @@ def test_z_obeys_its_equation(name: str, share: float) -> None:
     run = loop.simulate(
         horizon=0.4, output_step=STEP, parameters={loop.manifest.limit: limit}, tolerance=1e-13
     )
-    numbers = {parameter_symbol(key): value for key, value in run.settings.parameters.items()}
+    numbers = {real_symbol(key): value for key, value in run.settings.parameters.items()}
     for i in range(1, loop.manifest.rho + 1):
         wanted = derivation.expanded(f"z{i}_dot").xreplace(numbers)
         symbols = sorted(wanted.free_symbols, key=str)
         reference = derivation.equations
         columns = [
-            np.array([float(reference[s.name].expression.subs(parameter_symbol("t"), t)) for t in run.t])
+            np.array([float(reference[s.name].expression.subs(real_symbol("t"), t)) for t in run.t])
             if s.name.endswith("y_r") and s.name != "y_r"
             else column(run, s.name)
             for s in symbols

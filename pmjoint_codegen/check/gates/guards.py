@@ -18,13 +18,12 @@ from pmjoint_codegen.check.oracles.precise import Numbers
 from pmjoint_codegen.check.oracles.reference import Array, Reference, reference_of
 from pmjoint_codegen.check.result import Difference, GateResult, failed, passed
 from pmjoint_codegen.check.subject import Subject
-from pmjoint_codegen.emit.functions import GUARDS
+from pmjoint_codegen.emit.table import LOOPS, Guard
 from pmjoint_codegen.manifest import Function
 
 SEED = 20260117
 POINTS = 2  # of each kind
 RIMS = 4  # complex points for each
-BOUNDED = {"guard": "closed_loop", "plant_guard": "plant"}
 LIMIT = 1.0 + 1e-9  # of a swing over its bound: the bound's own rounding, at gains that multiply it
 
 
@@ -33,12 +32,12 @@ def check(subject: Subject) -> GateResult:
     evaluator = subject.compiled or subject.interpreted
     random = np.random.default_rng(SEED)
     worst, values, first = 0.0, 0, None
-    for name in GUARDS:
-        function = subject.manifest.function(name)
-        reference = reference_of(subject.derivation, subject.table[BOUNDED[name]])
+    for guard in (row for row in LOOPS if isinstance(row, Guard)):
+        function = subject.manifest.function(guard.name)
+        reference = reference_of(subject.derivation, subject.table[guard.of])
         found = batches(subject.interpreted, function, POINTS, SEED, extreme=False, features=subject.features)
         for batch in found:
-            (bounds,) = evaluator.call(name, *batch.arguments)
+            (bounds,) = evaluator.call(guard.name, *batch.arguments)
             for row, bound in enumerate(bounds):
                 point = [array[row] for array in batch.arguments]
                 swings = _swings(reference, point, random)

@@ -23,8 +23,7 @@ from pmjoint_codegen.check.result import GateResult, not_run
 from pmjoint_codegen.check.subject import Subject
 from pmjoint_codegen.compile.compiler import Compiler
 from pmjoint_codegen.compile.library import LIBRARY, build
-from pmjoint_codegen.emit.functions import build_functions
-from pmjoint_codegen.emit.lanes import lane_functions
+from pmjoint_codegen.emit.functions import build_functions, lane_functions
 from pmjoint_codegen.emit.tape import tapes_of
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.kernels.processor import usable_levels

@@ -9,10 +9,12 @@ import numpy as np
 from pmjoint_codegen.check.oracles.certificate import certify, numeric
 from pmjoint_codegen.check.result import Difference, GateResult, failed, passed
 from pmjoint_codegen.check.subject import Subject
+from pmjoint_codegen.values import positive_gains
 from pmjoint_derive import Derivation
 from pmjoint_derive.consistency import consistency_identities
+from pmjoint_derive.equation import Identity
 from pmjoint_derive.filters import filter_matrix
-from pmjoint_derive.lyapunov import Identity, given_away, prove
+from pmjoint_derive.lyapunov import given_away
 
 LONGEST = 300  # characters of a remainder that a report shows
 
@@ -24,15 +26,8 @@ def check(subject: Subject) -> GateResult:
 
 def design_values(derivation: Derivation) -> dict[str, float]:
     """Every parameter and gain of the model by name."""
-    model, s = derivation.model, derivation.signals
-    values = {item.name: item.value for item in model.parameters}
-    gains = {"c": s.c, "e": s.e, "ck": s.ck, "k": s.k}
-    for stem, symbols in gains.items():
-        values |= {
-            symbol.name: float(value)
-            for symbol, value in zip(symbols, getattr(model.gains, stem), strict=True)
-        }
-    return values
+    values = {item.name: item.value for item in derivation.model.parameters}
+    return values | {symbol.name: float(value) for symbol, value in derivation.gain_values.items()}
 
 
 def prove_for(derivation: Derivation, values: Mapping[str, float]) -> GateResult:
@@ -42,7 +37,7 @@ def prove_for(derivation: Derivation, values: Mapping[str, float]) -> GateResult
         derivation: the design.
         values: parameters and gains.
     """
-    identities = (*prove(derivation), *consistency_identities(derivation))
+    identities = (*derivation.design.prove(derivation), *consistency_identities(derivation))
     broken = [item for item in identities if not item.holds]
     if broken:
         names = ", ".join(item.name for item in broken)
@@ -64,13 +59,12 @@ def prove_for(derivation: Derivation, values: Mapping[str, float]) -> GateResult
 
 def unfit_gains(derivation: Derivation, values: Mapping[str, float]) -> list[str]:
     """What the certificate needs of the gains, and these do not give: positive ones, A0 Hurwitz."""
-    s = derivation.signals
     faults = [
-        f"gain {g.name} = {values[g.name]:g} is not positive"
-        for g in (*s.c, *s.e, *s.ck)
-        if not values[g.name] > 0
+        f"gain {name} = {values[name]:g} is not positive"
+        for name in positive_gains(derivation.plant.rho)
+        if not values[name] > 0
     ]
-    poles = np.linalg.eigvals(numeric(filter_matrix(s), values))
+    poles = np.linalg.eigvals(numeric(filter_matrix(derivation.signals), values))
     if not np.all(poles.real < 0):
         faults.append(f"A0 is not Hurwitz: poles {', '.join(f'{pole:.4g}' for pole in poles)}")
     return faults

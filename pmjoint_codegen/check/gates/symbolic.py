@@ -25,7 +25,7 @@ from pmjoint_codegen.check.oracles.reference import (
 )
 from pmjoint_codegen.check.result import Difference, GateResult, failed, not_run, passed
 from pmjoint_codegen.check.subject import Subject
-from pmjoint_codegen.emit.functions import COMPOSED, GUARDS
+from pmjoint_codegen.emit.table import LOOPS, Guard, Taylor
 from pmjoint_codegen.kernels.tape import Tape
 from pmjoint_codegen.manifest import Function
 
@@ -86,9 +86,9 @@ def check(subject: Subject) -> GateResult:
     mismatch = vocabulary_mismatch(subject)
     if mismatch:
         return failed(mismatch)
-    judgements = []
+    judgements, guards = [], [row.name for row in LOOPS if isinstance(row, Guard)]
     for function in subject.manifest.functions:
-        if function.name in GUARDS:
+        if function.name in guards:
             continue
         prepared = prepare(subject, function)
         judgements.append(judge(prepared, subject.compiled.call(function.name, *prepared.arguments)))
@@ -108,7 +108,7 @@ def vocabulary_mismatch(subject: Subject) -> str:
         "partial derivatives": (manifest.partials, partials),
         "kernels": (
             tuple(item.name for item in manifest.functions),
-            (*subject.table, *COMPOSED),
+            (*subject.table, *(row.name for row in LOOPS)),
         ),
     }
     return "; ".join(f"{what}: {a} in model.json, {b} derived" for what, (a, b) in pairs.items() if a != b)
@@ -117,14 +117,12 @@ def vocabulary_mismatch(subject: Subject) -> str:
 def kernel_reference(subject: Subject, function: Function) -> Reference:
     """The reference of any kernel, those included that are composed from the table's rows."""
     derivation, table, manifest = subject.derivation, subject.table, subject.manifest
-    if function.name == "taylor":
-        return taylor_reference("taylor", derivation, table["closed_loop"], manifest.order)
-    if function.name not in COMPOSED:
+    if function.name in table:
         return reference_of(derivation, table[function.name])
-    order = manifest.plant_order if function.name == "plant_taylor" else manifest.hold_order
-    plant = taylor_reference("plant_taylor", derivation, table["plant"], order)
-    if function.name == "plant_taylor":
-        return plant
+    for row in LOOPS:
+        if row.name == function.name and isinstance(row, Taylor):
+            return taylor_reference(row.name, derivation, table[row.of], row.order or manifest.order)
+    plant = taylor_reference("plant_taylor", derivation, table["plant"], manifest.hold_order)
     return sample_reference(derivation, table["sampled_update"], plant)
 
 

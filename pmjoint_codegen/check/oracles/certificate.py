@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import sympy as sp
 
-from pmjoint_derive import Derivation, parameter_symbol
+from pmjoint_derive import Derivation, real_symbol
 from pmjoint_derive.certificate import greatest_weight, least_rate, residual
 from pmjoint_derive.closed_loop import output_disturbance
 from pmjoint_derive.filters import filter_matrix
@@ -94,7 +94,7 @@ def certify(derivation: Derivation, values: Mapping[str, float], bound: float | 
     c, e = ([values[symbol.name] for symbol in symbols] for symbols in (s.c, s.e))
     largest = float(np.linalg.eigvalsh(P)[-1])
     V = lyapunov_function(s, error_function(s, sp.Matrix(P))).subs(dict(zip(s.e, e, strict=True)))
-    lambda_P, D_max = parameter_symbol("lambda_P"), parameter_symbol("D_max")
+    lambda_P, D_max = real_symbol("lambda_P"), real_symbol("D_max")
     constants = least_rate(s), greatest_weight(s, lambda_P), residual(derivation, lambda_P, D_max)
     known = {**values, "lambda_P": largest, "D_max": bound or 0.0}
     f_minus, f_plus, Y = numeric(sp.Matrix([constants]), known)[0].tolist()

@@ -12,7 +12,8 @@ import sympy as sp
 
 from pmjoint_codegen.check.oracles.precise import Number, Numbers, PowerSeries, Series
 from pmjoint_codegen.check.oracles.program import Program, compile_program
-from pmjoint_codegen.emit.table import Kernel, actuator_limits, vocabulary
+from pmjoint_codegen.emit.table import Kernel, actuator_limits
+from pmjoint_codegen.emit.vocabulary import vocabulary
 from pmjoint_derive import Derivation
 
 Array = npt.NDArray[np.float64]

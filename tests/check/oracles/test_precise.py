@@ -8,9 +8,9 @@ import sympy as sp
 
 from pmjoint_codegen.check.oracles.precise import DIGITS, Numbers, PowerSeries
 from pmjoint_codegen.check.oracles.program import compile_program
-from pmjoint_derive import Equation, Equations, parameter_symbol
+from pmjoint_derive import Equation, Equations, real_symbol
 
-x, a = parameter_symbol("x"), parameter_symbol("a")
+x, a = real_symbol("x"), real_symbol("a")
 NAMELESS = Equations([])
 EXPRESSIONS = [
     sp.sin(x), sp.cos(2 * x), sp.tan(x / 3), sp.tanh(x), sp.exp(-x), sp.log(2 + x), sp.sqrt(1 + x),
@@ -43,7 +43,7 @@ def test_series_hold_the_derivatives(expression: sp.Expr) -> None:
 
 
 def test_names_are_followed_and_shared() -> None:
-    b, c = parameter_symbol("b"), parameter_symbol("c")
+    b, c = real_symbol("b"), real_symbol("c")
     equations = Equations([Equation(b, x + 1, "", "", "", None), Equation(c, b * b, "", "", "", None)])
     program = compile_program([c, b, sp.Max(x, 2), sp.Min(x, 2)], [x], equations)
     numbers = Numbers()
@@ -54,7 +54,7 @@ def test_names_are_followed_and_shared() -> None:
 
 
 def test_given_definitions_go_first() -> None:
-    b = parameter_symbol("b")
+    b = real_symbol("b")
     equations = Equations([Equation(b, x + 1, "", "", "", None)])
     (found,) = compile_program([b], [x], equations, {b: 2 * x}).run(Numbers(), {x: Numbers().exactly(3.0)})
     assert found == 6

@@ -1,0 +1,124 @@
+"""A design: what every step of a derivation needs, and what a second control law gives beside the first.
+
+A design is one class, such as `pmjoint_derive.backstepping.Backstepping`, and one row of
+`pmjoint_derive.derivation.DESIGNS`. Plant, reference, actuator and the true plant are the same for all.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import sympy as sp
+
+from pmjoint_derive.equation import Equation, Equations, Identity
+from pmjoint_derive.model import Model, Plant
+from pmjoint_derive.progress import Stage
+from pmjoint_derive.signals import Signals, Units
+
+
+@dataclass(frozen=True)
+class Design(ABC):
+    """A controller for one plant.
+
+    Attributes:
+        plant: the plant with named constants.
+        signals: symbols of the closed loop, with the errors and virtual controls of this design.
+        units: physical units of the signals.
+    """
+
+    plant: Plant
+    signals: Signals
+    units: Units
+
+    @classmethod
+    def signals_for(cls, plant: Plant) -> Signals:
+        """The symbols of this design; one with other errors or virtual controls than (24), (25) says so."""
+        return Signals.of(plant)
+
+    @abstractmethod
+    def filters(self) -> list[Equation]:
+        """Rates of xi, Xi and lambda, and the estimate ``x_hat1``, ``x_hat2``, ...
+
+        They are linear with the matrix ``A0``, which the sampled controller's exact hold presumes (14).
+        """
+
+    @abstractmethod
+    def compensator(self) -> list[Equation]:
+        """``du`` and the rates of r, which are linear with the matrix of (23)."""
+
+    @abstractmethod
+    def law(self, stage: Stage) -> list[Equation]:
+        """Errors, virtual controls, their partial derivatives by name, and v, in order of evaluation.
+
+        Args:
+            stage: called with the name of what is derived and the fraction completed.
+        """
+
+    @abstractmethod
+    def error_rates(self) -> list[Equation]:
+        """Rates of the errors under the law, where the design claims any."""
+
+    @staticmethod
+    @abstractmethod
+    def prove(derivation: Derivation) -> tuple[Identity, ...]:
+        """Identities that the design's claims rest on."""
+
+    @staticmethod
+    @abstractmethod
+    def certificate(derivation: Derivation) -> tuple[Equation, ...]:
+        """The Lyapunov function and its rate, for a reader; empty where the design has none."""
+
+
+@dataclass(frozen=True)
+class Derivation:
+    """Everything that is known of one closed loop.
+
+    Attributes:
+        model: what it was derived from.
+        design: plant, symbols and units, and what the law claims.
+        equations: the named equations in an order in which they can be read.
+        own_parameters: parameter that plant and controller share -> the plant's own, in the model's order.
+    """
+
+    model: Model
+    design: Design
+    equations: Equations
+    own_parameters: Mapping[sp.Symbol, sp.Symbol]
+
+    @property
+    def plant(self) -> Plant:
+        """The plant with named constants."""
+        return self.design.plant
+
+    @property
+    def signals(self) -> Signals:
+        """The symbols in the equations."""
+        return self.design.signals
+
+    @property
+    def units(self) -> Units:
+        """Physical units of the signals."""
+        return self.design.units
+
+    @property
+    def gain_values(self) -> dict[sp.Symbol, float]:
+        """The model's value of every gain, in the order of the parameter vector."""
+        values = self.model.gains.by_kind
+        return {
+            symbol: value
+            for kind, symbols in self.signals.gains_by_kind.items()
+            for symbol, value in zip(symbols, values[kind], strict=True)
+        }
+
+    def expanded(self, name: str) -> sp.Expr:
+        """An equation's right-hand side in y, u, states, the reference, epsilon and parameters only.
+
+        Raises:
+            KeyError: when no equation has that name.
+        """
+        s = self.signals
+        return self.equations.expand(
+            self.equations[name].expression, keep=frozenset({s.y, s.u, *s.y_r, *s.epsilon})
+        )
