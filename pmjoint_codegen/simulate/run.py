@@ -309,7 +309,7 @@ def _columns(settings: Settings) -> dict[str, Array]:
 
 def _start(manifest: Manifest, settings: Settings, columns: Mapping[str, Array]) -> Array:
     state = np.zeros(manifest.nX)
-    state[: manifest.nx] = manifest.start.states(settings.x0[np.newaxis], columns)[0]
+    state[: manifest.nx] = manifest.start.states(settings.x0[np.newaxis], columns)
     return state
 
 
