@@ -67,10 +67,12 @@ class CompiledLoop:
         self._read()
 
     def restart(self, x0: Array) -> None:
-        """Begin again at X(0) = x0, shape (nX,), in the memory of the run before: its results are lost."""
+        """Begin again at X(0) = x0, shape (nX,), in the memory of the run before: its results are lost.
+
+        Where the run stands, the next call says.
+        """
         self._records[2].state[:] = x0
         self._begin(self._arguments[0], *self._arguments[-2:])
-        self._records[1].__dict__.update(_START)
 
     def _read(self) -> None:
         """Copy where the run stands from the C struct."""

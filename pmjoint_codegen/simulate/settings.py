@@ -35,6 +35,7 @@ class RunOptions(TypedDict, total=False):
 DEFAULT_TOLERANCE: Final = 1e-10
 TOLERANCES: Final = (1e-14, 1e-3)
 MAX_ROWS: Final = 10_000_000
+_LARGE: Final = 1e300
 DIVERGENCE: Final = 1e4  # in the states' units; following a run that has left costs more than all before it
 
 
@@ -148,7 +149,7 @@ def _vector(values: Iterable[float]) -> Array:
 
 def _check_rows(horizon: float, step: float) -> None:
     wanted = horizon / step + 1  # infinite where the quotient is beyond floating point
-    if wanted > MAX_ROWS + 1 or count_instants(horizon, step) > MAX_ROWS:
+    if wanted > MAX_ROWS - 1 and (wanted > MAX_ROWS + 1 or count_instants(horizon, step) > MAX_ROWS):
         raise UsageError(
             f"asks for {wanted:.9g} rows",
             where="output step",
@@ -205,8 +206,8 @@ def _number(name: str, value: object) -> float:
 
 
 def _positive(name: str, value: object, unit: str) -> float:
-    if type(value) is float and 0.0 < value < math.inf:  # nearly always
-        return value
+    if (type(value) is float or type(value) is int) and 0 < value < _LARGE:  # nearly always
+        return float(value)
     number = _number(name, value)
     if number <= 0:
         raise UsageError(
