@@ -59,7 +59,7 @@ class Problem:
         safety: factor on the step that the last two coefficients allow.
         hold_fraction: of the radius of convergence; up to it a hold is one step of the lower order N of
             ``sample``. Its N-th power is the tolerance.
-        divergence: |X_i| above it ends the run.
+        divergence: |X_i| above it ends the run, at the instant that it passes it where it is searched for.
         max_steps: limit.
         max_switches: limit.
     """
