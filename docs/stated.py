@@ -21,7 +21,7 @@ import xarray as xr
 from pmjoint_codegen.cli.main import run
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.storage import write_text
-from pmjoint_codegen.sweep.reach import border, held
+from pmjoint_codegen.sweep.region import border, held
 
 DOCS = Path(__file__).resolve().parent
 PAGES = ("sweep.md", "tune.md")

@@ -11,6 +11,10 @@ from typing import Any
 import hypothesis
 import pytest
 
+from pmjoint_codegen.compile.compiler import find_compiler
+from pmjoint_codegen.kernels import compiled
+from pmjoint_codegen.manifest import Manifest
+
 ROOT = Path(__file__).resolve().parent.parent
 
 # A loaded machine is no fault of the code. A change is judged on the same examples each time; at the desk,
@@ -38,6 +42,16 @@ def cache(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Iterator[
         patch.setenv("MPLBACKEND", "Agg")
         patch.setenv("MPLCONFIGDIR", str(folder / "matplotlib"))
         yield folder
+
+
+@pytest.fixture(scope="session")
+def compiled_paper(root: Path, cache: Path) -> compiled.CompiledEvaluator:
+    """Return the paper's kernels as C."""
+    folder = root / "generated" / "paper"
+    compiler = find_compiler(os.environ)
+    if compiler is None:
+        pytest.skip("no C compiler")
+    return compiled.load(folder, Manifest.read(folder), compiler, cache)
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -76,7 +76,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class StepRules:
-    """How steps and holds of a batch are held to the right-hand side; see `guard`.
+    """How steps and holds of a batch are checked against the right-hand side; see `guard`.
 
     Attributes:
         lebesgue: factor on the largest defect found at the points of comparison.
@@ -141,8 +141,8 @@ class BatchLibrary:
             trajectories=np.empty((count, rows, size + 2)),
         )
         arrays = {"x0": runs.x0, "p": runs.p, "hold": runs.hold, "times": runs.times}
-        held = {name: self._pointer(array) for name, array in arrays.items()}
-        sweep = self._ffi.new("pmj_sweep *", {name: value for name, value in held.items() if len(value)})
+        inputs = {name: self._pointer(array) for name, array in arrays.items()}
+        sweep = self._ffi.new("pmj_sweep *", {name: value for name, value in inputs.items() if len(value)})
         sweep.runs, sweep.rows = count, rows
         sweep.hold_stride = runs.hold.shape[1] if len(runs.hold) > 1 else 0
         kept = self._set_rules(sweep, runs)
@@ -170,7 +170,7 @@ class BatchLibrary:
         return result
 
     def _set_rules(self, sweep: Any, runs: Runs) -> list[Any]:
-        """Fill in how steps are held to the right-hand side; the pointers live as long as the result."""
+        """Fill in the rules of steps; the pointers live as long as the result."""
         rules = step_rules(self.manifest, runs)
         sweep.rule.lebesgue = rules.lebesgue
         sweep.rule.n_inside, sweep.rule.n_ratios = len(rules.inside), len(rules.ratios)
@@ -213,9 +213,9 @@ def loops_hash() -> str:
 
 
 def _loops() -> list[Path]:
-    own = Path(__file__).parent
-    shared = [own / "c" / name for name in ("polynomial.c", "pmjoint_constants.h", "pmjoint_runtime.h")]
-    return [*sorted((own / "c_batch").glob("*.[ch]")), *shared]
+    here = Path(__file__).parent
+    shared = [here / "c" / name for name in ("polynomial.c", "pmjoint_constants.h", "pmjoint_runtime.h")]
+    return [*sorted((here / "c_batch").glob("*.[ch]")), *shared]
 
 
 @dataclass(frozen=True)

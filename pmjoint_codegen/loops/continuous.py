@@ -45,12 +45,13 @@ def continuous_loop(
     return _Loop(evaluator, problem, progress, memory).advance
 
 
-def _may_exceed(start: float, rise: float, reach: float, peak: float) -> bool:
+def _may_exceed(start: float, rise: float, term_sum: float, peak: float) -> bool:
     """Whether a channel may exceed its peak inside a step.
 
-    The larger end of its straight line, and what its higher terms, bounded by `reach`, can add.
+    The larger end of its straight line, and what the higher of its terms can add, whose magnitudes sum up to
+    `term_sum`.
     """
-    beside = reach * ROUNDED_UP - abs(start) - abs(rise)
+    beside = term_sum * ROUNDED_UP - abs(start) - abs(rise)
     return max(abs(start), abs(start + rise)) + beside > peak
 
 
@@ -67,7 +68,7 @@ class _Loop:
         self.memory = memory
         self.c: Array = np.empty(0)  # coefficients at t
         self.scales: Array = np.empty(0)  # of the channels at t, for relative errors
-        self.reach: Array = np.empty(0)  # what the channels cannot exceed within the step on trial
+        self.term_sums: Array = np.empty(0)  # what the channels cannot exceed within the step on trial
         self.sides: Array = memory.sides
         self.v = problem.n_states  # places of v and e among the channels
         self.e = problem.n_states + 1
@@ -138,7 +139,7 @@ class _Loop:
                 finite = bool(np.all(np.isfinite(self.c)))
                 progress.status = Status.STALLED if finite else Status.NON_FINITE
                 return
-            self.reach = bounds(self.c, h)
+            self.term_sums = bounds(self.c, h)
             index, tau = (-1, h) if undecided else self.first_passage(h)
             if index >= 0 and tau == 0.0:
                 self.pass_at_once(index)
@@ -206,7 +207,7 @@ class _Loop:
                     )
                     found, tau = (found, tau) if when is None else (index, when)
         touching = progress.touching - problem.n_thresholds
-        kink, tau = self.stepper.first_kink(self.c, self.reach, touching, h, tau)
+        kink, tau = self.stepper.first_kink(self.c, self.term_sums, touching, h, tau)
         found = problem.n_thresholds + kink if kink >= 0 else found
         return found, tau
 
@@ -216,7 +217,7 @@ class _Loop:
         low = float(thresholds[mode - 1]) if mode > 0 else -math.inf
         high = float(thresholds[mode]) if mode < len(thresholds) else math.inf
         free = not 0 <= self.progress.touching < len(thresholds)
-        return free and self.stepper.stays(self.c, self.reach, self.v, low, high, h)
+        return free and self.stepper.stays(self.c, self.term_sums, self.v, low, high, h)
 
     def pass_at_once(self, index: int) -> None:
         """A threshold or kink is passed at the very start of a step: the coefficients beyond it."""
@@ -247,7 +248,7 @@ class _Loop:
         for i in range(self.e + 1):
             note_value(float(following[0, i]), t + tau, i, peaks, times)
             line = float(c[0, i]), float(c[1, i]) * tau
-            if i < self.problem.n_searched and _may_exceed(*line, float(self.reach[i]), float(peaks[i])):
+            if i < self.problem.n_searched and _may_exceed(*line, float(self.term_sums[i]), float(peaks[i])):
                 note_extremum(c[:, i].tolist(), t, tau, i, peaks, times)
         if self.problem.notes_rate:
             note_rate(c[:, 0].tolist(), t, tau, self.e + 1, peaks, times)

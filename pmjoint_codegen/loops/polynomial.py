@@ -219,11 +219,11 @@ def first_beyond(c: Array, limit: float, tau: float) -> tuple[bool, float]:
 
 def last_outside(c: Sequence[float], tau: float, band: float) -> float | None:
     """The last time in [0, tau) at which a channel's magnitude falls below `band`, or None."""
-    power, reach = 1.0, 0.0
+    power, bound = 1.0, 0.0
     for coefficient in c:
-        reach += abs(coefficient) * power
+        bound += abs(coefficient) * power
         power *= tau
-    if not reach > band:
+    if not bound > band:
         return None
     roots = [root for side in (-1.0, 1.0) for root in crossings([c[0] + side * band, *c[1:]], tau)]
     return max(roots, default=None)

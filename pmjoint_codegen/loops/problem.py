@@ -57,9 +57,9 @@ class Problem:
         n_hold_ratios: number of discs.
         tolerance: local error, relative to max(1, |value|).
         safety: factor on the step that the last two coefficients allow.
-        hold_reach: part of the radius of convergence up to which a hold is one step of the lower order N of
-            ``sample``: its N-th power is the tolerance.
-        divergence: |X_i| above it ends the run.
+        hold_fraction: of the radius of convergence; up to it a hold is one step of the lower order N of
+            ``sample``. Its N-th power is the tolerance.
+        divergence: |X_i| above it ends the run, at the instant that it passes it where it is searched for.
         max_steps: limit.
         max_switches: limit.
     """
@@ -98,7 +98,7 @@ class Problem:
     n_hold_ratios: int
     tolerance: float
     safety: float
-    hold_reach: float
+    hold_fraction: float
     divergence: float
     max_steps: int
     max_switches: int
@@ -165,20 +165,20 @@ class Memory:
         state: X at t.
         trial: values of the channels at the end of a step on trial.
         slope: their slopes there.
-        reach: sums of the magnitudes of their terms there.
+        term_sums: sums of the magnitudes of their terms there.
         scales: of the channels at the start of a step, for relative errors.
         majorants: how far the channels can go on a disc.
         rest: nonlinear parts on it, and defects.
         rates: values inside a step.
         g: the mode, then sides, continuous loop.
         w: what the actuator delivers, then sides, sampled loop.
-        window: shape (2 + 2 nx,), of which the guard is known: t and its reach, x and its reach; sampled
+        window: shape (2 + 2 nx,), of which the guard is known: t and its radius, x and its radii; sampled
         loop.
         sides: on which side of each kink the run is, +1 or -1.
         sample: X at the last sample, sampled loop.
         rows: shape (n_rows, nX), X at the output instants; the first row comes filled in.
-        held: shape (n_rows, nX), X at the last sample before each output instant, sampled loop.
-        held_times: shape (n_rows,), the instants of `held`, s.
+        row_samples: shape (n_rows, nX), X at the last sample before each output instant, sampled loop.
+        row_sample_times: shape (n_rows,), the instants of `row_samples`, s.
         peaks: shape (nX + 3,), largest |X_i|, |v|, |e| and, where it is asked for, |dy/dt| so far.
         peak_times: of the same shape, their instants, s.
         switch_times: s.
@@ -189,7 +189,7 @@ class Memory:
     state: Array
     trial: Array
     slope: Array
-    reach: Array
+    term_sums: Array
     scales: Array
     majorants: Array
     rest: Array
@@ -200,8 +200,8 @@ class Memory:
     sides: Array
     sample: Array
     rows: Array
-    held: Array
-    held_times: Array
+    row_samples: Array
+    row_sample_times: Array
     peaks: Array
     peak_times: Array
     switch_times: Array
@@ -216,13 +216,13 @@ def make_memory(problem: Problem, x0: Array) -> Memory:
         x0: X(0), shape (nX,).
     """
     n, rows = problem.n_states, problem.n_rows
-    held_rows, padded = rows if problem.sample_time else 0, problem.n_channels + PADDING
+    sampled_rows, padded = rows if problem.sample_time else 0, problem.n_channels + PADDING
     memory = Memory(
         coefficients=np.zeros(2 * ((problem.order + 1) * problem.n_channels + PADDING)),
         state=x0.copy(),
         trial=np.zeros(padded),
         slope=np.zeros(padded),
-        reach=np.zeros(padded),
+        term_sums=np.zeros(padded),
         scales=np.zeros(padded),
         majorants=np.zeros(padded),
         rest=np.zeros(padded),
@@ -233,13 +233,13 @@ def make_memory(problem: Problem, x0: Array) -> Memory:
         sides=np.ones(problem.n_kinks),
         sample=x0.copy(),
         rows=np.empty((rows, n)),
-        held=np.empty((held_rows, n)),
-        held_times=np.zeros(held_rows),
+        row_samples=np.empty((sampled_rows, n)),
+        row_sample_times=np.zeros(sampled_rows),
         peaks=np.zeros(n + 3),
         peak_times=np.zeros(n + 3),
         switch_times=np.empty(problem.max_switches),
         switch_modes=np.empty(problem.max_switches, dtype=np.int64),
     )
     memory.rows[0] = x0
-    memory.held[:1] = x0
+    memory.row_samples[:1] = x0
     return memory

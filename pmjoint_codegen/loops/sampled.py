@@ -28,7 +28,7 @@ from pmjoint_codegen.loops.problem import Memory, Problem, Progress
 from pmjoint_codegen.loops.quadrature import short_steps
 from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.loops.stepper import Stepper
-from pmjoint_codegen.loops.steps import bounds, scales, shrink
+from pmjoint_codegen.loops.steps import bounds, scales, shrink, spread
 
 
 def sampled_loop(
@@ -141,8 +141,8 @@ class _Loop:
         """The next output row, as at the last sample; the caller fills in the plant's states in between."""
         row = self.progress.row
         self.memory.rows[row] = self.memory.sample
-        self.memory.held[row] = self.memory.sample
-        self.memory.held_times[row] = t_sample
+        self.memory.row_samples[row] = self.memory.sample
+        self.memory.row_sample_times[row] = t_sample
         self.progress.row += 1
         result: Array = self.memory.rows[row]
         return result
@@ -170,7 +170,7 @@ class _Loop:
 
     def within(self, c: Array, length: float) -> bool:
         """Whether a hold is one step: the last term is below the tolerance, the one before in proportion."""
-        ratio = length / self.problem.hold_reach
+        ratio = length / self.problem.hold_fraction
         power = ratio
         for _ in range(2, len(c) - 1):
             power = power * ratio
@@ -197,8 +197,8 @@ class _Loop:
         if self.windows:
             window[:2] = t + R, 2.0 * R
             window[2 : 2 + n], window[2 + n :] = x[0], WINDOW * spread(x, R)
-            held = float(window[0]), window[2 : 2 + n].copy(), float(window[1]), window[2 + n :].copy()
-            if 2.0 * self.hold_miss(w, *held, problem.sample_time, 0) <= 1.0:
+            around = float(window[0]), window[2 : 2 + n].copy(), float(window[1]), window[2 + n :].copy()
+            if 2.0 * self.hold_miss(w, *around, problem.sample_time, 0) <= 1.0:
                 return True
         window[1] = -1.0  # none
         for disc, ratio in enumerate(problem.hold_ratios.tolist()):
@@ -373,14 +373,6 @@ class _Loop:
     def beyond(self) -> bool:
         """Whether any state has passed the limit of divergence."""
         return bool(np.any(np.abs(self.memory.sample) > self.problem.divergence))
-
-
-def spread(c: Array, R: float) -> Array:
-    """How far channels can go from their start where time goes anywhere in a disc of radius R."""
-    total = np.abs(c[-1])
-    for row in c[-2:0:-1]:
-        total = total * R + np.abs(row)
-    return np.asarray(total * R)
 
 
 def integral(c: list[float], size: float) -> float:

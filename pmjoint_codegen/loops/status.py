@@ -72,8 +72,8 @@ def holds(
 ) -> npt.NDArray[np.bool_]:
     """Whether a run reached the horizon, and not with a lost joint's input and error there.
 
-    A lost joint's input is at its limit to the end, and its error is largest there. A run that is held may
-    still be far from its reference: its settling time then is the horizon.
+    A lost joint's input is at its limit to the end, and its error is largest there. A run that
+    holds the joint may still be far from its reference: its settling time is then the horizon.
     """
     bounded = (np.abs(final_e) < GROWING * max_abs_e) | (final_saturated == 0)
     return np.asarray((status == int(Status.DONE)) & bounded)

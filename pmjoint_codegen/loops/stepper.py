@@ -84,7 +84,9 @@ class Stepper:
         found = self.rates(np.array([t + at]), np.ascontiguousarray(values[:n]), actuation, self.problem.p)
         return self.largest(np.concatenate([slopes[:n], values[n:]]) - np.concatenate(found), tau, scales)
 
-    def first_kink(self, c: Array, reach: Array, touching: int, h: float, tau: float) -> tuple[int, float]:
+    def first_kink(
+        self, c: Array, term_sums: Array, touching: int, h: float, tau: float
+    ) -> tuple[int, float]:
         """The kink that is passed first within h and before tau, or -1; the time until then, or tau.
 
         On kink `touching` the run stands at the start.
@@ -93,7 +95,7 @@ class Stepper:
         for j, side in enumerate(self.memory.sides.tolist()):
             low, high = (0.0, math.inf) if side > 0.0 else (-math.inf, 0.0)
             on = ON_KINK if touching == j else 0
-            if touching == j or not self.stays(c, reach, first + j, low, high, h):
+            if touching == j or not self.stays(c, term_sums, first + j, low, high, h):
                 when = passes(c[:, first + j].tolist(), 0.0, on, -1 if side > 0.0 else 1, tau)
                 found, tau = (found, tau) if when is None else (j, when)
         return found, tau
@@ -114,14 +116,14 @@ class Stepper:
         when = last_outside(c, tau, progress.band)
         progress.settled = progress.settled if when is None else progress.t + when
 
-    def stays(self, c: Array, reach: Array, channel: int, low: float, high: float, h: float) -> bool:
+    def stays(self, c: Array, term_sums: Array, channel: int, low: float, high: float, h: float) -> bool:
         """Whether a channel certainly keeps between two values up to h.
 
-        `reach` bounds its terms: a straight line, and no more beside it than the higher terms can add.
+        `term_sums` bounds its terms: a straight line, and no more beside it than the higher terms can add.
         """
         start = float(c[0, channel])
         rise = float(c[1, channel]) * h
-        beside = float(reach[channel]) * ROUNDED_UP - abs(start) - abs(rise)
+        beside = float(term_sums[channel]) * ROUNDED_UP - abs(start) - abs(rise)
         least = start + (rise if rise < 0.0 else 0.0) - beside
         most = start + (rise if rise > 0.0 else 0.0) + beside
         return least > low and most < high

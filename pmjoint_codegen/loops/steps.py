@@ -47,6 +47,14 @@ def bounds(c: Array, tau: float) -> Array:
     return values(np.abs(c), tau)
 
 
+def spread(c: Array, R: float) -> Array:
+    """How far channels can go from their start where time goes anywhere in a disc of radius R."""
+    total = np.abs(c[-1])
+    for row in c[-2:0:-1]:
+        total = total * R + np.abs(row)
+    return np.asarray(total * R)
+
+
 def _top(c: Array) -> int:
     """The highest even order."""
     order = len(c) - 1

@@ -268,7 +268,7 @@ def make_problem(evaluator: Evaluator, settings: Settings, actuator: Actuator) -
         n_hold_ratios=len(HOLD_RATIOS),
         tolerance=settings.tolerance,
         safety=_safety(order),
-        hold_reach=_hold_reach(hold_order, settings.tolerance) if sampled else 0.0,
+        hold_fraction=_hold_fraction(hold_order, settings.tolerance) if sampled else 0.0,
         divergence=settings.divergence,
         max_steps=settings.max_steps,
         max_switches=settings.max_switches,
@@ -280,8 +280,8 @@ def _safety(order: int) -> float:
     return math.exp(-0.7 / (order - 1))
 
 
-def _hold_reach(order: int, tolerance: float) -> float:
-    """See `Problem.hold_reach`: terms fall to the tolerance at the last order, what follows lies below it."""
+def _hold_fraction(order: int, tolerance: float) -> float:
+    """`Problem.hold_fraction`: terms fall to the tolerance at the last order, what follows lies below it."""
     return _safety(order) * math.pow(tolerance, 1.0 / order)
 
 
@@ -336,7 +336,7 @@ def _signals(evaluator: Evaluator, problem: Problem, states: Array, memory: Memo
         return evaluator.call("signals", times, states, problem.p)[0]
     # Held as of the last sample, but for what the plant and the reference do meanwhile.
     (signals,) = evaluator.call(
-        "signals", memory.held_times[:rows, np.newaxis], memory.held[:rows], problem.p
+        "signals", memory.row_sample_times[:rows, np.newaxis], memory.row_samples[:rows], problem.p
     )
     y, y_r, e = (_index(evaluator.manifest, name) for name in INSTANTANEOUS)
     signals[:, y] = states[:, 0]

@@ -24,7 +24,7 @@ from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.style import BLUE, RUST, png, styled, wrapped
 from pmjoint_codegen.sweep.metrics import INVALID
 from pmjoint_codegen.sweep.plan import DRAW
-from pmjoint_codegen.sweep.reach import Border, border, held, held_share
+from pmjoint_codegen.sweep.region import Border, border, held, held_share
 from pmjoint_codegen.values import COMPENSATOR, OWN_SUFFIX, of_plant
 
 if TYPE_CHECKING:

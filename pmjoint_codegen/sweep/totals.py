@@ -14,7 +14,7 @@ from pmjoint_codegen.loops.metrics import REPORTED
 from pmjoint_codegen.loops.status import holds
 from pmjoint_codegen.sweep.blocks import blocks
 from pmjoint_codegen.sweep.metrics import status_meanings
-from pmjoint_codegen.sweep.reach import ENDS
+from pmjoint_codegen.sweep.region import ENDS
 from pmjoint_codegen.sweep.validity import Mask
 
 if TYPE_CHECKING:

@@ -227,15 +227,6 @@ def polynomial_manifest() -> Manifest:
 
 
 @pytest.fixture(scope="session")
-def compiled_paper(root: Path, cache: Path) -> compiled.CompiledEvaluator:
-    folder = root / "generated" / "paper"
-    compiler = find_compiler(os.environ)
-    if compiler is None:
-        pytest.skip("no C compiler")
-    return compiled.load(folder, Manifest.read(folder), compiler, cache)
-
-
-@pytest.fixture(scope="session")
 def interpreted_paper(root: Path) -> interpreted.InterpretedEvaluator:
     pytest.importorskip("casadi")
     folder = root / "generated" / "paper"

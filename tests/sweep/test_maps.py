@@ -13,7 +13,7 @@ import pytest
 from pmjoint_codegen.loops.status import holds
 from pmjoint_codegen.sweep.executor import execute
 from pmjoint_codegen.sweep.plan import make_plan
-from pmjoint_codegen.sweep.reach import Border, border, held
+from pmjoint_codegen.sweep.region import Border, border, held
 from pmjoint_codegen.sweep.request import make_request
 from pmjoint_codegen.sweep.store import DERIVED_FILES, Store
 

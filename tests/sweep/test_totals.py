@@ -11,7 +11,7 @@ import pytest
 
 from pmjoint_codegen.sweep.metrics import status_meanings
 from pmjoint_codegen.sweep.plan import make_plan
-from pmjoint_codegen.sweep.reach import held, held_share
+from pmjoint_codegen.sweep.region import held, held_share
 from pmjoint_codegen.sweep.request import make_request
 
 from .conftest import Case, sweep

@@ -3,13 +3,6 @@
 #include <float.h>
 #include <math.h>
 
-/* The kernels of a run. */
-typedef struct {
-    const pmj_function *taylor;
-    const pmj_function *guard;
-    const pmj_function *rates;
-} kernels;
-
 static double *coefficients(const pmj_problem *problem, const pmj_memory *memory, long long buffer)
 {
     return memory->coefficients + buffer * ((problem->order + 1) * problem->n_channels + PMJ_PADDING);
@@ -39,16 +32,6 @@ static int expand(const pmj_problem *problem, const pmj_function *taylor, pmj_pr
     taylor->res[0] = coefficients(problem, memory, buffer);
     progress->evaluations += 1;
     return pmj_apply(taylor);
-}
-
-/* Mode of a value of v: how many thresholds lie below it. */
-static long long mode_of(const pmj_problem *problem, double v)
-{
-    long long mode = 0;
-    while (mode < problem->n_thresholds && v > problem->thresholds[mode]) {
-        ++mode;
-    }
-    return mode;
 }
 
 static void write_rows(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory,
@@ -155,17 +138,6 @@ static void note_switch(const pmj_problem *problem, pmj_progress *progress, cons
     }
 }
 
-/* Whether any state is beyond the limit of divergence. */
-static int beyond(const pmj_problem *problem, const double *X)
-{
-    for (long long i = 0; i < problem->n_states; ++i) {
-        if (fabs(X[i]) > problem->divergence) {
-            return 1;
-        }
-    }
-    return 0;
-}
-
 /* First call: the sides and the mode at t = 0, and the coefficients there. */
 static void start(const pmj_problem *problem, const pmj_function *taylor, pmj_progress *progress,
                   const pmj_memory *memory)
@@ -184,7 +156,7 @@ static void start(const pmj_problem *problem, const pmj_function *taylor, pmj_pr
             memory->sides[j] = c[n + 2 + j] < 0.0 ? -1.0 : 1.0;
         }
     }
-    progress->mode = mode_of(problem, c[n]);
+    progress->mode = pmj_mode_at(problem, c[n]);
     progress->first_mode = progress->mode;
     failed |= expand(problem, taylor, progress, memory, 0.0, memory->state, progress->mode, 0);
     if (failed) {
@@ -192,7 +164,7 @@ static void start(const pmj_problem *problem, const pmj_function *taylor, pmj_pr
     } else if (!pmj_all_finite(c, 2 * problem->n_channels)) {
         progress->status = PMJ_NON_FINITE;
     }
-    if (progress->status == PMJ_RUNNING && beyond(problem, memory->state)) {
+    if (progress->status == PMJ_RUNNING && pmj_beyond(problem, memory->state)) {
         progress->status = PMJ_DIVERGED;
     }
     progress->band = problem->settled * fabs(c[n + 1]);
@@ -222,12 +194,12 @@ static void cross(const pmj_problem *problem, pmj_progress *progress, const pmj_
     note_switch(problem, progress, memory, t, progress->mode);
 }
 
-/* Whether a channel may exceed its peak inside a step: the larger end of its straight line, and what its higher
- * terms, bounded by `reach`, can add. */
-static int may_exceed(double start, double rise, double reach, double peak)
+/* Whether a channel may exceed its peak inside a step: the larger end of its straight line, and what the higher of its
+ * terms can add, whose magnitudes sum up to `term_sum`. */
+static int may_exceed(double start, double rise, double term_sum, double peak)
 {
     const double end = fabs(start + rise);
-    const double beside = reach * PMJ_ROUNDED_UP - fabs(start) - fabs(rise);
+    const double beside = term_sum * PMJ_ROUNDED_UP - fabs(start) - fabs(rise);
     return (fabs(start) > end ? fabs(start) : end) + beside > peak;
 }
 
@@ -242,7 +214,7 @@ static void note_peaks(const pmj_problem *problem, const pmj_progress *progress,
             memory->peaks[i] = fabs(next[i]);
             memory->peak_times[i] = t + tau;
         }
-        if (i < problem->n_searched && may_exceed(c[i], c[width + i] * tau, memory->reach[i], memory->peaks[i])) {
+        if (i < problem->n_searched && may_exceed(c[i], c[width + i] * tau, memory->term_sums[i], memory->peaks[i])) {
             pmj_note_extremum(c + i, width, problem->order, t, tau, memory->peaks + i, memory->peak_times + i);
         }
     }
@@ -257,7 +229,7 @@ static int first_beyond(const pmj_problem *problem, const pmj_memory *memory, co
 {
     int found = 0;
     for (long long i = 0; i < problem->n_states && i < problem->n_searched; ++i) {
-        if (memory->reach[i] * PMJ_ROUNDED_UP > problem->divergence) {
+        if (memory->term_sums[i] * PMJ_ROUNDED_UP > problem->divergence) {
             found |= pmj_exceeds(c + i, problem->n_channels, problem->order, problem->divergence, tau);
         }
     }
@@ -277,7 +249,7 @@ static void accept(const pmj_problem *problem, pmj_progress *progress, const pmj
     for (long long i = 0; i < problem->n_states; ++i) {
         memory->state[i] = memory->trial[i];
     }
-    if (beyond(problem, memory->state)) {
+    if (pmj_beyond(problem, memory->state)) {
         progress->status = PMJ_DIVERGED;
     }
     progress->idle = end > progress->t ? 0 : progress->idle + 1;
@@ -288,7 +260,7 @@ static void accept(const pmj_problem *problem, pmj_progress *progress, const pmj
 }
 
 /* A threshold or kink is passed at the very start of a step: the coefficients beyond it. */
-static void pass_at_once(const pmj_problem *problem, const kernels *run, pmj_progress *progress,
+static void pass_at_once(const pmj_problem *problem, const pmj_kernels *run, pmj_progress *progress,
                          const pmj_memory *memory, long long index)
 {
     cross(problem, progress, memory, index, progress->t);
@@ -311,7 +283,7 @@ static double first_step(const pmj_problem *problem, const pmj_progress *progres
 }
 
 /* One step, to the first threshold or kink; cut until the guard and the points of comparison agree to it. */
-static void step(const pmj_problem *problem, const kernels *run, pmj_progress *progress, const pmj_memory *memory)
+static void step(const pmj_problem *problem, const pmj_kernels *run, pmj_progress *progress, const pmj_memory *memory)
 {
     const long long n = problem->n_states;
     const long long width = problem->n_channels;
@@ -333,7 +305,7 @@ static void step(const pmj_problem *problem, const kernels *run, pmj_progress *p
             return;
         }
         double tau = h;
-        pmj_bounds(c, width, problem->order, tau, problem->n_searched > 0 ? 0 : n, memory->reach);
+        pmj_bounds(c, width, problem->order, tau, problem->n_searched > 0 ? 0 : n, memory->term_sums);
         long long index = undecided ? -1 : first_passage(problem, progress, memory, c, h, &tau);
         if (index >= 0 && tau == 0.0) {
             pass_at_once(problem, run, progress, memory, index);
@@ -386,7 +358,7 @@ void pmj_begin(const pmj_problem *problem, pmj_progress *progress, pmj_memory *m
         memory->rows[i] = memory->state[i];
         memory->sample[i] = memory->state[i];
         if (problem->sample_time > 0.0) {
-            memory->held[i] = memory->state[i];
+            memory->row_samples[i] = memory->state[i];
         }
     }
     for (long long i = 0; i < problem->n_states + 3; ++i) {
@@ -400,7 +372,7 @@ void pmj_begin(const pmj_problem *problem, pmj_progress *progress, pmj_memory *m
 void pmj_continuous(const pmj_problem *problem, const pmj_function *taylor, const pmj_function *guard,
                     const pmj_function *rates, pmj_progress *progress, pmj_memory *memory, long long budget)
 {
-    const kernels run = {taylor, guard, rates};
+    const pmj_kernels run = {taylor, guard, rates};
     if (progress->evaluations == 0) {
         start(problem, taylor, progress, memory);
     }

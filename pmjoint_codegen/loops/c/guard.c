@@ -15,6 +15,27 @@ int pmj_all_finite(const double *values, long long n)
     return 1;
 }
 
+/* Mode of a value of v: how many thresholds lie below it. */
+long long pmj_mode_at(const pmj_problem *problem, double v)
+{
+    long long mode = 0;
+    while (mode < problem->n_thresholds && v > problem->thresholds[mode]) {
+        ++mode;
+    }
+    return mode;
+}
+
+/* Whether any state is beyond the limit of divergence. */
+int pmj_beyond(const pmj_problem *problem, const double *X)
+{
+    for (long long i = 0; i < problem->n_states; ++i) {
+        if (fabs(X[i]) > problem->divergence) {
+            return 1;
+        }
+    }
+    return 0;
+}
+
 /* The largest of `values`, each relative to its channel's scale; of rates, over a step of size h. Infinite where one is
  * no number. High gains leave more rounding in v than its present value tells, so that its scale is its peak so far. */
 double pmj_largest(const pmj_problem *problem, const pmj_memory *memory, const double *values, double h)
@@ -102,14 +123,14 @@ double pmj_defect(const pmj_problem *problem, const pmj_function *rates, double 
     return pmj_largest(problem, memory, memory->rest, tau);
 }
 
-/* Whether a channel certainly keeps between two values up to h, where `memory->reach` bounds its terms: a straight line,
+/* Whether a channel certainly keeps between two values up to h, where `memory->term_sums` bounds its terms: a straight line,
  * and no more beside it than the higher terms can add. */
 int pmj_stays(const pmj_problem *problem, const pmj_memory *memory, const double *c, long long channel, double low,
               double high, double h)
 {
     const double start = c[channel];
     const double rise = c[problem->n_channels + channel] * h;
-    const double beside = memory->reach[channel] * PMJ_ROUNDED_UP - fabs(start) - fabs(rise);
+    const double beside = memory->term_sums[channel] * PMJ_ROUNDED_UP - fabs(start) - fabs(rise);
     const double least = start + (rise < 0.0 ? rise : 0.0) - beside;
     const double most = start + (rise > 0.0 ? rise : 0.0) + beside;
     return least > low && most < high;

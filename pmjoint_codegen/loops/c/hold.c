@@ -22,8 +22,8 @@ double *pmj_next_row(pmj_progress *progress, const pmj_memory *memory, double t_
 {
     double *row = memory->rows + progress->row * PMJ_NS;
     memcpy(row, memory->sample, PMJ_NS * sizeof *row);
-    memcpy(memory->held + progress->row * PMJ_NS, memory->sample, PMJ_NS * sizeof *row);
-    memory->held_times[progress->row] = t_sample;
+    memcpy(memory->row_samples + progress->row * PMJ_NS, memory->sample, PMJ_NS * sizeof *row);
+    memory->row_sample_times[progress->row] = t_sample;
     progress->row += 1;
     return row;
 }
@@ -124,7 +124,7 @@ static void flip(const pmj_problem *problem, pmj_progress *progress, const pmj_m
 }
 
 /* How much of what is allowed a step of a long hold misses; above 1 it is too long, -1 where a kernel fails. */
-static double missed(const pmj_problem *problem, const kernels *plant, const pmj_progress *progress,
+static double missed(const pmj_problem *problem, const pmj_kernels *plant, const pmj_progress *progress,
                      const pmj_memory *memory, double tau)
 {
     double most = 0.0;
@@ -141,7 +141,7 @@ static double missed(const pmj_problem *problem, const kernels *plant, const pmj
 
 /* The step of a long hold from the coefficients in memory, up to `left`, to the first kink; 0 at a kink that is passed at
  * once or where the run ends. */
-static double long_step(const pmj_problem *problem, const kernels *plant, pmj_progress *progress,
+static double long_step(const pmj_problem *problem, const pmj_kernels *plant, pmj_progress *progress,
                         const pmj_memory *memory, double left, double smallest, long long *kink)
 {
     const double *c = memory->coefficients;
@@ -159,7 +159,7 @@ static double long_step(const pmj_problem *problem, const kernels *plant, pmj_pr
             return 0.0;
         }
         double tau = h;
-        pmj_bounds(c, CHANNELS, problem->order, h, 0, memory->reach);
+        pmj_bounds(c, CHANNELS, problem->order, h, 0, memory->term_sums);
         *kink = pmj_first_kink(problem, memory, c, progress->touching, h, &tau);
         if (*kink >= 0 && tau == 0.0) {
             return 0.0;
@@ -179,7 +179,7 @@ static double long_step(const pmj_problem *problem, const kernels *plant, pmj_pr
 }
 
 /* Integrate the plant under constant w to `end` in as many steps as it takes. */
-static void long_hold(const pmj_problem *problem, const kernels *plant, pmj_progress *progress,
+static void long_hold(const pmj_problem *problem, const pmj_kernels *plant, pmj_progress *progress,
                       const pmj_memory *memory, double end, double rows_until)
 {
     const double t_sample = progress->t;
@@ -227,7 +227,7 @@ static void long_hold(const pmj_problem *problem, const kernels *plant, pmj_prog
 }
 
 /* The guard on discs of radius R in time and `spreads` of each x; how much of what is allowed a hold of a length misses. */
-static double hold_miss(const pmj_problem *problem, const kernels *plant, const pmj_memory *memory, double t,
+static double hold_miss(const pmj_problem *problem, const pmj_kernels *plant, const pmj_memory *memory, double t,
                         const double *x, double R, const double *spreads, double length, long long disc)
 {
     double most = 0.0;
@@ -253,7 +253,7 @@ static double hold_miss(const pmj_problem *problem, const kernels *plant, const 
 
 /* Whether the guard shows a hold to be one step of the sample's own coefficients. A window of what it has looked at once
  * serves many holds; what varies inside it does so by twice its nonlinear part at most. */
-static int shown(const pmj_problem *problem, const kernels *plant, const pmj_progress *progress,
+static int shown(const pmj_problem *problem, const pmj_kernels *plant, const pmj_progress *progress,
                  const pmj_memory *memory, double length)
 {
     const double *c = memory->coefficients;
@@ -297,7 +297,7 @@ static void take_sides(const pmj_problem *problem, const pmj_memory *memory)
 }
 
 /* Integrate the plant under constant w for the time `length`, to `end`; the sample's coefficients stand in memory. */
-void pmj_hold(const pmj_problem *problem, const kernels *plant, pmj_progress *progress, const pmj_memory *memory,
+void pmj_hold(const pmj_problem *problem, const pmj_kernels *plant, pmj_progress *progress, const pmj_memory *memory,
               double length, double end, double rows_until)
 {
     take_sides(problem, memory);

@@ -34,7 +34,7 @@ typedef struct {
 
 static inline bounds bounds_of(const pmj_problem *problem, double length)
 {
-    const double ratio = length / problem->hold_reach;
+    const double ratio = length / problem->hold_fraction;
     double power = ratio;
     for (int k = 2; k < ORDER; ++k) {
         power = power * ratio;
@@ -67,8 +67,8 @@ static inline double value(const double *c, int channel, double tau)
     return sum;
 }
 
-/* What its magnitude cannot exceed on [0, tau]: rounding is monotonous, so `value` does not exceed it either. */
-static inline double reach(const double *c, int channel, double tau)
+/* Sum of the magnitudes of its terms, which no magnitude on [0, tau] exceeds: rounding is monotonous, so `value` does not exceed it either. */
+static inline double term_sum(const double *c, int channel, double tau)
 {
     double sum = fabs(c[ORDER * CHANNELS + channel]);
     UNROLLED
@@ -137,18 +137,11 @@ static inline double integral(const double *c, double size)
     return size * sum;
 }
 
-/* The kernels of the plant. */
-typedef struct {
-    const pmj_function *taylor;
-    const pmj_function *guard;
-    const pmj_function *rates;
-} kernels;
-
 /* hold.c: the next output row, as at the sample at time t_sample, into which the plant's states go */
 double *pmj_next_row(pmj_progress *progress, const pmj_memory *memory, double t_sample);
 
 /* Integrate the plant under constant w for the time `length`, to `end`; the sample's coefficients stand in memory. */
-void pmj_hold(const pmj_problem *problem, const kernels *plant, pmj_progress *progress, const pmj_memory *memory,
+void pmj_hold(const pmj_problem *problem, const pmj_kernels *plant, pmj_progress *progress, const pmj_memory *memory,
               double length, double end, double rows_until);
 
 #endif

@@ -24,6 +24,13 @@ typedef struct {
     double *w;
 } pmj_function;
 
+/* The kernels that a run takes its steps by. */
+typedef struct {
+    const pmj_function *taylor;
+    const pmj_function *guard;
+    const pmj_function *rates;
+} pmj_kernels;
+
 /* What does not change during a run. Arrays are row-major; sizes in brackets. */
 typedef struct {
     long long n_plant;        /* nx: plant states x, first in X */
@@ -60,7 +67,7 @@ typedef struct {
     long long n_hold_ratios;
     double tolerance;         /* local error, relative to max(1, |value|) */
     double safety;            /* factor on the step that the last two coefficients allow */
-    double hold_reach;        /* sampled: part of the radius of convergence up to which a hold is one step */
+    double hold_fraction;     /* sampled: part of the radius of convergence up to which a hold is one step */
     double divergence;        /* |X_i| above it ends the run */
     long long max_steps;
     long long max_switches;
@@ -95,19 +102,19 @@ typedef struct {
     double *state;            /* [nX]: X at t */
     double *trial;            /* [channels + 3]: values at the end of a step on trial, padded */
     double *slope;            /* [channels + 3]: slopes there, padded */
-    double *reach;            /* [channels + 3]: sums of the magnitudes of their terms there, padded */
+    double *term_sums;        /* [channels + 3]: sums of the magnitudes of their terms there, padded */
     double *scales;           /* [channels + 3]: 1/max(1, |c_0|) at the step's start, to a power of two, padded */
     double *majorants;        /* [channels + 3]: how far channels can go on a disc, padded */
     double *rest;             /* [channels]: what the guard gives */
     double *rates;            /* [channels + 3]: values inside a step, padded */
     double *g;                /* continuous: [2 nw + nk]: the mode, then sides */
     double *w;                /* sampled: [nw + nk]: w, then sides */
-    double *window;           /* sampled: [2 + 2 nx]: t and its reach, x and its reach, of which the guard is known */
+    double *window;           /* sampled: [2 + 2 nx]: t and its radius, x and its radii, of which the guard is known */
     double *sides;            /* [nk]: on which side of each kink the run is, +1 or -1 */
     double *sample;           /* sampled: [nX], X at the last sample */
     double *rows;             /* [n_rows][nX]; the first row comes filled in */
-    double *held;             /* sampled: [n_rows][nX], X at the last sample */
-    double *held_times;       /* sampled: [n_rows] */
+    double *row_samples;      /* sampled: [n_rows][nX], X at the last sample before each row */
+    double *row_sample_times; /* sampled: [n_rows] */
     double *peaks;            /* [nX + 3]: largest |X_i|, |v|, |e| and, where it is asked for, |dy/dt| so far */
     double *peak_times;       /* the same */
     double *switch_times;     /* [max_switches] */
@@ -133,7 +140,7 @@ double pmj_last_outside(const double *c, long long width, long long order, doubl
 
 /* steps.c: results have room for whole blocks of four channels, but `out`, which takes n */
 void pmj_arrive(const double *c, long long width, long long order, double tau, double *values, double *slopes);
-void pmj_bounds(const double *c, long long width, long long order, double tau, long long from, double *reach);
+void pmj_bounds(const double *c, long long width, long long order, double tau, long long from, double *term_sums);
 void pmj_values(const double *c, long long width, long long order, double tau, double *out, long long n);
 void pmj_channel(const double *c, long long width, long long order, const double *tau, double *out, long long n);
 void pmj_scales(const double *c, long long width, double *scales);
@@ -152,6 +159,8 @@ void pmj_sampled(const pmj_problem *problem, const pmj_function *taylor, const p
 
 /* guard.c */
 int pmj_all_finite(const double *values, long long n);
+long long pmj_mode_at(const pmj_problem *problem, double v);
+int pmj_beyond(const pmj_problem *problem, const double *X);
 double pmj_largest(const pmj_problem *problem, const pmj_memory *memory, const double *values, double h);
 double pmj_guarded(const pmj_problem *problem, const pmj_function *guard, pmj_progress *progress,
                    const pmj_memory *memory, const double *actuation, const double *c, double h, double smallest);

@@ -347,12 +347,12 @@ double pmj_last_outside(const double *c, long long width, long long order, doubl
     double when[PMJ_MAX_ORDER];
     double last = -1.0;
     double power = 1.0;
-    double reach = 0.0;
+    double bound = 0.0;
     for (long long k = 0; k <= order; ++k) {
-        reach += fabs(c[k * width]) * power;
+        bound += fabs(c[k * width]) * power;
         power *= tau;
     }
-    if (!(reach > band)) {
+    if (!(bound > band)) {
         return -1.0;
     }
     for (int side = -1; side <= 1; side += 2) {

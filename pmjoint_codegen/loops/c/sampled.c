@@ -6,7 +6,7 @@
 #include <math.h>
 #include <string.h>
 
-#define OWN (PMJ_NS - PMJ_NX) /* the controller's states */
+#define N_CONTROLLER (PMJ_NS - PMJ_NX) /* the controller's states */
 
 /* A compiler that is not told puts the rare path into the frequent one, and its registers in memory. */
 #if defined(__GNUC__)
@@ -21,10 +21,7 @@
 static void note_mode(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory, double t,
                       double v)
 {
-    long long mode = 0;
-    while (mode < problem->n_thresholds && v > problem->thresholds[mode]) {
-        ++mode;
-    }
+    const long long mode = pmj_mode_at(problem, v);
     if (progress->sample == 0) {
         progress->first_mode = mode;
     } else if (mode != progress->mode && progress->switches < problem->max_switches) {
@@ -37,22 +34,11 @@ static void note_mode(const pmj_problem *problem, pmj_progress *progress, const 
     progress->mode = mode;
 }
 
-/* Whether any state has passed the limit of divergence. */
-static int beyond(const pmj_problem *problem, const double *X)
-{
-    for (int i = 0; i < PMJ_NS; ++i) {
-        if (fabs(X[i]) > problem->divergence) {
-            return 1;
-        }
-    }
-    return 0;
-}
-
 /* The state at the next sample, and its peaks; or the status that forbids going on. */
 static void settle(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory, const double *next)
 {
     memcpy(memory->sample, memory->state, PMJ_NX * sizeof(double));
-    memcpy(memory->sample + PMJ_NX, next, OWN * sizeof(double));
+    memcpy(memory->sample + PMJ_NX, next, N_CONTROLLER * sizeof(double));
     if (!pmj_all_finite(memory->sample, PMJ_NS)) {
         progress->status = PMJ_NON_FINITE;
         return;
@@ -60,13 +46,13 @@ static void settle(const pmj_problem *problem, pmj_progress *progress, const pmj
     for (int i = 0; i < PMJ_NS; ++i) {
         pmj_note_value(memory->sample[i], progress->t, memory->peaks + i, memory->peak_times + i);
     }
-    if (beyond(problem, memory->sample)) {
+    if (pmj_beyond(problem, memory->sample)) {
         progress->status = PMJ_DIVERGED;
     }
 }
 
 /* Everything that may happen at a sample and in its hold: the coefficients, X and w stand in memory. */
-static RARE void whole_sample(const pmj_problem *problem, const kernels *plant, pmj_progress *progress, const pmj_memory *memory,
+static RARE void whole_sample(const pmj_problem *problem, const pmj_kernels *plant, pmj_progress *progress, const pmj_memory *memory,
                               double t, double v, const double *next)
 {
     const double slack = PMJ_SAME_INSTANT * problem->sample_time;
@@ -79,7 +65,7 @@ static RARE void whole_sample(const pmj_problem *problem, const kernels *plant, 
         return;
     }
     note_mode(problem, progress, memory, t, v);
-    if (progress->sample == 0 && beyond(problem, memory->sample)) {
+    if (progress->sample == 0 && pmj_beyond(problem, memory->sample)) {
         progress->status = PMJ_DIVERGED;
     }
     while (progress->row < problem->n_rows && problem->times[progress->row] <= t + slack) {
@@ -162,18 +148,18 @@ static RARE int note_sample(const pmj_problem *problem, const pmj_memory *memory
     const double *c = memory->coefficients;
     const double size = problem->sample_time;
     for (int i = 0; i < PMJ_NS; ++i) {
-        const double most = i < PMJ_NX ? reach(c, i, size) : fabs(next[i - PMJ_NX]);
+        const double most = i < PMJ_NX ? term_sum(c, i, size) : fabs(next[i - PMJ_NX]);
         if (!(most <= limit)) {
             return 0;
         }
     }
     pmj_note_value(v, t, memory->peaks + PEAK_V, memory->peak_times + PEAK_V);
-    for (int i = 0; i < OWN; ++i) {
+    for (int i = 0; i < N_CONTROLLER; ++i) {
         pmj_note_value(next[i], end, memory->peaks + PMJ_NX + i, memory->peak_times + PMJ_NX + i);
     }
     for (int i = 0; i <= E; ++i) {
         const int place = i == E ? PEAK_E : i;
-        if (!(reach(c, i, size) <= memory->peaks[place])) {
+        if (!(term_sum(c, i, size) <= memory->peaks[place])) {
             const double last = value(c, i, size);
             pmj_note_peaks(c + i, CHANNELS, ORDER, 1, t, size, &last, memory->peaks + place,
                            memory->peak_times + place);
@@ -193,7 +179,7 @@ static RARE int note_sample(const pmj_problem *problem, const pmj_memory *memory
 void pmj_sampled(const pmj_problem *problem, const pmj_function *taylor, const pmj_function *guard,
                  const pmj_function *rates, pmj_progress *progress, pmj_memory *memory, long long budget)
 {
-    const kernels plant = {taylor, guard, rates};
+    const pmj_kernels plant = {taylor, guard, rates};
     const double R = problem->hold_ratios[0] * problem->sample_time;
     const int whole = problem->sample_time <= problem->max_step;
     double window[2 + 2 * PMJ_NX];
@@ -213,23 +199,23 @@ void pmj_sampled(const pmj_problem *problem, const pmj_function *taylor, const p
         double v;
         double w[PMJ_NW];
         double c[(ORDER + 1) * CHANNELS];
-        double next[OWN];
+        double next[N_CONTROLLER];
         pmj_sample(&t, X, h, p, &v, w, c, next);
         progress->evaluations += 1;
         const int usual = v > now.low && v <= now.high && now.row >= end - slack && within(c, now.accuracy) && whole
                           && covered(window, c, t, R) && smooth(c, period) && progress->steps < problem->max_steps && progress->sample > 0;
-        int calm = fabs(v) <= memory->peaks[PEAK_V] && reach(c, E, period) <= memory->peaks[PEAK_E];
+        int calm = fabs(v) <= memory->peaks[PEAK_V] && term_sum(c, E, period) <= memory->peaks[PEAK_E];
         UNROLLED
         for (int j = 0; j < PMJ_NX; ++j) {
-            calm = calm && reach(c, j, period) <= memory->peaks[j];
+            calm = calm && term_sum(c, j, period) <= memory->peaks[j];
         }
         UNROLLED
-        for (int j = 0; j < OWN; ++j) {
+        for (int j = 0; j < N_CONTROLLER; ++j) {
             calm = calm && fabs(next[j]) <= memory->peaks[PMJ_NX + j];
         }
         calm = calm && (!problem->notes_rate || steepest(c, period) <= memory->peaks[PEAK_RATE]);
         if (SELDOM(!(usual && calm))) {
-            double kept[OWN];
+            double kept[N_CONTROLLER];
             memcpy(kept, next, sizeof kept);
             memcpy(memory->coefficients, c, sizeof c);
             if (!usual || !note_sample(problem, memory, t, end, v, kept)) {
@@ -251,7 +237,7 @@ void pmj_sampled(const pmj_problem *problem, const pmj_function *taylor, const p
         const double e = value(c, E, period);
         if (fabs(e) > progress->band) {
             progress->settled = end;
-        } else if (SELDOM(reach(c, E, period) > progress->band)) {
+        } else if (SELDOM(term_sum(c, E, period) > progress->band)) {
             memcpy(memory->coefficients, c, sizeof c);
             progress->t = t;
             pmj_note_settled(progress, memory->coefficients + E, CHANNELS, ORDER, e, period, end);

@@ -88,7 +88,7 @@ void pmj_arrive(const double *c, long long width, long long order, double tau, d
 
 /* Sums of the magnitudes of the terms at tau >= 0, which no value up to there exceeds, of the channels from the block
  * of `from`. */
-void pmj_bounds(const double *c, long long width, long long order, double tau, long long from, double *reach)
+void pmj_bounds(const double *c, long long width, long long order, double tau, long long from, double *term_sums)
 {
     const block square = tau * tau + (block){0.0};
     const long long top = order - order % 2;
@@ -104,7 +104,7 @@ void pmj_bounds(const double *c, long long width, long long order, double tau, l
             row -= 2 * width;
             even = even * square + magnitude(load(row));
         }
-        store(reach + first, even + tau * odd);
+        store(term_sums + first, even + tau * odd);
     }
 }
 

@@ -72,7 +72,7 @@ static void settle(const pmj_sweep *sweep, const pmj_results *results, pmj_sampl
     for (int i = 0; i < PMJ_NX; ++i) {
         all->runs.X[i] = all->x[i];
     }
-    for (int i = 0; i < S; ++i) {
+    for (int i = 0; i < N_CONTROLLER; ++i) {
         all->runs.X[PMJ_NX + i] = pmj_select(whole_hold, all->next[i], all->runs.X[PMJ_NX + i]);
     }
     for (int i = 0; i < PMJ_NS; ++i) {

@@ -4,7 +4,7 @@
 
 #include <float.h>
 
-/* Output rows of lane w within [t, t + h], or up to but not at its end: x and e go on inside the hold, all else is held. */
+/* Output rows of lane w within [t, t + h], or up to but not at its end: x and e go on inside the hold, all else stands as at the sample. */
 static void write_rows(const pmj_sweep *sweep, const pmj_results *results, pmj_sampled_group *all, int w, double t, double until)
 {
     pmj_lane *one = &all->runs.lanes[w];
@@ -84,7 +84,7 @@ static pmj_mask covered(const pmj_sampled_group *all, double R)
 static pmj_mask shown(const pmj_sweep *sweep, pmj_sampled_group *all, pmj_mask asked, pmj_lanes length)
 {
     const double R = sweep->hold_rule.ratios[0] * sweep->sample_time;
-    const pmj_lanes reach = pmj_all(2.0 * R);
+    const pmj_lanes radius = pmj_all(2.0 * R);
     const pmj_lanes t = all->runs.t + R;
     pmj_lanes P[PMJ_NX];
     pmj_mask good = {0};
@@ -98,11 +98,11 @@ static pmj_mask shown(const pmj_sweep *sweep, pmj_sampled_group *all, pmj_mask a
         for (int i = 0; i < PMJ_NX; ++i) {
             P[i] = PMJ_WINDOW * pmj_spread(all->c, CHANNELS, PMJ_HOLD_ORDER, i, pmj_all(R));
         }
-        const pmj_lanes miss = 2.0 * hold_miss(sweep, all, t, all->c, reach, P, pmj_all(sweep->sample_time), 0);
+        const pmj_lanes miss = 2.0 * hold_miss(sweep, all, t, all->c, radius, P, pmj_all(sweep->sample_time), 0);
         const pmj_mask anew = asked & ~good;
         const pmj_mask fits = anew & (miss <= 1.0);
         all->window_t = pmj_select(anew, t, all->window_t);
-        all->window_R = pmj_select(anew, pmj_select(fits, reach, pmj_all(-1.0)), all->window_R);
+        all->window_R = pmj_select(anew, pmj_select(fits, radius, pmj_all(-1.0)), all->window_R);
         for (int i = 0; i < PMJ_NX; ++i) {
             all->window_x[i] = pmj_select(anew, all->c[i], all->window_x[i]);
             all->window_P[i] = pmj_select(anew, P[i], all->window_P[i]);
@@ -110,11 +110,11 @@ static pmj_mask shown(const pmj_sweep *sweep, pmj_sampled_group *all, pmj_mask a
         good = good | fits;
     }
     for (long long disc = 0; disc < sweep->hold_rule.n_ratios && pmj_any(asked & ~good); ++disc) {
-        const pmj_lanes radius = sweep->hold_rule.ratios[disc] * length;
+        const pmj_lanes disc_radius = sweep->hold_rule.ratios[disc] * length;
         for (int i = 0; i < PMJ_NX; ++i) {
-            P[i] = pmj_spread(all->c, CHANNELS, PMJ_HOLD_ORDER, i, radius);
+            P[i] = pmj_spread(all->c, CHANNELS, PMJ_HOLD_ORDER, i, disc_radius);
         }
-        good = good | (asked & (hold_miss(sweep, all, all->runs.t, all->c, radius, P, length, (int)disc) <= 1.0));
+        good = good | (asked & (hold_miss(sweep, all, all->runs.t, all->c, disc_radius, P, length, (int)disc) <= 1.0));
     }
     return good;
 }

@@ -10,7 +10,7 @@
 
 #include "metric_rows.h" /* PMJ_METRICS */
 
-/* How steps are held to the right-hand side; see loops/guard.py. */
+/* How steps are checked against the right-hand side; see loops/guard.py. */
 typedef struct {
     const double *inside;    /* [n_inside] points of comparison, as parts of a step, beside its end */
     long long n_inside;

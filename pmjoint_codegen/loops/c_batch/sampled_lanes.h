@@ -7,18 +7,18 @@
 /* Channels of `plant_lanes`: x, e, then the arguments of kinks. */
 #define E PMJ_NX
 #define CHANNELS (PMJ_NX + 1 + PMJ_NK)
-#define S (PMJ_NS - PMJ_NX)
+#define N_CONTROLLER (PMJ_NS - PMJ_NX) /* the controller's states */
 
 typedef struct {
     pmj_runs runs;            /* X at the sample */
     pmj_lanes c[(PMJ_HOLD_ORDER + 1) * CHANNELS];
     pmj_lanes h[PMJ_NH];
     pmj_lanes x[PMJ_NX];      /* plant states inside the hold */
-    pmj_lanes next[S];        /* controller states at the next sample */
+    pmj_lanes next[N_CONTROLLER];        /* controller states at the next sample */
     pmj_lanes w[PMJ_NW + PMJ_NK]; /* what the actuator delivers, then sides */
-    pmj_lanes window_t;       /* of which the guard is known: t and its reach, */
+    pmj_lanes window_t;       /* of which the guard is known: t and its radius, */
     pmj_lanes window_R;
-    pmj_lanes window_x[PMJ_NX]; /* x and its reach */
+    pmj_lanes window_x[PMJ_NX]; /* x and its radii */
     pmj_lanes window_P[PMJ_NX];
     pmj_lanes v;
     pmj_lanes sample;         /* index of the sample */

@@ -23,7 +23,7 @@ from pmjoint_codegen.check.oracles.heyoka_loop import Loop, told_apart
 from pmjoint_codegen.check.oracles.program import compile_program
 from pmjoint_codegen.check.result import Verdict
 from pmjoint_codegen.check.subject import Subject, load_subject
-from pmjoint_codegen.loops import continuous, stepper
+from pmjoint_codegen.loops import continuous, polynomial
 from pmjoint_codegen.loops.guard import Discs
 from pmjoint_codegen.loops.modes import Actuator, make_actuator
 from pmjoint_codegen.modelfile import model_of
@@ -69,7 +69,7 @@ def test_a_threshold_that_is_left_by_a_rounding_unseen_is_noticed(
     subject = subject_of(root, "joint-damped")
     interpreted = dataclasses.replace(subject, environment={**os.environ, "PATH": ""})
     assert independent.check(interpreted).verdict is Verdict.PASSED
-    monkeypatch.setattr(stepper, "leading_zeros", exact_zeros_alone)
+    monkeypatch.setattr(polynomial, "leading_zeros", exact_zeros_alone)
     found = independent.check(interpreted)
     assert found.verdict is Verdict.FAILED
     assert "--set u_max=" in found.detail and "--x0=" in found.detail

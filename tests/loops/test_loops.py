@@ -49,7 +49,7 @@ def driven(evaluator: Evaluator, problem: Problem) -> tuple[CompiledLoop, Progre
 @pytest.mark.parametrize("controller", ["continuous", "sampled"])
 def test_a_run_started_again_repeats_itself(evaluator: Evaluator, controller: str) -> None:
     loop, progress, memory = driven(evaluator, prepared(evaluator, controller))
-    names = ("rows", "held", "held_times", "peaks", "peak_times")
+    names = ("rows", "row_samples", "row_sample_times", "peaks", "peak_times")
     first = {name: np.copy(getattr(memory, name)) for name in names}
     figures = (progress.steps, progress.switches, progress.integral)
     loop.restart(np.array([3.0, *np.zeros(9)]))  # farther away: larger peaks, to be forgotten
