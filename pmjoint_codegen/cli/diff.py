@@ -104,21 +104,13 @@ def _figures(item: Change) -> tuple[str, str, str]:
 
 
 def _record(found: Difference) -> dict[str, object]:
-    groups = {
-        "equations": found.equations,
-        "values": found.values,
-        "operations": found.operations,
-        "bytes": found.sizes,
-    }
+    groups = ("equations", "values", "operations", "sizes")
+    figures = [asdict(change) for change in found.figures]
+    sources = {"before": found.before.golden_source, "after": found.after.golden_source}
     return {
         "model": found.after.name,
         "before": found.before.source,
         "after": found.after.source,
-        **{key: [asdict(change) for change in group] for key, group in groups.items()},
-        "golden": {
-            "before": found.before.golden_source,
-            "after": found.after.golden_source,
-            "figures": [asdict(change) for change in found.figures],
-            "deviation": found.deviation,
-        },
+        **{key: [asdict(change) for change in getattr(found, key)] for key in groups},
+        "golden": {**sources, "figures": figures, "deviation": found.deviation},
     }

@@ -116,7 +116,7 @@ def test_a_new_term_shows_in_equations_values_and_sizes(project: Path, capsys: O
     }
     operations = {change["name"]: change for change in derived["operations"]}
     assert operations["taylor"]["after"] > operations["taylor"]["before"]
-    assert "kernels.c" in {change["name"] for change in derived["bytes"]}
+    assert "kernels.c" in {change["name"] for change in derived["sizes"]}
 
     assert run(["diff", "paper"]) == 0
     shown = capsys.readouterr().out.splitlines()
@@ -129,7 +129,7 @@ def test_a_new_term_shows_in_equations_values_and_sizes(project: Path, capsys: O
     assert written["after"] == "generated/paper"
     assert {**written, "after": ""} == {**derived, "after": ""}
     after = {path.name: path.stat().st_size for path in (project / "generated" / "paper").iterdir()}
-    assert {change["name"]: change["after"] for change in written["bytes"]}.items() <= after.items()
+    assert {change["name"]: change["after"] for change in written["sizes"]}.items() <= after.items()
 
 
 def test_any_revision_can_be_compared_with(project: Path, capsys: OUTPUT) -> None:
@@ -190,7 +190,7 @@ def test_a_side_without_its_generated_folder_is_derived(project: Path, capsys: O
     fault = "generated/paper at HEAD is missing"
     assert found["before"] == f"the model file at HEAD, derived now: {fault}"
     assert found["after"] == "the model file, derived now: generated/paper is missing"
-    assert found["equations"] == found["values"] == found["bytes"] == []
+    assert found["equations"] == found["values"] == found["sizes"] == []
     assert compared(capsys, "paper", "--rev", "HEAD~1")["equations"] == []
     assert not (project / "generated").exists()
 
@@ -199,7 +199,7 @@ def test_a_folder_edited_by_hand_is_not_believed(project: Path, capsys: OUTPUT) 
     edit(project / "generated" / "paper" / "derivation.md", ("+ k_2 v_{0,1}", "- k_2 v_{0,1}"))
     found = compared(capsys, "paper")
     assert found["after"] == "the model file, derived now: generated/paper was edited by hand"
-    assert found["bytes"] == []
+    assert found["sizes"] == []
 
 
 def test_what_another_version_wrote_is_read_as_it_stands(project: Path, capsys: OUTPUT) -> None:
