@@ -74,8 +74,10 @@ def _text(value: object) -> str:
 
 def _size_row(item: Change, unit: str) -> tuple[str, ...]:
     whole = item.before is not None and item.after is not None and item.before > 0
-    ratio = f"{100 * (item.after / item.before - 1):+.1f} %" if whole else ""
-    return item.name, _text(item.before), "->", f"{_text(item.after)} {unit}", ratio
+    growth = round(100 * (item.after / item.before - 1), 1) or 0.0 if whole else 0.0  # no -0.0
+    ratio = f"{growth:+.1f} %" if whole else ""
+    after = "none" if item.after is None else f"{item.after} {unit}"
+    return item.name, _text(item.before), "->", after, ratio
 
 
 def _golden_lines(found: Difference) -> Iterator[str]:

@@ -10,7 +10,10 @@ from typing import Any
 
 import pytest
 
+from pmjoint_codegen.cli.diff import lines
 from pmjoint_codegen.cli.main import run
+from pmjoint_codegen.emit.changes import Change, Content
+from pmjoint_codegen.review.difference import Difference, Version
 from pmjoint_codegen.storage import sha256
 
 OUTPUT = pytest.CaptureFixture[str]
@@ -217,6 +220,20 @@ def test_what_another_version_wrote_is_read_as_it_stands(project: Path, capsys: 
     assert found["equations"] == found["operations"] == []
     (operations,) = compared(capsys, "paper", "--rev", "HEAD~1")["operations"]
     assert operations["after"] - operations["before"] == 5
+
+
+def test_sizes_are_told_with_their_growth() -> None:
+    version = Version("paper", "", Content({}, {}, {}, {}, {}), "", None)
+    sizes = (Change("kernels.h", 6507, 6506), Change("kernels.c", 100, 150), Change("a.c", None, 5))
+    operations = (Change("law", 200, 100), Change("old", 7, None))
+    told = list(lines(Difference(version, version, (), (), operations, sizes, (), None)))
+    assert told[told.index("generated code") + 1].splitlines() == [
+        "  kernels.h  6507  ->  6506 bytes      +0.0 %",
+        "  kernels.c  100   ->  150 bytes       +50.0 %",
+        "  a.c        none  ->  5 bytes",
+        "  law        200   ->  100 operations  -50.0 %",
+        "  old        7     ->  none",
+    ]
 
 
 def test_nothing_is_checked_out_or_written(project: Path, capsys: OUTPUT) -> None:
