@@ -74,8 +74,10 @@ def _text(value: object) -> str:
 
 def _size_row(item: Change, unit: str) -> tuple[str, ...]:
     whole = item.before is not None and item.after is not None and item.before > 0
-    ratio = f"{100 * (item.after / item.before - 1):+.1f} %" if whole else ""
-    return item.name, _text(item.before), "->", f"{_text(item.after)} {unit}", ratio
+    growth = round(100 * (item.after / item.before - 1), 1) or 0.0 if whole else 0.0  # no -0.0
+    ratio = f"{growth:+.1f} %" if whole else ""
+    after = "none" if item.after is None else f"{item.after} {unit}"
+    return item.name, _text(item.before), "->", after, ratio
 
 
 def _golden_lines(found: Difference) -> Iterator[str]:
@@ -104,21 +106,13 @@ def _figures(item: Change) -> tuple[str, str, str]:
 
 
 def _record(found: Difference) -> dict[str, object]:
-    groups = {
-        "equations": found.equations,
-        "values": found.values,
-        "operations": found.operations,
-        "bytes": found.sizes,
-    }
+    groups = ("equations", "values", "operations", "sizes")
+    figures = [asdict(change) for change in found.figures]
+    sources = {"before": found.before.golden_source, "after": found.after.golden_source}
     return {
         "model": found.after.name,
         "before": found.before.source,
         "after": found.after.source,
-        **{key: [asdict(change) for change in group] for key, group in groups.items()},
-        "golden": {
-            "before": found.before.golden_source,
-            "after": found.after.golden_source,
-            "figures": [asdict(change) for change in found.figures],
-            "deviation": found.deviation,
-        },
+        **{key: [asdict(change) for change in getattr(found, key)] for key in groups},
+        "golden": {**sources, "figures": figures, "deviation": found.deviation},
     }

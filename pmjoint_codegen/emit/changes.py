@@ -67,10 +67,9 @@ def content_of(files: Mapping[str, bytes]) -> Content:
         KeyError, TypeError, ValueError: they are not what any version has written.
     """
     manifest = json.loads(files[FILE_NAME])
-    stored = json.loads(files[EQUATIONS]) if EQUATIONS in files else manifest
-    items = stored["equations"] if isinstance(stored, dict) else stored
+    stored = json.loads(files.get(EQUATIONS, files[FILE_NAME]))["equations"]
     return Content(
-        equations={item["name"]: item["text"] for item in items},
+        equations={item["name"]: item["text"] for item in stored},
         values=_values(manifest),
         operations={item["name"]: item["operations"] for item in manifest["functions"]},
         sizes={name: len(files[name]) for name in sorted(files)},

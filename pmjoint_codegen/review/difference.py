@@ -49,43 +49,28 @@ class Version:
 
 @dataclass(frozen=True)
 class Difference:
-    """What differs between two versions.
+    """What is new, gone or different between two versions.
 
     Attributes:
         before: the earlier one.
         after: the later one.
-        deviation: largest difference of their golden trajectories, relative to max(1, |value|); None where
+        equations: in the order of the derivation.
+        values: what the model file states besides equations.
+        operations: of the kernels.
+        sizes: of the generated files, bytes.
+        figures: of the golden trajectories, with their units.
+        deviation: largest difference of the golden trajectories, relative to max(1, |value|); None where
             these have other columns or instants, or one is missing.
     """
 
     before: Version
     after: Version
+    equations: tuple[Change, ...]
+    values: tuple[Change, ...]
+    operations: tuple[Change, ...]
+    sizes: tuple[Change, ...]
+    figures: tuple[Change, ...]
     deviation: float | None
-
-    @property
-    def equations(self) -> tuple[Change, ...]:
-        """Equations that are new, gone or different, in the order of the derivation."""
-        return changes(self.before.content.equations, self.after.content.equations)
-
-    @property
-    def values(self) -> tuple[Change, ...]:
-        """Values, default run and descriptions that differ."""
-        return changes(self.before.content.values, self.after.content.values)
-
-    @property
-    def operations(self) -> tuple[Change, ...]:
-        """Kernels with another number of operations."""
-        return changes(self.before.content.operations, self.after.content.operations)
-
-    @property
-    def sizes(self) -> tuple[Change, ...]:
-        """Generated files with another number of bytes."""
-        return changes(self.before.content.sizes, self.after.content.sizes)
-
-    @property
-    def figures(self) -> tuple[Change, ...]:
-        """Figures of the golden trajectory that differ, with their units."""
-        return changes(_figures(self.before), _figures(self.after))
 
 
 def difference(model: str, revision: str = "HEAD", stage: Stage = unwatched) -> Difference:
@@ -121,8 +106,21 @@ def difference(model: str, revision: str = "HEAD", stage: Stage = unwatched) -> 
         except ModelError as error:
             key = error.where.removeprefix(str(earlier))  # a path in the temporary folder says nothing
             raise ModelError(error.what, where=f"{file}{when}{key}", remedy=error.remedy) from error
-    after = _version(file, "", stage)
-    return Difference(before, after, _deviation(before.trajectory, after.trajectory))
+    return _compared(before, _version(file, "", stage))
+
+
+def _compared(before: Version, after: Version) -> Difference:
+    old, new = before.content, after.content
+    return Difference(
+        before,
+        after,
+        changes(old.equations, new.equations),
+        changes(old.values, new.values),
+        changes(old.operations, new.operations),
+        changes(old.sizes, new.sizes),
+        changes(_figures(before), _figures(after)),
+        _deviation(before.trajectory, after.trajectory),
+    )
 
 
 def _version(file: Path, when: str, stage: Stage) -> Version:

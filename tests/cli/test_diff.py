@@ -10,7 +10,10 @@ from typing import Any
 
 import pytest
 
+from pmjoint_codegen.cli.diff import lines
 from pmjoint_codegen.cli.main import run
+from pmjoint_codegen.emit.changes import Change, Content
+from pmjoint_codegen.review.difference import Difference, Version
 from pmjoint_codegen.storage import sha256
 
 OUTPUT = pytest.CaptureFixture[str]
@@ -116,7 +119,7 @@ def test_a_new_term_shows_in_equations_values_and_sizes(project: Path, capsys: O
     }
     operations = {change["name"]: change for change in derived["operations"]}
     assert operations["taylor"]["after"] > operations["taylor"]["before"]
-    assert "kernels.c" in {change["name"] for change in derived["bytes"]}
+    assert "kernels.c" in {change["name"] for change in derived["sizes"]}
 
     assert run(["diff", "paper"]) == 0
     shown = capsys.readouterr().out.splitlines()
@@ -129,7 +132,7 @@ def test_a_new_term_shows_in_equations_values_and_sizes(project: Path, capsys: O
     assert written["after"] == "generated/paper"
     assert {**written, "after": ""} == {**derived, "after": ""}
     after = {path.name: path.stat().st_size for path in (project / "generated" / "paper").iterdir()}
-    assert {change["name"]: change["after"] for change in written["bytes"]}.items() <= after.items()
+    assert {change["name"]: change["after"] for change in written["sizes"]}.items() <= after.items()
 
 
 def test_any_revision_can_be_compared_with(project: Path, capsys: OUTPUT) -> None:
@@ -190,7 +193,7 @@ def test_a_side_without_its_generated_folder_is_derived(project: Path, capsys: O
     fault = "generated/paper at HEAD is missing"
     assert found["before"] == f"the model file at HEAD, derived now: {fault}"
     assert found["after"] == "the model file, derived now: generated/paper is missing"
-    assert found["equations"] == found["values"] == found["bytes"] == []
+    assert found["equations"] == found["values"] == found["sizes"] == []
     assert compared(capsys, "paper", "--rev", "HEAD~1")["equations"] == []
     assert not (project / "generated").exists()
 
@@ -199,7 +202,7 @@ def test_a_folder_edited_by_hand_is_not_believed(project: Path, capsys: OUTPUT) 
     edit(project / "generated" / "paper" / "derivation.md", ("+ k_2 v_{0,1}", "- k_2 v_{0,1}"))
     found = compared(capsys, "paper")
     assert found["after"] == "the model file, derived now: generated/paper was edited by hand"
-    assert found["bytes"] == []
+    assert found["sizes"] == []
 
 
 def test_what_another_version_wrote_is_read_as_it_stands(project: Path, capsys: OUTPUT) -> None:
@@ -217,6 +220,20 @@ def test_what_another_version_wrote_is_read_as_it_stands(project: Path, capsys: 
     assert found["equations"] == found["operations"] == []
     (operations,) = compared(capsys, "paper", "--rev", "HEAD~1")["operations"]
     assert operations["after"] - operations["before"] == 5
+
+
+def test_sizes_are_told_with_their_growth() -> None:
+    version = Version("paper", "", Content({}, {}, {}, {}, {}), "", None)
+    sizes = (Change("kernels.h", 6507, 6506), Change("kernels.c", 100, 150), Change("a.c", None, 5))
+    operations = (Change("law", 200, 100), Change("old", 7, None))
+    told = list(lines(Difference(version, version, (), (), operations, sizes, (), None)))
+    assert told[told.index("generated code") + 1].splitlines() == [
+        "  kernels.h  6507  ->  6506 bytes      +0.0 %",
+        "  kernels.c  100   ->  150 bytes       +50.0 %",
+        "  a.c        none  ->  5 bytes",
+        "  law        200   ->  100 operations  -50.0 %",
+        "  old        7     ->  none",
+    ]
 
 
 def test_nothing_is_checked_out_or_written(project: Path, capsys: OUTPUT) -> None:

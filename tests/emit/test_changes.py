@@ -49,7 +49,11 @@ def test_equations_are_read_where_any_version_put_them(artifacts: Artifacts) -> 
     bare = {name: data for name, data in files.items() if name != EQUATIONS}
     inside = {**bare, "model.json": json.dumps({**manifest, "equations": items}).encode()}
     manifest.pop("equations", None)
-    apart = {**bare, "model.json": json.dumps(manifest).encode(), EQUATIONS: json.dumps(items).encode()}
+    apart = {
+        **bare,
+        "model.json": json.dumps(manifest).encode(),
+        EQUATIONS: json.dumps({"equations": items}).encode(),
+    }
     assert content_of(inside).equations == content_of(apart).equations == now.equations
 
 
