@@ -4,11 +4,12 @@ Stages, input to output:
 
     derive           Model               -> Derivation (named equations)
     build_functions  Derivation          -> CasADi functions, one a row of the table, and the loops' own
-    kernels_source   functions           -> kernels.c
-    sampled_header   functions           -> sampled.h, what the sampled loop takes in
+    kernels_source   rows' functions     -> kernels.c, which CasADi prints
+    tapes_of         functions           -> tapes -> kernels.tape, for the interpreted evaluator
+    loops_source     tapes               -> loops.c, what the loops of single runs call
+    sampled_header   tapes               -> sampled.h, what the sampled loop takes in
     kernels_header   function records    -> kernels.h
-    tapes_of         functions           -> kernels.tape, for the interpreted evaluator
-    lane_functions   functions           -> functions over lanes -> lanes.c, lanes.h, for sweeps
+    lane_functions   functions           -> functions over lanes -> tapes -> lanes.c, lanes.h, for sweeps
     describe         all of the above    -> model.json
 """
 
@@ -21,14 +22,14 @@ import casadi as ca
 
 from pmjoint_codegen.emit.c_text import banner, kernels_header, kernels_source
 from pmjoint_codegen.emit.describe import describe, describe_functions, tool_versions
-from pmjoint_codegen.emit.functions import build_functions
+from pmjoint_codegen.emit.functions import COMPOSED, build_functions
 from pmjoint_codegen.emit.guard import looks_at_actuator, rule_of
 from pmjoint_codegen.emit.lane_text import lanes_header, lanes_source
 from pmjoint_codegen.emit.lanes import LANE_ORDER, lane_functions, lane_sizes
+from pmjoint_codegen.emit.print_c import steps
 from pmjoint_codegen.emit.sampling import HOLD_ORDER, PLANT_ORDER, SAMPLED, sampled_sizes
 from pmjoint_codegen.emit.scalar_text import HEADER as SAMPLED_HEADER
-from pmjoint_codegen.emit.scalar_text import sampled_header
-from pmjoint_codegen.emit.straight_text import instructions
+from pmjoint_codegen.emit.scalar_text import loops_source, sampled_header
 from pmjoint_codegen.emit.table import vocabulary
 from pmjoint_codegen.emit.tape import tapes_of
 from pmjoint_codegen.errors import ModelError
@@ -124,15 +125,17 @@ def _kernel_files(
     records: tuple[Function, ...],
 ) -> dict[str, str]:
     head = provenance(document, derivation, records)
-    tapes = "\n".join(f"# {line}" for line in head) + "\n\n" + write_tapes(tapes_of(functions.values()))
-    sampled = {name: functions[name] for name in SAMPLED}
+    tapes = tapes_of(functions.values())
+    sampled = [tape for tape in tapes if tape.name in SAMPLED]
+    called = [tape for tape in tapes if tape.name in COMPOSED and tape.name not in SAMPLED]
+    rows = [function for name, function in functions.items() if name not in COMPOSED]
+    sizes = sampled_sizes(vocabulary(derivation), functions)
     return {
-        "kernels.c": kernels_source(functions, SAMPLED, banner(head)),
+        "kernels.c": kernels_source(rows, banner(head)),
         "kernels.h": kernels_header(records, banner(head)),
-        SAMPLED_HEADER: sampled_header(
-            sampled, sampled_sizes(vocabulary(derivation), functions), banner(head[:2])
-        ),
-        TAPE: tapes,
+        "loops.c": loops_source(called, sampled, banner(head[:2])),
+        SAMPLED_HEADER: sampled_header(sampled, sizes, banner(head[:2])),
+        TAPE: "\n".join(f"# {line}" for line in head) + "\n\n" + write_tapes(tapes),
     }
 
 
@@ -151,8 +154,8 @@ def _lane_files(
     document: Document, derivation: Derivation, functions: Mapping[str, ca.Function]
 ) -> dict[str, str]:
     words = vocabulary(derivation)
-    lanes = lane_functions(functions)
-    operations = sum(len(instructions(function)) for function in lanes.values())
+    lanes = tapes_of(lane_functions(functions).values())
+    operations = sum(len(steps(tape)) for tape in lanes)
     what = f"{operations} operations in {len(lanes)} functions over lanes, for sweeps."
     head = banner([*provenance(document, derivation, ())[:2], what])
     return {

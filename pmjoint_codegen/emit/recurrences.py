@@ -1,12 +1,13 @@
 """Recurrences of the elementary operations: coefficient k of a result from its operands' up to k.
 
-Coefficients are normalised, ``a[k] = (d^k a / dt^k) / k!``. Moore, Interval Analysis (1966); Jorba and Zou,
-Experimental Mathematics 14 (2005), Proposition 2.1.
+The table of operations says which one is whose (`operations`). Coefficients are normalised,
+``a[k] = (d^k a / dt^k) / k!``. Moore, Interval Analysis (1966); Jorba and Zou, Experimental Mathematics 14
+(2005), Proposition 2.1.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import casadi as ca
@@ -26,9 +27,9 @@ class Node:
         operands: nodes that it reads.
         series: coefficients 0..k.
         constant: whether only coefficient 0 can differ from zero.
-        companion: second series of a coupled pair, such as the cosine beside a sine.
+        companion: second series that the recurrence needs, such as the cosine beside a sine.
         exponent: of a constant power.
-        operation: CasADi's number of it; -1 for what comes from outside.
+        operation: its name in the table of operations; empty for what comes from outside.
         residue: of a constant, see `affine`.
         rate: of a state: the node whose coefficient k-1 is k times the state's coefficient k.
         sum: what replaces the recurrence above order 0: nodes with the factors that they are summed with.
@@ -41,7 +42,7 @@ class Node:
     constant: bool = False
     companion: list[Term] = field(default_factory=list)
     exponent: float = 0.0
-    operation: int = -1
+    operation: str = ""
     residue: int = 0
     rate: Node | None = None
     sum: tuple[tuple[Node, Factor], ...] | None = None
@@ -80,7 +81,28 @@ def _weighted(a: Node, b: Sequence[Term], k: int) -> Term:
     return total([a.slope(j) * b[k - j] for j in range(1, k + 1)]).times(1 / k)
 
 
-def _multiply(node: Node, k: int) -> Term:
+def add(node: Node, k: int) -> Term:
+    """``a + b``."""
+    return node.operands[0][k] + node.operands[1][k]
+
+
+def subtract(node: Node, k: int) -> Term:
+    """``a - b``."""
+    return node.operands[0][k] - node.operands[1][k]
+
+
+def negate(node: Node, k: int) -> Term:
+    """``-a``."""
+    return -node.operands[0][k]
+
+
+def twice(node: Node, k: int) -> Term:
+    """``2 a``."""
+    return node.operands[0][k].times(2.0)
+
+
+def multiply(node: Node, k: int) -> Term:
+    """``a b``."""
     a, b = node.operands
     if a.constant:
         return a[0] * b[k]
@@ -89,13 +111,18 @@ def _multiply(node: Node, k: int) -> Term:
     return convolve(a, b, k)
 
 
-def _square(node: Node, k: int) -> Term:
-    a = node.operands[0]
+def square(node: Node, k: int) -> Term:
+    """``a^2``."""
+    return _squared(node.operands[0], k)
+
+
+def _squared(a: Node, k: int) -> Term:
     pairs = convolve(a, a, k, 0, (k - 1) // 2).times(2.0) if k > 0 else number(0.0)
     return total([pairs, a[k // 2] * a[k // 2]]) if k % 2 == 0 else pairs
 
 
-def _divide(node: Node, k: int) -> Term:
+def divide(node: Node, k: int) -> Term:
+    """``a / b``."""
     a, b = node.operands
     if k == 0:
         return a[0] / b[0]
@@ -104,37 +131,76 @@ def _divide(node: Node, k: int) -> Term:
     return total([a[k]], [b[j] * node.series[k - j] for j in range(1, k + 1)]).over(b[0])
 
 
-def _invert(node: Node, k: int) -> Term:
+def invert(node: Node, k: int) -> Term:
+    """``1 / a``."""
     a = node.operands[0]
     return number(1.0) / a[0] if k == 0 else -convolve(a, node.series, k, 1) * node.series[0]
 
 
-def _sine(node: Node, k: int) -> Term:
-    a = node.operands[0]
-    node.companion.append(a[0].apply(ca.cos) if k == 0 else -_weighted(a, node.series, k))
-    return a[0].apply(ca.sin) if k == 0 else _weighted(a, node.companion, k)
+def pair(name: str, companion: str, sign: int, back: int) -> Recurrence:
+    """``f' = sign g a'`` and ``g' = back f a'``, such as sine and cosine.
+
+    Args:
+        name: CasADi's name of f.
+        companion: that of g.
+        sign: 1 or -1.
+        back: 1 or -1.
+    """
+
+    def recurrence(node: Node, k: int) -> Term:
+        a = node.operands[0]
+        if k == 0:
+            node.companion.append(a[0].apply(getattr(ca, companion)))
+            return a[0].apply(getattr(ca, name))
+        slope = _weighted(a, node.series, k)
+        node.companion.append(slope if back > 0 else -slope)
+        own = _weighted(a, node.companion, k)
+        return own if sign > 0 else -own
+
+    return recurrence
 
 
-def _cosine(node: Node, k: int) -> Term:
-    a = node.operands[0]
-    node.companion.append(a[0].apply(ca.sin) if k == 0 else _weighted(a, node.series, k))
-    return a[0].apply(ca.cos) if k == 0 else -_weighted(a, node.companion, k)
-
-
-def _exponential(node: Node, k: int) -> Term:
+def exponential(node: Node, k: int) -> Term:
+    """``f' = f a'``."""
     a = node.operands[0]
     return a[0].apply(ca.exp) if k == 0 else _weighted(a, node.series, k)
 
 
-def _logarithm(node: Node, k: int) -> Term:
-    a = node.operands[0]
-    if k == 0:
-        return a[0].apply(ca.log)
-    inner = total([node.series[j].times(float(j)) * a[k - j] for j in range(1, k)])
-    return total([a[k]], [inner.times(1 / k)]).over(a[0])
+def inverse_slope(name: str, divisor: Recurrence) -> Recurrence:
+    """``d f' = a'`` with a divisor d of a, such as log and atan.
+
+    Args:
+        name: CasADi's name of f.
+        divisor: coefficient k of d.
+    """
+
+    def recurrence(node: Node, k: int) -> Term:
+        a, d = node.operands[0], node.companion
+        d.append(divisor(node, k))
+        if k == 0:
+            return a[0].apply(getattr(ca, name))
+        inner = total([node.series[j].times(float(j)) * d[k - j] for j in range(1, k)])
+        return total([a[k]], [inner.times(1 / k)]).over(d[0])
+
+    return recurrence
 
 
-def _root(node: Node, k: int) -> Term:
+def one_plus_square(sign: int) -> Recurrence:
+    """``1 + sign a^2``, as a divisor.
+
+    Args:
+        sign: 1 or -1.
+    """
+
+    def coefficient(node: Node, k: int) -> Term:
+        square = _squared(node.operands[0], k).times(float(sign))
+        return number(1.0) + square if k == 0 else square
+
+    return coefficient
+
+
+def root(node: Node, k: int) -> Term:
+    """``f^2 = a``."""
     a = node.operands[0]
     if k == 0:
         return a[0].apply(ca.sqrt)
@@ -142,13 +208,18 @@ def _root(node: Node, k: int) -> Term:
     return total([a[k]], inner).over(node.series[0].times(2.0))
 
 
-def _tangent_like(function: Callable[[ca.SX], ca.SX], sign: int) -> Recurrence:
-    """``f' = (1 + sign f^2) a'``: tan with +1, tanh with -1; the companion holds f^2."""
+def riccati(name: str, sign: int) -> Recurrence:
+    """``f' = (1 + sign f^2) a'``, such as tan and tanh; the companion holds f^2.
+
+    Args:
+        name: CasADi's name of f.
+        sign: 1 or -1.
+    """
 
     def recurrence(node: Node, k: int) -> Term:
         a = node.operands[0]
         if k == 0:
-            own = a[0].apply(function)
+            own = a[0].apply(getattr(ca, name))
         else:
             own = total([a[k], _weighted(a, node.companion, k).times(float(sign))])
         node.companion.append(convolve([*node.series, own], [*node.series, own], k))
@@ -157,13 +228,14 @@ def _tangent_like(function: Callable[[ca.SX], ca.SX], sign: int) -> Recurrence:
     return recurrence
 
 
-def _magnitude(node: Node, k: int) -> Term:
+def magnitude(node: Node, k: int) -> Term:
     """|a| is a or -a away from its kink, and takes the slope 0 on it."""
     a = node.operands[0]
     return a[0].apply(ca.fabs) if k == 0 else a[0].apply(ca.sign) * a[k]
 
 
-def _sign(node: Node, k: int) -> Term:
+def sign(node: Node, k: int) -> Term:
+    """The sign of a."""
     return node.operands[0][0].apply(ca.sign) if k == 0 else number(0.0)
 
 
@@ -174,28 +246,3 @@ def constant_power(node: Node, k: int) -> Term:
         return a[0].apply(lambda value: value**exponent)
     inner = [(a[k - j] * node.series[j]).times(k * exponent - j * (exponent + 1)) for j in range(k)]
     return total(inner).times(1 / k).over(a[0])
-
-
-def recurrences() -> Mapping[int, Recurrence]:
-    """The recurrence of each operation, by CasADi's number of it; powers have one of their own."""
-    return {
-        ca.OP_ASSIGN: lambda node, k: node.operands[0][k],
-        ca.OP_ADD: lambda node, k: node.operands[0][k] + node.operands[1][k],
-        ca.OP_SUB: lambda node, k: node.operands[0][k] - node.operands[1][k],
-        ca.OP_NEG: lambda node, k: -node.operands[0][k],
-        ca.OP_TWICE: lambda node, k: node.operands[0][k].times(2.0),
-        ca.OP_MUL: _multiply,
-        ca.OP_SQ: _square,
-        ca.OP_DIV: _divide,
-        ca.OP_INV: _invert,
-        ca.OP_SIN: _sine,
-        ca.OP_COS: _cosine,
-        ca.OP_TAN: _tangent_like(ca.tan, 1),
-        ca.OP_TANH: _tangent_like(ca.tanh, -1),
-        ca.OP_EXP: _exponential,
-        ca.OP_LOG: _logarithm,
-        ca.OP_SQRT: _root,
-        ca.OP_CONSTPOW: constant_power,
-        ca.OP_FABS: _magnitude,
-        ca.OP_SIGN: _sign,
-    }
