@@ -60,24 +60,9 @@ def scaled(ball: Ball, factor: ca.SX) -> Ball:
 Rule = Callable[..., Ball]
 
 
-def add(a: Ball, b: Ball) -> Ball:
-    """``a + b``."""
-    return Ball(a.centre + b.centre, a.radius + b.radius, a.rest + b.rest)
-
-
-def subtract(a: Ball, b: Ball) -> Ball:
-    """``a - b``."""
-    return Ball(a.centre - b.centre, a.radius + b.radius, a.rest + b.rest)
-
-
-def negate(a: Ball) -> Ball:
-    """``-a``."""
-    return Ball(-a.centre, a.radius, a.rest, a.constant)
-
-
-def twice(a: Ball) -> Ball:
-    """``2 a``."""
-    return scaled(a, ca.SX(2))
+def linear(apply: Callable[[ca.SX, ca.SX], ca.SX]) -> Rule:
+    """``a + b`` or ``a - b``."""
+    return lambda a, b: Ball(apply(a.centre, b.centre), a.radius + b.radius, a.rest + b.rest)
 
 
 def multiply(a: Ball, b: Ball) -> Ball:
@@ -104,43 +89,21 @@ def divide(a: Ball, b: Ball) -> Ball:
     return nonlinear(quotient, (a.radius + ca.fabs(quotient) * b.radius) / nearest)
 
 
-def invert(a: Ball) -> Ball:
-    """``1 / a``."""
-    return divide(fixed(ca.SX(1)), a)
-
-
 def positive(distance: ca.SX) -> ca.SX:
     """A distance from a singularity, 0 where the ball reaches it: what is divided by it is then infinite."""
     return ca.fmax(distance, 0.0)
 
 
-def exponential(a: Ball) -> Ball:
-    """``e^c (e^r - 1)``, as a difference: far below a pulse e^r alone would overflow."""
-    value = ca.exp(a.centre)
-    return nonlinear(value, ca.exp(a.centre + a.radius) - value)
-
-
-def logarithm(a: Ball) -> Ball:
-    """``log a``, about c > 0."""
-    return nonlinear(ca.log(a.centre), _log_radius(a))
-
-
-def _log_radius(a: Ball) -> ca.SX:
+def log_radius(c: ca.SX, r: ca.SX) -> ca.SX:
     """``-log(1 - r/c)``; of the logarithm about c > 0 the series' own bound."""
-    return -ca.log(positive(1.0 - a.radius / ca.fabs(a.centre)))
-
-
-def root(a: Ball) -> Ball:
-    """``sqrt a``, about c > 0."""
-    value = ca.sqrt(a.centre)
-    return nonlinear(value, value * (1.0 - ca.sqrt(1.0 - a.radius / a.centre)))
+    return -ca.log(positive(1.0 - r / ca.fabs(c)))
 
 
 def power(a: Ball, b: Ball) -> Ball:
     """``a^e`` with a number e, about c > 0: the binomial series of ``(1 - r/c)^(-|e|)``."""
     exponent = float(b.centre)
     value = a.centre**exponent
-    return nonlinear(value, ca.fabs(value) * (ca.exp(abs(exponent) * _log_radius(a)) - 1.0))
+    return nonlinear(value, ca.fabs(value) * (ca.exp(abs(exponent) * log_radius(a.centre, a.radius)) - 1.0))
 
 
 def _hyperbolic(radius: ca.SX) -> tuple[ca.SX, ca.SX]:

@@ -81,24 +81,9 @@ def _weighted(a: Node, b: Sequence[Term], k: int) -> Term:
     return total([a.slope(j) * b[k - j] for j in range(1, k + 1)]).times(1 / k)
 
 
-def add(node: Node, k: int) -> Term:
-    """``a + b``."""
-    return node.operands[0][k] + node.operands[1][k]
-
-
-def subtract(node: Node, k: int) -> Term:
-    """``a - b``."""
-    return node.operands[0][k] - node.operands[1][k]
-
-
-def negate(node: Node, k: int) -> Term:
-    """``-a``."""
-    return -node.operands[0][k]
-
-
-def twice(node: Node, k: int) -> Term:
-    """``2 a``."""
-    return node.operands[0][k].times(2.0)
+def linear(apply: Callable[..., Term]) -> Recurrence:
+    """Sums, differences and the like: coefficient by coefficient."""
+    return lambda node, k: apply(*(operand[k] for operand in node.operands))
 
 
 def multiply(node: Node, k: int) -> Term:
@@ -113,10 +98,7 @@ def multiply(node: Node, k: int) -> Term:
 
 def square(node: Node, k: int) -> Term:
     """``a^2``."""
-    return _squared(node.operands[0], k)
-
-
-def _squared(a: Node, k: int) -> Term:
+    a = node.operands[0]
     pairs = convolve(a, a, k, 0, (k - 1) // 2).times(2.0) if k > 0 else number(0.0)
     return total([pairs, a[k // 2] * a[k // 2]]) if k % 2 == 0 else pairs
 
@@ -193,8 +175,8 @@ def one_plus_square(sign: int) -> Recurrence:
     """
 
     def coefficient(node: Node, k: int) -> Term:
-        square = _squared(node.operands[0], k).times(float(sign))
-        return number(1.0) + square if k == 0 else square
+        own = square(node, k).times(float(sign))
+        return number(1.0) + own if k == 0 else own
 
     return coefficient
 

@@ -136,8 +136,8 @@ def test_a_disc_that_reaches_a_singularity_or_overflows_has_no_bound(
 
 def test_what_is_linear_leaves_no_rest_and_what_is_not_does() -> None:
     c, r, k = (ca.SX.sym(name) for name in "crk")
-    line = balls.add(balls.multiply(fixed(k), leaf(c, r)), balls.divide(leaf(c, r), fixed(k)))
-    both = balls.subtract(line, balls.square(leaf(c, r)))
+    line = rule("add")(rule("mul")(fixed(k), leaf(c, r)), rule("div")(leaf(c, r), fixed(k)))
+    both = rule("sub")(line, rule("sq")(leaf(c, r)))
     f = ca.Function("f", [c, r, k], [line.rest, line.radius, both.rest, both.radius])
     rest, radius, bent, whole = (float(value) for value in f(2.0, 0.5, -4.0))
     assert (rest, radius) == (0.0, 4.0 * 0.5 + 0.5 / 4.0)

@@ -45,19 +45,14 @@ class Bounded:
 Rule = Callable[..., tuple[Array, Array]]
 
 
-def _sum(a: Bounded, b: Bounded, sign: float) -> tuple[Array, Array]:
-    value = a.value + sign * b.value
-    return value, a.error + b.error + ROUNDOFF * np.abs(value)  # a sum that underflows is exact
+def linear(apply: Callable[[Array, Array], Array]) -> Rule:
+    """``a + b`` or ``a - b``; one that underflows is exact."""
 
+    def rule(a: Bounded, b: Bounded) -> tuple[Array, Array]:
+        value = apply(a.value, b.value)
+        return value, a.error + b.error + ROUNDOFF * np.abs(value)
 
-def add(a: Bounded, b: Bounded) -> tuple[Array, Array]:
-    """``a + b``."""
-    return _sum(a, b, 1.0)
-
-
-def subtract(a: Bounded, b: Bounded) -> tuple[Array, Array]:
-    """``a - b``."""
-    return _sum(a, b, -1.0)
+    return rule
 
 
 def multiply(a: Bounded, b: Bounded) -> tuple[Array, Array]:
@@ -87,17 +82,17 @@ def root(a: Bounded) -> tuple[Array, Array]:
     return value, np.where(a.value >= a.error, propagated + ROUNDOFF * value, np.inf)
 
 
-def _by_library(name: str, a: Array) -> Array:
+def _by_library(name: str, *operands: Array) -> Array:
     """The C library's function, which Python's ``math`` calls too; NaN where it has no value."""
-    function: Callable[[float], float] = getattr(math, name)
+    function: Callable[..., float] = getattr(math, name)
 
-    def evaluate(x: float) -> float:
+    def evaluate(*numbers: float) -> float:
         try:
-            return function(x)
+            return function(*numbers)
         except (ValueError, OverflowError):
             return math.nan
 
-    return np.array([evaluate(x) for x in a.tolist()])
+    return np.array([evaluate(*row) for row in zip(*(array.tolist() for array in operands), strict=True)])
 
 
 def library(name: str, ulps: float, propagate: Callable[[Array, Array, Array], Array]) -> Rule:
@@ -138,19 +133,12 @@ def of_exponential(x: Array, e: Array, value: Array) -> Array:
 
 def power(a: Bounded, b: Bounded) -> tuple[Array, Array]:
     """``a^b`` for a > 0 and an exponent that is a literal."""
-    value = np.array([_safe_power(x, y) for x, y in zip(a.value.tolist(), b.value.tolist(), strict=True)])
+    value = _by_library("pow", a.value, b.value)
     logarithm = np.abs(np.log(a.value)) * (1 + 8 * ROUNDOFF)
     spread = (np.abs(b.value) + b.error) * -np.log1p(-a.error / np.abs(a.value)) + b.error * logarithm
     ulp = 2 * ROUNDOFF * np.abs(value) * (1 + 8 * ROUNDOFF) + SMALLEST
     error = np.abs(value) * np.expm1(spread * (1 + 8 * ROUNDOFF)) * (1 + 8 * ROUNDOFF) + POWER_ULPS * ulp
     return value, np.where(a.value > a.error, error, np.inf)
-
-
-def _safe_power(x: float, y: float) -> float:
-    try:
-        return math.pow(x, y)
-    except (ValueError, OverflowError):
-        return math.nan
 
 
 def invert(a: Bounded) -> tuple[Array, Array]:
@@ -162,13 +150,3 @@ def above(name: str, x: Array) -> Array:
     """A function of NumPy's that is not negative, or a little more."""
     found: Array = getattr(np, name)(x)
     return found * (1 + 16 * ROUNDOFF)
-
-
-def choice(name: str) -> Rule:
-    """NumPy's choice of one of two operands."""
-    return lambda a, b: (getattr(np, name)(a.value, b.value), np.maximum(a.error, b.error))
-
-
-def sign(a: Bounded) -> tuple[Array, Array]:
-    """The sign of a, off by 2 where the operand's is not certain."""
-    return np.sign(a.value), np.where(np.abs(a.value) <= a.error, 2.0, 0.0)
