@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from pmjoint_codegen.kernels.tape import Tape
 from pmjoint_codegen.operations import Operation, by_name
@@ -86,19 +86,35 @@ def print_c(tape: Tape, dialect: Dialect) -> list[str]:
         tape: of the function.
         dialect: how they are written.
     """
-    listing = steps(tape)
+    listing = list(_arranged(steps(tape), dialect))
+    pairs = _pairs(listing, dialect)
     templates = {name: _typed(item, dialect) for name, item in by_name().items()}
-    pairs, often = _pairs(listing, dialect), _often(listing) if dialect.inverts else frozenset()
-    lines: list[str] = []
-    done: set[str] = set()
+    templates |= {"read": "{0}", "output": "{0}"}
+    lines: dict[str, None] = {}  # what several steps need is the same line, and stands before the first
     for step in listing:
-        for line in _before(step, dialect, templates, pairs, often):
-            if line not in done:
-                done.add(line)
-                lines.append(line)
-        if (step.operation, step.operands[0]) not in pairs:
-            lines.append(_statement(step, dialect, templates, often))
-    return lines
+        together = pairs.get((step.operation, step.operands[0]))
+        lines |= dict.fromkeys(together or (_statement(step, dialect, templates[step.operation]),))
+    return list(lines)
+
+
+def _arranged(listing: Sequence[Step], dialect: Dialect) -> Iterator[Step]:
+    """The steps as a dialect has them: entries read into constants, common divisors inverted once."""
+    divisors = Counter(step.operands[1] for step in listing if step.operation == "div")
+    for step in listing:
+        operands: list[Operand] = []
+        for operand in step.operands:
+            label, _, entry = str(operand).rstrip("]").partition("[")
+            taken = entry and label in dialect.arrays
+            operands.append(f"{label}_{entry}" if taken else operand)
+            if taken:
+                yield Step("read", f"{label}_{entry}", (f"{dialect.arrays[label]}[{entry}]",))
+        divisor = step.operands[-1]
+        if dialect.inverts and step.operation == "div" and isinstance(divisor, str) and divisors[divisor] > 1:
+            inverse = "inverse_" + divisor.replace("[", "_").replace("]", "")
+            yield Step("inv", inverse, (operands[1],))
+            yield Step("mul", step.result, (operands[0], inverse))
+        else:
+            yield replace(step, operands=tuple(operands))
 
 
 def _typed(operation: Operation, dialect: Dialect) -> str:
@@ -106,10 +122,7 @@ def _typed(operation: Operation, dialect: Dialect) -> str:
     return _LITERAL.sub(lambda found: dialect.literal(float(found[0])), dialect.spelling(operation))
 
 
-Pairs = Mapping[tuple[str, Operand], tuple[str, ...]]
-
-
-def _pairs(listing: Sequence[Step], dialect: Dialect) -> Pairs:
+def _pairs(listing: Sequence[Step], dialect: Dialect) -> Mapping[tuple[str, Operand], tuple[str, ...]]:
     """Operation and operand of each step that another one is computed with -> the lines for both."""
     found: dict[tuple[str, Operand], tuple[str, ...]] = {}
     for operations, call in dialect.together.items():
@@ -118,63 +131,24 @@ def _pairs(listing: Sequence[Step], dialect: Dialect) -> Pairs:
             for name in operations
         )
         for operand in first.keys() & second.keys():
-            one, other = first[operand], second[operand]
-            declared = [f"{dialect.number} {name};" for name in (one, other)]
-            lines = (*declared, f"{call}({_written(operand, dialect)}, &{one}, &{other});")
+            names = first[operand], second[operand]
+            declared = (f"{dialect.number} {name};" for name in names)
+            lines = (*declared, f"{call}({operand}, &{names[0]}, &{names[1]});")
             found |= {(name, operand): lines for name in operations}
     return found
 
 
-def _often(listing: Sequence[Step]) -> frozenset[Operand]:
-    """Divisors of more than one quotient, literals left out."""
-    divisors = Counter(step.operands[1] for step in listing if step.operation == "div")
-    return frozenset(name for name, count in divisors.items() if count > 1 and isinstance(name, str))
-
-
-def _before(
-    step: Step,
-    dialect: Dialect,
-    templates: Mapping[str, str],
-    pairs: Pairs,
-    often: frozenset[Operand],
-) -> Iterator[str]:
-    """What a step needs, each line once: entries read, a divisor inverted, two results computed together."""
-    for operand in step.operands:
-        label, _, entry = str(operand).partition("[")
-        if entry and label in dialect.arrays:
-            name = _written(operand, dialect)
-            yield f"const {dialect.number} {name} = {dialect.arrays[label]}[{entry};"
-    if step.operation == "div" and step.operands[1] in often:
-        divisor = _written(step.operands[1], dialect)
-        yield f"const {dialect.number} {_inverse(divisor)} = {templates['inv'].format(divisor)};"
-    if (step.operation, step.operands[0]) in pairs:
-        yield from pairs[step.operation, step.operands[0]]
-
-
-def _statement(step: Step, dialect: Dialect, templates: Mapping[str, str], often: frozenset[Operand]) -> str:
-    """One step as one line of C."""
-    if step.operation == "output":
-        return f"{step.result} = {_written(step.operands[0], dialect, filled=True)};"
-    template = templates[step.operation]
-    if step.operation == "div" and step.operands[1] in often:
-        inverse = _inverse(_written(step.operands[1], dialect))
-        value = templates["mul"].format(_written(step.operands[0], dialect), inverse)
-    else:
-        filled = "(" in template  # a call takes values alone
-        value = template.format(*(_written(operand, dialect, filled=filled) for operand in step.operands))
-    return f"const {dialect.number} {step.result} = {value};"
-
-
-def _written(operand: Operand, dialect: Dialect, *, filled: bool = False) -> str:
-    """An operand as it stands in C."""
-    if isinstance(operand, float):
-        return (dialect.fill if filled else "{}").format(dialect.literal(operand))
-    label, bracket, entry = operand.rstrip("]").partition("[")
-    return f"{label}_{entry}" if bracket and label in dialect.arrays else operand
-
-
-def _inverse(divisor: str) -> str:
-    return "inverse_" + divisor.replace("[", "_").replace("]", "")
+def _statement(step: Step, dialect: Dialect, template: str) -> str:
+    """One step as one line of C; a call and a result take values alone."""
+    literal = dialect.fill if "(" in template or step.operation == "output" else "{}"
+    value = template.format(
+        *(
+            literal.format(dialect.literal(operand)) if isinstance(operand, float) else operand
+            for operand in step.operands
+        )
+    )
+    place = step.result if step.operation == "output" else f"const {dialect.number} {step.result}"
+    return f"{place} = {value};"
 
 
 def definition(tape: Tape, head: str, dialect: Dialect) -> str:
