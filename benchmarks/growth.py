@@ -79,10 +79,11 @@ def row(document: dict[str, Any], folder: Path) -> str:
     run = loop.simulate()
     derivation = marks[1] - marks[0]
     operations = sum(item.operations for item in artifacts.manifest.functions)
+    size = sum(len(artifacts.files[name]) for name in ("kernels.c", "loops.c"))
     late = float(abs(run["e"][run.t >= 5.0]).max())
     return (
         f"{document['name']:12}  {derivation:10.1f}  {marks[2] - marks[1] - derivation:8.1f}  "
-        f"{marks[4] - marks[3]:11.1f}  {len(artifacts.files['kernels.c']) / 1e3:6.0f}  {operations:10}  "
+        f"{marks[4] - marks[3]:11.1f}  {size / 1e3:6.0f}  {operations:10}  "
         f"{artifacts.manifest.order:5}  {run.steps:5}  {run.wall_s * 1e3:8.1f}  {late:17.2g}"
     )
 

@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pmjoint_codegen.errors import ModelError, PmjointError
+from pmjoint_codegen.operations import by_name
 
 SI = "1"  # the scale of a parameter that is stated in SI units, or in units that its author keeps consistent
 COMPENSATOR = "compensator"  # the switch between (23) and plain clipping
@@ -37,9 +38,6 @@ OPERATORS: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = MappingProxy
         ast.Div: operator.truediv,
         ast.Pow: operator.pow,
     }
-)
-_FUNCTIONS: Mapping[str, Callable[[Any], Any]] = MappingProxyType(
-    {name: getattr(np, name) for name in ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh", "abs")}
 )
 _CONSTANTS: Mapping[str, float] = MappingProxyType({"pi": math.pi, "e": math.e})
 
@@ -243,7 +241,7 @@ def evaluate(node: ast.expr, columns: Mapping[str, Numbers]) -> Any:
         case ast.BinOp(left=left, op=op, right=right):
             return OPERATORS[type(op)](evaluate(left, columns), evaluate(right, columns))
         case ast.Call(func=ast.Name(id=name), args=[argument]):
-            return _FUNCTIONS[name](evaluate(argument, columns))
+            return by_name()["fabs" if name == "abs" else name].of(np)(evaluate(argument, columns))
     raise ValueError(f"not an expression of parameters: {ast.unparse(node)}")
 
 

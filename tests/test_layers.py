@@ -15,7 +15,7 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = "pmjoint_codegen"
 
-GROUND_FLOOR = ("errors", "storage", "workspace", "identity", "manifest", "values", "scratch")
+GROUND_FLOOR = ("errors", "storage", "workspace", "identity", "manifest", "operations", "values", "scratch")
 RUNTIME = ("compile", "kernels", "loops", "simulate", "sweep", "tune")
 FACADE = ("closed_loop",)
 SYMBOLIC = {"pmjoint_derive", "sympy", "casadi", "pint", "pydantic"}

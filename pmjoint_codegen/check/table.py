@@ -15,7 +15,7 @@
     compilers.gcc, .clang     the generated C against all warnings
     compilers.sanitizers      every kernel against memory errors and undefined behaviour
     compilers.valgrind        every kernel against uninitialised values
-    compilers.objects         the object file against allocation, static mutable state and recursion
+    compilers.objects         the object files against allocation, static mutable state and recursion
     compilers.cppcheck        the generated C against cppcheck
 
 Each gate is a function from `Subject` to `GateResult`. A name stands for its gate, or for all gates that it

@@ -5,15 +5,15 @@ a disc of its own. Beside the radius stands its nonlinear part ``rest``: what is
 in time and states is taken away. A step's polynomials reproduce what is linear exactly, so that ``rest``
 alone bounds what they can miss (docs/theory.md, "Steps that see what is inside them").
 
-Each rule is a supremum over the operand's ball, or a bound on it; where an operand's ball reaches a
-singularity the result is infinite or no number, which no test of a step passes. The rules use operations
-that every dialect prints: exp, log, sqrt, sin, cos, fmin, fmax and arithmetic.
+The table of operations says which rule is whose (`operations`). Each rule is a supremum over the operand's
+ball, or a bound on it; where an operand's ball reaches a singularity the result is infinite or no number,
+which no test of a step passes.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import casadi as ca
@@ -60,15 +60,13 @@ def scaled(ball: Ball, factor: ca.SX) -> Ball:
 Rule = Callable[..., Ball]
 
 
-def _add(a: Ball, b: Ball) -> Ball:
-    return Ball(a.centre + b.centre, a.radius + b.radius, a.rest + b.rest)
+def linear(apply: Callable[[ca.SX, ca.SX], ca.SX]) -> Rule:
+    """``a + b`` or ``a - b``."""
+    return lambda a, b: Ball(apply(a.centre, b.centre), a.radius + b.radius, a.rest + b.rest)
 
 
-def _subtract(a: Ball, b: Ball) -> Ball:
-    return Ball(a.centre - b.centre, a.radius + b.radius, a.rest + b.rest)
-
-
-def _multiply(a: Ball, b: Ball) -> Ball:
+def multiply(a: Ball, b: Ball) -> Ball:
+    """``a b``."""
     if a.constant:
         return scaled(b, a.centre)
     if b.constant:
@@ -77,51 +75,35 @@ def _multiply(a: Ball, b: Ball) -> Ball:
     return nonlinear(a.centre * b.centre, radius)
 
 
-def _square(a: Ball) -> Ball:
+def square(a: Ball) -> Ball:
+    """``a^2``."""
     return nonlinear(a.centre * a.centre, (2.0 * ca.fabs(a.centre) + a.radius) * a.radius)
 
 
-def _divide(a: Ball, b: Ball) -> Ball:
+def divide(a: Ball, b: Ball) -> Ball:
+    """``a / b``."""
     if b.constant:
         return scaled(a, 1.0 / b.centre)
     quotient = a.centre / b.centre
-    nearest = _positive(ca.fabs(b.centre) - b.radius)
+    nearest = positive(ca.fabs(b.centre) - b.radius)
     return nonlinear(quotient, (a.radius + ca.fabs(quotient) * b.radius) / nearest)
 
 
-def _invert(a: Ball) -> Ball:
-    return _divide(fixed(ca.SX(1)), a)
-
-
-def _positive(distance: ca.SX) -> ca.SX:
+def positive(distance: ca.SX) -> ca.SX:
     """A distance from a singularity, 0 where the ball reaches it: what is divided by it is then infinite."""
     return ca.fmax(distance, 0.0)
 
 
-def _exponential(a: Ball) -> Ball:
-    """``e^c (e^r - 1)``, as a difference: far below a pulse e^r alone would overflow."""
-    value = ca.exp(a.centre)
-    return nonlinear(value, ca.exp(a.centre + a.radius) - value)
-
-
-def _logarithm(a: Ball) -> Ball:
-    return nonlinear(ca.log(a.centre), _log_radius(a))
-
-
-def _log_radius(a: Ball) -> ca.SX:
+def log_radius(c: ca.SX, r: ca.SX) -> ca.SX:
     """``-log(1 - r/c)``; of the logarithm about c > 0 the series' own bound."""
-    return -ca.log(_positive(1.0 - a.radius / ca.fabs(a.centre)))
+    return -ca.log(positive(1.0 - r / ca.fabs(c)))
 
 
-def _root(a: Ball) -> Ball:
-    value = ca.sqrt(a.centre)
-    return nonlinear(value, value * (1.0 - ca.sqrt(1.0 - a.radius / a.centre)))
-
-
-def power(a: Ball, exponent: float) -> Ball:
+def power(a: Ball, b: Ball) -> Ball:
     """``a^e`` with a number e, about c > 0: the binomial series of ``(1 - r/c)^(-|e|)``."""
+    exponent = float(b.centre)
     value = a.centre**exponent
-    return nonlinear(value, ca.fabs(value) * (ca.exp(abs(exponent) * _log_radius(a)) - 1.0))
+    return nonlinear(value, ca.fabs(value) * (ca.exp(abs(exponent) * log_radius(a.centre, a.radius)) - 1.0))
 
 
 def _hyperbolic(radius: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -131,7 +113,7 @@ def _hyperbolic(radius: ca.SX) -> tuple[ca.SX, ca.SX]:
     r = 2, and costs a division.
     """
     x = radius / 16.0
-    root = (1.0 + x) / _positive(1.0 - x)
+    root = (1.0 + x) / positive(1.0 - x)
     square = root * root
     fourth = square * square
     grown = fourth * fourth
@@ -139,27 +121,31 @@ def _hyperbolic(radius: ca.SX) -> tuple[ca.SX, ca.SX]:
     return 0.5 * (grown - shrunk), 0.5 * (grown + shrunk) - 1.0
 
 
-def _sine(a: Ball) -> Ball:
-    sine, cosine = ca.sin(a.centre), ca.cos(a.centre)
-    sinh, above_one = _hyperbolic(a.radius)
-    return nonlinear(sine, ca.fabs(cosine) * sinh + ca.fabs(sine) * above_one)
+def pair(name: str, companion: str) -> Rule:
+    """Sine or cosine: ``f(c + w)`` is ``f(c) cos w + f'(c) sin w``, and ``|sin w| <= sinh r``.
+
+    Args:
+        name: CasADi's name of f.
+        companion: that of its derivative, but for the sign.
+    """
+
+    def rule(a: Ball) -> Ball:
+        value, slope = getattr(ca, name)(a.centre), getattr(ca, companion)(a.centre)
+        sinh, above_one = _hyperbolic(a.radius)
+        return nonlinear(value, ca.fabs(slope) * sinh + ca.fabs(value) * above_one)
+
+    return rule
 
 
-def _cosine(a: Ball) -> Ball:
-    sine, cosine = ca.sin(a.centre), ca.cos(a.centre)
-    sinh, above_one = _hyperbolic(a.radius)
-    return nonlinear(cosine, ca.fabs(sine) * sinh + ca.fabs(cosine) * above_one)
-
-
-def _tangent(a: Ball) -> Ball:
+def tangent(a: Ball) -> Ball:
     """``|sin z / (cos c cos(c + z))|``."""
-    cosine = _cosine(a)
+    cosine = pair("cos", "sin")(a)
     size = ca.fabs(cosine.centre)
     sinh, _ = _hyperbolic(a.radius)
-    return nonlinear(ca.tan(a.centre), sinh / (size * _positive(size - cosine.radius)))
+    return nonlinear(ca.tan(a.centre), sinh / (size * positive(size - cosine.radius)))
 
 
-def _hyperbolic_tangent(a: Ball) -> Ball:
+def hyperbolic_tangent(a: Ball) -> Ball:
     """``|sinh z / (cosh c cosh(c + z))|`` ; ``|cosh(u + iv)|^2`` is ``sinh^2 u + cos^2 v``."""
     u, r = ca.fabs(a.centre), a.radius
     # sinh r / cosh u, where neither of the two overflows
@@ -170,33 +156,14 @@ def _hyperbolic_tangent(a: Ball) -> Ball:
     return nonlinear(ca.tanh(a.centre), quotient / ca.sqrt(sinh * sinh + cosine * cosine))
 
 
-def rules() -> Mapping[int, Rule]:
-    """The rule of each operation, by CasADi's number of it; powers have one of their own."""
-    return {
-        ca.OP_ASSIGN: lambda a: a,
-        ca.OP_ADD: _add,
-        ca.OP_SUB: _subtract,
-        ca.OP_NEG: lambda a: Ball(-a.centre, a.radius, a.rest, a.constant),
-        ca.OP_TWICE: lambda a: scaled(a, ca.SX(2)),
-        ca.OP_MUL: _multiply,
-        ca.OP_SQ: _square,
-        ca.OP_DIV: _divide,
-        ca.OP_INV: _invert,
-        ca.OP_SIN: _sine,
-        ca.OP_COS: _cosine,
-        ca.OP_TAN: _tangent,
-        ca.OP_TANH: _hyperbolic_tangent,
-        ca.OP_EXP: _exponential,
-        ca.OP_LOG: _logarithm,
-        ca.OP_SQRT: _root,
-    }
+def bounded(name: str, radius: Callable[[ca.SX, ca.SX], ca.SX]) -> Rule:
+    """A function by its name in CasADi; `radius` bounds how far it goes, from the operand's ball."""
+    return lambda a: nonlinear(getattr(ca, name)(a.centre), radius(a.centre, a.radius))
 
 
-def entire() -> frozenset[int]:
-    """Operations without a singularity in the complex plane that grow no faster than exp."""
-    return frozenset(
-        (
-            ca.OP_ASSIGN, ca.OP_ADD, ca.OP_SUB, ca.OP_NEG, ca.OP_TWICE, ca.OP_MUL, ca.OP_SQ,
-            ca.OP_SIN, ca.OP_COS,
-        )
-    )  # fmt: skip
+def inverse_hyperbolic(q: ca.SX) -> ca.SX:
+    """``atanh q`` or a little more, for q >= 0; infinite or no number from 1 on.
+
+    ``q + q^3/3 + q^5/5 + ...`` is less than ``q + q^3/3 (1 + q^2 + ...)``, and no difference cancels in it.
+    """
+    return q + q * q * q / (3.0 * positive(1.0 - q * q))

@@ -1,30 +1,18 @@
-"""C and header text of the kernels: CasADi prints most bodies, this module the banner and the declarations.
+"""C and header text of the table's rows: CasADi prints the bodies, this module banner and declarations.
 
-The bodies are CasADi's as they come (its calling convention, its checks for absent arguments), but for
-those in which runs spend their time: ``scalar_text`` prints these as straight lines. The header declares just
-what is called, without macros or types of CasADi's, so that cffi reads it and a person does too.
+``kernels.c`` is CasADi's own text, unedited (its calling convention, its checks for absent arguments). The
+header declares just what is called, in ``loops.c`` too, without macros or types of CasADi's, so that cffi
+reads it and a person does too.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Iterable
 
 import casadi as ca
 
-from pmjoint_codegen.emit.compact import Compact
-from pmjoint_codegen.emit.compact_text import compact_kernel
-from pmjoint_codegen.emit.scalar_text import HEADER as SAMPLED_HEADER
-from pmjoint_codegen.emit.scalar_text import straight_kernel, wrapper
 from pmjoint_codegen.manifest import Function
 
-STRAIGHT = (
-    "plant",
-    "closed_loop",
-    "taylor",
-    "guard",
-    "plant_taylor",
-    "plant_guard",
-)  # beside the sampled loop's
 _CONVENTION = """\
 /* arg[i] points to input i, res[i] to output i: dense vectors of doubles. iw, w, mem are unused and may be 0.
  * Every function returns 0. None allocates or keeps state. */
@@ -38,30 +26,17 @@ def banner(lines: list[str]) -> str:
     return f"/* {text}\n */\n"
 
 
-def kernels_source(
-    functions: Mapping[str, ca.Function], sampled: Collection[str], compact: Compact | None, head: str
-) -> str:
-    """``kernels.c``: every function, in order.
+def kernels_source(rows: Iterable[ca.Function], head: str) -> str:
+    """``kernels.c``: every row of the table, in order, as CasADi prints it.
 
     Args:
-        functions: the kernels, by name.
-        sampled: names of those whose bodies stand in ``sampled.h``; they come last.
-        compact: ``taylor``, where it is no straight lines.
+        rows: the functions.
         head: the banner.
     """
-    private_helpers, own_header = {"static_aux": True}, {"with_header": False}
-    generator = ca.CodeGenerator("kernels", private_helpers | own_header)
-    for name, function in functions.items():
-        if name not in (*sampled, *STRAIGHT):
-            generator.add(function)
-    body = "\n".join(line.rstrip() for line in str(generator.dump()).splitlines())
-    own = [
-        compact_kernel(compact) if compact and compact.name == name else straight_kernel(functions[name])
-        for name in STRAIGHT
-    ]
-    wrappers = [wrapper(functions[name]) for name in functions if name in sampled]
-    parts = [f'{head}#include "kernels.h"\n#include "{SAMPLED_HEADER}"', body.strip(), *own, *wrappers]
-    return "\n\n".join(parts) + "\n"
+    generator = ca.CodeGenerator("kernels", {"static_aux": True, "with_header": False})
+    for function in rows:
+        generator.add(function)
+    return f'{head}#include "kernels.h"\n\n{generator.dump()}'
 
 
 def kernels_header(functions: tuple[Function, ...], head: str) -> str:

@@ -200,9 +200,9 @@ class _Phase(Order):
 
 
 def _partners(nodes: Sequence[Node]) -> dict[Node, Node]:
-    """Sine and cosine of one argument: each is the other's companion."""
+    """Sine and cosine of one argument, hyperbolic ones too: each is the other's companion."""
     found = {(node.operation, node.operands[0]): node for node in nodes if node.operands}
-    opposite = {ca.OP_SIN: ca.OP_COS, ca.OP_COS: ca.OP_SIN}
+    opposite = {"sin": "cos", "cos": "sin", "sinh": "cosh", "cosh": "sinh"}
     return {
         node: found[opposite[operation], a]
         for (operation, a), node in found.items()

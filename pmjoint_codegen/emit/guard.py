@@ -1,6 +1,6 @@
 """The guard of a step: how much of a right-hand side its Taylor polynomials can miss, as a CasADi function.
 
-``guard_function`` walks a function's instruction list once, in complex balls (`balls`). The loops ask it, for
+``guard_function`` walks a function's tape once, in complex balls (`balls`). The loops ask it, for
 a step on trial, for the nonlinear part of every rate and value on a disc around the step's start that is
 larger than the step; by Cauchy's estimate that bounds what the polynomials leave out (`rule`).
 """
@@ -8,14 +8,16 @@ larger than the step; by Cauchy's estimate that bounds what the polynomials leav
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 
 import casadi as ca
 import numpy as np
 
-from pmjoint_codegen.emit.balls import Ball, Rule, entire, fixed, leaf, power, rules
+from pmjoint_codegen.emit import balls
+from pmjoint_codegen.emit.balls import Ball, fixed, leaf
+from pmjoint_codegen.emit.tape import tape_of
 from pmjoint_codegen.errors import ModelError
 from pmjoint_codegen.manifest import GuardRule
+from pmjoint_codegen.operations import Operation, by_name, remedy
 
 # Where the right-hand side is compared with the polynomials beside the step's end: at `1 - place/(N + 3)`.
 # The remainder of Hermite interpolation is then smallest, to a few percent, for N = 5..24.
@@ -41,37 +43,34 @@ def guard_function(name: str, function: ca.Function, *, time: str = "t", state: 
     """
     inputs = [ca.SX.sym(label, function.size1_in(i)) for i, label in enumerate(function.name_in())]
     R, P = ca.SX.sym("R"), ca.SX.sym("P", function.size1_in(state))
-    known = rules()
-    register: dict[int, Ball] = {}
-    results = [[ca.SX(0)] * function.nnz_out(i) for i in range(function.n_out())]
-    for position in range(function.n_instructions()):
-        operation = function.instruction_id(position)
-        reads, writes = function.instruction_input(position), function.instruction_output(position)
-        if operation == ca.OP_INPUT:
-            label, entry = function.name_in(reads[0]), inputs[reads[0]][reads[1]]
-            moving = {time: R, state: P[reads[1]] if label == state else ca.SX(0)}
-            register[writes[0]] = leaf(entry, moving[label]) if label in moving else fixed(entry)
-        elif operation == ca.OP_CONST:
-            register[writes[0]] = fixed(ca.SX(float(function.instruction_constant(position))))
-        elif operation == ca.OP_OUTPUT:
-            results[writes[0]][writes[1]] = register[reads[0]].rest
+    known, tape = by_name(), tape_of(function)
+    values: list[Ball] = []
+    results = [[ca.SX(0)] * size for _, size in tape.outputs]
+    for item in tape.instructions:
+        if item.operation == "input":
+            (block, place), label = item.operands, tape.inputs[item.operands[0]][0]
+            moving = {time: R, state: P[place] if label == state else ca.SX(0)}
+            entry = inputs[block][place]
+            values.append(leaf(entry, moving[label]) if label in moving else fixed(entry))
+        elif item.operation == "const":
+            values.append(fixed(ca.SX(item.value)))
+        elif item.operation == "output":
+            result, place, value = item.operands
+            results[result][place] = values[value].rest
         else:
-            register[writes[0]] = _operation(operation, [register[i] for i in reads], known)
+            values.append(_operation(known[item.operation], [values[i] for i in item.operands]))
     rest = ca.densify(ca.vertcat(*(entry for entries in results for entry in entries)))
     return ca.Function(name, [*inputs, R, P], [ca.cse(rest)], [*function.name_in(), "R", "P"], ["rest"])
 
 
-def _operation(operation: int, operands: list[Ball], known: Mapping[int, Rule]) -> Ball:
-    if operation in (ca.OP_POW, ca.OP_CONSTPOW):
-        result = power(operands[0], float(operands[1].centre))
-    elif operation in known:
-        result = known[operation](*operands)
-    else:
+def _operation(operation: Operation, operands: list[Ball]) -> Ball:
+    if operation.ball is None:
         raise ModelError(
-            what=f"operation {operation} of the right-hand side has no bound on a disc",
+            what=f"operation {operation.name} of the right-hand side has no bound on a disc",
             where="step control",
-            remedy="use analytic functions: + - * / **, sin, cos, tan, exp, log, sqrt, tanh",
+            remedy=f"{remedy()}: they are analytic",
         )
+    result: Ball = operation.ball(balls)(*operands)
     return fixed(result.centre) if all(operand.constant for operand in operands) else result
 
 
@@ -95,25 +94,25 @@ def rule_of(function: ca.Function, order: int) -> GuardRule:
     Without singularities the end alone is compared; with them two points inside, too, which lets a step come
     closer to a singularity.
     """
-    return rule(order, 1 if _moving_operations(function) <= entire() else 1 + len(INSIDE))
+    known = by_name()
+    smooth = all(known[name].entire for name in _moving_operations(function))
+    return rule(order, 1 if smooth else 1 + len(INSIDE))
 
 
-def _moving_operations(function: ca.Function) -> set[int]:
+def _moving_operations(function: ca.Function) -> set[str]:
     """Operations whose value changes along a run: those on parameters alone are left out."""
-    constant: dict[int, bool] = {}
-    moving: set[int] = set()
-    for position in range(function.n_instructions()):
-        operation = function.instruction_id(position)
-        reads, writes = function.instruction_input(position), function.instruction_output(position)
-        if operation == ca.OP_INPUT:
-            constant[writes[0]] = function.name_in(reads[0]) not in ("t", "x", "X")
-        elif operation == ca.OP_CONST:
-            constant[writes[0]] = True
-        elif operation != ca.OP_OUTPUT:
-            if operation == ca.OP_DIV and constant[reads[1]]:
-                operation = ca.OP_MUL
-            constant[writes[0]] = all(constant[read] for read in reads)
-            moving |= set() if constant[writes[0]] else {operation}
+    tape = tape_of(function)
+    constant: list[bool] = []
+    moving: set[str] = set()
+    for item in tape.instructions:
+        if item.operation == "input":
+            constant.append(tape.inputs[item.operands[0]][0] not in ("t", "x", "X"))
+        elif item.operation == "const":
+            constant.append(True)
+        elif item.operation != "output":
+            scaled = item.operation == "div" and constant[item.operands[1]]
+            constant.append(all(constant[operand] for operand in item.operands))
+            moving |= set() if constant[-1] else {"mul" if scaled else item.operation}
     return moving
 
 

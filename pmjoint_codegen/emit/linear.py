@@ -11,10 +11,8 @@ from collections import Counter
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-import casadi as ca
-
 from pmjoint_codegen.emit.affine import Combination, Factor, factor, inverse, one, shortest
-from pmjoint_codegen.emit.recurrences import Node, recurrences
+from pmjoint_codegen.emit.recurrences import Node, divide, invert, multiply, square
 from pmjoint_codegen.emit.terms import number
 
 
@@ -23,17 +21,17 @@ class Product:
     """A product, square, quotient or inverse of moving nodes.
 
     Attributes:
-        operation: CasADi's number of it.
+        operation: its name in the table.
         operands: without their constant factors.
     """
 
-    operation: int
+    operation: str
     operands: tuple[Node, ...]
 
     @property
     def key(self) -> Hashable:
         """What equal products have in common: the factors of a product in any order."""
-        return self.operation, frozenset(self.operands) if self.operation == ca.OP_MUL else self.operands
+        return self.operation, frozenset(self.operands) if self.operation == "mul" else self.operands
 
 
 def _constant_factor(node: Node, *, inverted: bool = False) -> Factor:
@@ -45,18 +43,17 @@ def _constant_factor(node: Node, *, inverted: bool = False) -> Factor:
 def _parts(node: Node) -> list[tuple[Node, Factor]] | None:
     """A linear operation as a sum of moving nodes with constant factors; None for any other operation."""
     a, b = node.operands[0], node.operands[-1]
-    if node.operation == ca.OP_MUL and (a.constant or b.constant):
+    if node.operation == "mul" and (a.constant or b.constant):
         moving, fixed = (b, a) if a.constant else (a, b)
         return [(moving, _constant_factor(fixed))]
-    if node.operation == ca.OP_DIV and b.constant:
+    if node.operation == "div" and b.constant:
         return [(a, _constant_factor(b, inverted=True))]
     plus = one()
     signed = {
-        ca.OP_ASSIGN: [(a, plus)],
-        ca.OP_NEG: [(a, -plus)],
-        ca.OP_TWICE: [(a, factor(2, number(2.0)))],
-        ca.OP_ADD: [(a, plus), (b, plus)],
-        ca.OP_SUB: [(a, plus), (b, -plus)],
+        "neg": [(a, -plus)],
+        "twice": [(a, factor(2, number(2.0)))],
+        "add": [(a, plus), (b, plus)],
+        "sub": [(a, plus), (b, -plus)],
     }.get(node.operation)
     return None if signed is None else [(part, sign) for part, sign in signed if not part.constant]
 
@@ -64,7 +61,7 @@ def _parts(node: Node) -> list[tuple[Node, Factor]] | None:
 def _unscaled(node: Node) -> tuple[Node, Factor]:
     """A node as a constant factor times another one, as far down as that goes; sums are no multiples."""
     by = one()
-    while node.operands and not node.constant and node.operation not in (ca.OP_ADD, ca.OP_SUB):
+    while node.operands and not node.constant and node.operation not in ("add", "sub"):
         parts = _parts(node)
         if parts is None:
             break
@@ -76,20 +73,20 @@ def _unscaled(node: Node) -> tuple[Node, Factor]:
 def _product(node: Node) -> tuple[Product, Factor] | None:
     """A product or quotient of moving nodes without constant factors, and these factors' product."""
     a, b = node.operands[0], node.operands[-1]
-    if node.operation in (ca.OP_MUL, ca.OP_SQ) and not (a.constant or b.constant):
+    if node.operation in ("mul", "sq") and not (a.constant or b.constant):
         (left, by), (right, times) = _unscaled(a), _unscaled(b)
         if left is right:
-            return Product(ca.OP_SQ, (left,)), by * times
-        return Product(ca.OP_MUL, (left, right)), by * times
-    if node.operation not in (ca.OP_DIV, ca.OP_INV) or b.constant:
+            return Product("sq", (left,)), by * times
+        return Product("mul", (left, right)), by * times
+    if node.operation not in ("div", "inv") or b.constant:
         return None
     right, times = _unscaled(b)
-    if node.operation == ca.OP_INV:
-        return Product(ca.OP_INV, (right,)), times.inverted()
+    if node.operation == "inv":
+        return Product("inv", (right,)), times.inverted()
     if a.constant:
-        return Product(ca.OP_INV, (right,)), _constant_factor(a) * times.inverted()
+        return Product("inv", (right,)), _constant_factor(a) * times.inverted()
     left, by = _unscaled(a)
-    return Product(ca.OP_DIV, (left, right)), by * times.inverted()
+    return Product("div", (left, right)), by * times.inverted()
 
 
 def shared(nodes: Sequence[Node]) -> tuple[list[Node], dict[Node, list[tuple[Node, Factor]]]]:
@@ -100,7 +97,7 @@ def shared(nodes: Sequence[Node]) -> tuple[list[Node], dict[Node, list[tuple[Nod
     """
     forms = {node: form for node in nodes if not node.constant and (form := _product(node))}
     uses = Counter(product.key for product, _ in forms.values())
-    known = recurrences()
+    rules = {"mul": multiply, "sq": square, "div": divide, "inv": invert}
     result: list[Node] = []
     chosen: dict[Hashable, Node] = {}
     multiples: dict[Node, list[tuple[Node, Factor]]] = {}
@@ -109,7 +106,7 @@ def shared(nodes: Sequence[Node]) -> tuple[list[Node], dict[Node, list[tuple[Nod
         if product is not None and uses[product.key] > 1:
             if product.key not in chosen:
                 chosen[product.key] = Node(
-                    known[product.operation], product.operands, operation=product.operation
+                    rules[product.operation], product.operands, operation=product.operation
                 )
                 chosen[product.key].begin()
                 result.append(chosen[product.key])

@@ -4,11 +4,12 @@ Stages, input to output:
 
     derive           Model               -> Derivation (named equations)
     build_functions  Derivation          -> CasADi functions, one for each row of the table and of LOOPS
-    kernels_source   functions           -> kernels.c
-    sampled_header   functions           -> sampled.h, what the sampled loop takes in
+    kernels_source   rows' functions     -> kernels.c, which CasADi prints
+    tapes_of         functions           -> tapes -> kernels.tape, for the interpreted evaluator
+    loops_source     tapes               -> loops.c, what the loops of single runs call
+    sampled_header   tapes               -> sampled.h, what the sampled loop takes in
     kernels_header   function records    -> kernels.h
-    tapes_of         functions           -> kernels.tape, for the interpreted evaluator
-    lane_functions   functions           -> functions over lanes, LANES -> lanes.c, lanes.h, for sweeps
+    lane_functions   functions           -> functions over lanes -> tapes -> lanes.c, lanes.h, for sweeps
     equations_text   Derivation          -> equations.json, for comparisons
     derivation_page  Derivation          -> derivation.md, what a reviewer reads
     describe         all of the above    -> model.json
@@ -34,10 +35,10 @@ from pmjoint_codegen.emit.functions import build_functions, lane_functions
 from pmjoint_codegen.emit.guard import looks_at_actuator, rule_of
 from pmjoint_codegen.emit.lane_text import lanes_header, lanes_source
 from pmjoint_codegen.emit.lanes import lane_sizes
+from pmjoint_codegen.emit.print_c import steps
 from pmjoint_codegen.emit.sampling import SAMPLED, sampled_sizes
 from pmjoint_codegen.emit.scalar_text import HEADER as SAMPLED_HEADER
-from pmjoint_codegen.emit.scalar_text import sampled_header
-from pmjoint_codegen.emit.straight_text import instructions
+from pmjoint_codegen.emit.scalar_text import loops_source, sampled_header
 from pmjoint_codegen.emit.table import LANES, LOOPS, Taylor
 from pmjoint_codegen.emit.tape import tapes_of
 from pmjoint_codegen.emit.vocabulary import vocabulary
@@ -49,7 +50,6 @@ from pmjoint_codegen.manifest import FILE_NAME, Function, Manifest
 from pmjoint_codegen.report.markdown import markdown_report
 from pmjoint_codegen.storage import sha256
 from pmjoint_derive import Derivation, Model, OutsideClassError, derive
-from pmjoint_derive.certificate import certificate_equations
 from pmjoint_derive.progress import Stage, unwatched
 
 PAGE = "derivation.md"
@@ -119,21 +119,24 @@ def _kernel_files(
     operations = sum(item.operations for item in records)
     size = f"{operations} operations in {len(records)} functions."
     head = provenance(document, derivation, "kernels", size)
-    tapes = "\n".join(f"# {line}" for line in head) + "\n\n" + write_tapes(tapes_of(functions.values()))
-    sampled = {name: functions[name] for name in SAMPLED}
+    made = {row.name for row in LOOPS}
+    tapes = tapes_of(functions.values())
+    sampled = [tape for tape in tapes if tape.name in SAMPLED]
+    called = [tape for tape in tapes if tape.name in made and tape.name not in SAMPLED]
+    rows = [function for name, function in functions.items() if name not in made]
+    sizes = sampled_sizes(vocabulary(derivation), functions)
     return {
-        "kernels.c": kernels_source(functions, SAMPLED, compact, banner(head)),
+        "kernels.c": kernels_source(rows, banner(head)),
         "kernels.h": kernels_header(records, banner(head)),
-        SAMPLED_HEADER: sampled_header(
-            sampled, sampled_sizes(vocabulary(derivation), functions), banner(head[:2])
-        ),
-        TAPE: tapes,
+        "loops.c": loops_source(called, sampled, compact, banner(head[:2])),
+        SAMPLED_HEADER: sampled_header(sampled, sizes, banner(head[:2])),
+        TAPE: "\n".join(f"# {line}" for line in head) + "\n\n" + write_tapes(tapes),
     }
 
 
 def derivation_page(document: Document, derivation: Derivation) -> str:
     """``derivation.md``: every equation, those of the certificate too, with the values of the model file."""
-    equations = (*derivation.equations.values(), *certificate_equations(derivation))
+    equations = (*derivation.equations.values(), *derivation.design.certificate(derivation))
     return markdown_report(derivation.model, equations, provenance(document, derivation, "derivation")) + "\n"
 
 
@@ -151,8 +154,8 @@ def _lane_files(
     document: Document, derivation: Derivation, functions: Mapping[str, ca.Function]
 ) -> dict[str, str]:
     words = vocabulary(derivation)
-    lanes = lane_functions(functions)
-    operations = sum(len(instructions(function)) for function in lanes.values())
+    lanes = tapes_of(lane_functions(functions).values())
+    operations = sum(len(steps(tape)) for tape in lanes)
     size = f"{operations} operations in {len(lanes)} functions over lanes, for sweeps."
     head = banner(provenance(document, derivation, "kernels", size))
     return {

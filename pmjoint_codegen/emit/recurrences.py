@@ -1,6 +1,7 @@
 """Recurrences of the elementary operations: coefficient k of a result from its operands' up to k.
 
-Coefficients are normalised, ``a[k] = (d^k a / dt^k) / k!``. Moore, Interval Analysis (1966); Jorba and Zou,
+The table of operations says which one is whose (`operations`). Coefficients are normalised,
+``a[k] = (d^k a / dt^k) / k!``. Moore, Interval Analysis (1966); Jorba and Zou,
 Experimental Mathematics 14 (2005), Proposition 2.1.
 
 A recurrence sees one order at a time (`Order`): the coefficients of order k and 0, and sums over the orders
@@ -11,10 +12,10 @@ one text (`compact`).
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import TypeAlias
+from typing import Final, TypeAlias
 
 import casadi as ca
 
@@ -44,7 +45,7 @@ class Node:
         constant: whether only coefficient 0 can differ from zero.
         companion: second series of a coupled pair, such as the cosine beside a sine.
         exponent: of a constant power.
-        operation: CasADi's number of it; -1 for what comes from outside.
+        operation: its name in the table; empty for what comes from outside.
         residue: of a constant, see `affine`.
         rate: of a state: the node whose coefficient k-1 is k times the state's coefficient k.
         sum: what replaces the recurrence above order 0: nodes with the factors that they are summed with.
@@ -57,7 +58,7 @@ class Node:
     constant: bool = False
     companion: list[Term] = field(default_factory=list)
     exponent: float = 0.0
-    operation: int = -1
+    operation: str = ""
     residue: int = 0
     rate: Node | None = None
     sum: tuple[tuple[Node, Factor], ...] | None = None
@@ -156,7 +157,21 @@ class Recurrence:
     companion_rise: Callable[[Node, Order, Term], Term] | None = None
 
 
-def _multiply(node: Node, o: Order) -> Term:
+def linear(apply: Callable[..., Term]) -> Recurrence:
+    """Sums, differences and the like: coefficient by coefficient."""
+    return Recurrence(_first(apply), lambda node, o: apply(*(o.of(operand) for operand in node.operands)))
+
+
+def _first(apply: Callable[..., Term]) -> Callable[[Node], Term]:
+    return lambda node: apply(*(operand[0] for operand in node.operands))
+
+
+def _called(name: str) -> Callable[[Node], Term]:
+    """CasADi's function of that name."""
+    return lambda node: node.operands[0][0].apply(getattr(ca, name))
+
+
+def _product(node: Node, o: Order) -> Term:
     a, b = node.operands
     if a.constant:
         return o.first(a) * o.of(b)
@@ -166,12 +181,7 @@ def _multiply(node: Node, o: Order) -> Term:
     return total([o.first(a) * o.of(b), *interior, o.of(a) * o.first(b)])
 
 
-def _square(node: Node, o: Order) -> Term:
-    a = node.operands[0]
-    return o.square(a, o.of(a))
-
-
-def _divide(node: Node, o: Order) -> Term:
+def _quotient(node: Node, o: Order) -> Term:
     a, b = node.operands
     if b.constant:
         return o.over(o.of(a), o.first(b))
@@ -179,16 +189,10 @@ def _divide(node: Node, o: Order) -> Term:
     return o.over(total([o.of(a)], known), o.first(b))
 
 
-def _invert(node: Node, o: Order) -> Term:
+def _inverse(node: Node, o: Order) -> Term:
     a = node.operands[0]
     known = [*o.interior((a, Kind.VALUE), (node, Kind.VALUE)), o.of(a) * o.first(node)]
     return -total(known) * o.first(node)
-
-
-def _logarithm(node: Node, o: Order) -> Term:
-    a = node.operands[0]
-    inner = total(o.interior((node, Kind.SLOPE), (a, Kind.VALUE)))
-    return o.over(total([o.of(a)], [o.per_order(inner)]), o.first(a))
 
 
 def _root(node: Node, o: Order) -> Term:
@@ -197,7 +201,7 @@ def _root(node: Node, o: Order) -> Term:
 
 
 def _power(node: Node, o: Order) -> Term:
-    """``a^e`` with a number e: ``k a[0] p[k] = sum_{j<k} (k e - j (e + 1)) a[k-j] p[j]``."""
+    """``k a[0] p[k] = sum_{j<k} (k e - j (e + 1)) a[k-j] p[j]``."""
     a, e = node.operands[0], node.exponent
     last = o.times(o.of(a) * o.first(node), e)
     values = total(o.interior((a, Kind.VALUE), (node, Kind.VALUE)))
@@ -206,85 +210,87 @@ def _power(node: Node, o: Order) -> Term:
     return o.over(o.per_order(inner), o.first(a))
 
 
-def _applied(function: Callable[[ca.SX], ca.SX]) -> Callable[[Node], Term]:
-    return lambda node: node.operands[0][0].apply(function)
+def pair(name: str, companion: str, sign: int, back: int) -> Recurrence:
+    """``f' = sign g a'`` and ``g' = back f a'``, such as sine and cosine.
 
-
-def _coupled(
-    function: Callable[[ca.SX], ca.SX], beside: Callable[[ca.SX], ca.SX], sign: int, beside_sign: int
-) -> Recurrence:
-    """A pair with ``f' = sign g a'`` and ``g' = beside_sign f a'``, such as sine and cosine."""
+    Args:
+        name: CasADi's name of f.
+        companion: that of g.
+        sign: 1 or -1.
+        back: 1 or -1.
+    """
 
     def rise(node: Node, o: Order) -> Term:
         value = o.weighted(node.operands[0], (node, Kind.COMPANION), o.companion(node))
         return value if sign > 0 else -value
 
-    def companion(node: Node, o: Order, _own: Term) -> Term:
+    def beside(node: Node, o: Order, _own: Term) -> Term:
         value = o.weighted(node.operands[0], (node, Kind.VALUE), o.first(node))
-        return value if beside_sign > 0 else -value
+        return value if back > 0 else -value
 
-    return Recurrence(_applied(function), rise, _applied(beside), companion)
+    return Recurrence(_called(name), rise, _called(companion), beside)
 
 
-def _tangent_like(function: Callable[[ca.SX], ca.SX], sign: int) -> Recurrence:
-    """``f' = (1 + sign f^2) a'``: tan with +1, tanh with -1; the companion is f^2."""
+def inverse_slope(name: str, divisor: Recurrence) -> Recurrence:
+    """``d f' = a'`` with a divisor d of a, such as log and atan; the companion holds d.
+
+    Args:
+        name: CasADi's name of f.
+        divisor: of d, as a function of a.
+    """
+
+    def rise(node: Node, o: Order) -> Term:
+        inner = total(o.interior((node, Kind.SLOPE), (node, Kind.COMPANION)))
+        return o.over(total([o.of(node.operands[0])], [o.per_order(inner)]), o.companion(node))
+
+    return Recurrence(_called(name), rise, divisor.start, lambda node, o, _own: divisor.rise(node, o))
+
+
+def one_plus_square(sign: int) -> Recurrence:
+    """``1 + sign a^2``, as a divisor.
+
+    Args:
+        sign: 1 or -1.
+    """
+    return Recurrence(
+        lambda node: number(1.0) + (node.operands[0][0] * node.operands[0][0]).times(float(sign)),
+        lambda node, o: square.rise(node, o).times(float(sign)),
+    )
+
+
+def riccati(name: str, sign: int) -> Recurrence:
+    """``f' = (1 + sign f^2) a'``, such as tan and tanh; the companion holds f^2.
+
+    Args:
+        name: CasADi's name of f.
+        sign: 1 or -1.
+    """
 
     def rise(node: Node, o: Order) -> Term:
         a = node.operands[0]
         return total([o.of(a), o.weighted(a, (node, Kind.COMPANION), o.companion(node)).times(float(sign))])
 
     return Recurrence(
-        _applied(function),
-        rise,
-        lambda node: node[0] * node[0],
-        lambda node, o, own: o.square(node, own),
+        _called(name), rise, lambda node: node[0] * node[0], lambda node, o, own: o.square(node, own)
     )
 
 
-def _elementwise(function: Callable[[ca.SX], ca.SX], rise: Callable[[Node, Order], Term]) -> Recurrence:
-    return Recurrence(_applied(function), rise)
-
-
-def constant_power() -> Recurrence:
-    """``a^e`` with a number e."""
-    return Recurrence(lambda node: node.operands[0][0].apply(lambda value: value**node.exponent), _power)
-
-
-def recurrences() -> Mapping[int, Recurrence]:
-    """The recurrence of each operation, by CasADi's number of it; powers have one of their own."""
-
-    def linear(combine: Callable[..., Term]) -> Recurrence:
-        return Recurrence(
-            lambda node: combine(*(a[0] for a in node.operands)),
-            lambda node, o: combine(*(o.of(a) for a in node.operands)),
-        )
-
-    def start(combine: Callable[..., Term]) -> Callable[[Node], Term]:
-        return lambda node: combine(*(a[0] for a in node.operands))
-
-    return {
-        ca.OP_ASSIGN: linear(lambda a: a),
-        ca.OP_ADD: linear(lambda a, b: a + b),
-        ca.OP_SUB: linear(lambda a, b: a - b),
-        ca.OP_NEG: linear(lambda a: -a),
-        ca.OP_TWICE: linear(lambda a: a.times(2.0)),
-        ca.OP_MUL: Recurrence(start(lambda a, b: a * b), _multiply),
-        ca.OP_SQ: Recurrence(start(lambda a: a * a), _square),
-        ca.OP_DIV: Recurrence(start(lambda a, b: a / b), _divide),
-        ca.OP_INV: Recurrence(start(lambda a: number(1.0) / a), _invert),
-        ca.OP_SIN: _coupled(ca.sin, ca.cos, 1, -1),
-        ca.OP_COS: _coupled(ca.cos, ca.sin, -1, 1),
-        ca.OP_TAN: _tangent_like(ca.tan, 1),
-        ca.OP_TANH: _tangent_like(ca.tanh, -1),
-        ca.OP_EXP: _elementwise(
-            ca.exp, lambda node, o: o.weighted(node.operands[0], (node, Kind.VALUE), o.first(node))
-        ),
-        ca.OP_LOG: _elementwise(ca.log, _logarithm),
-        ca.OP_SQRT: _elementwise(ca.sqrt, _root),
-        ca.OP_CONSTPOW: constant_power(),
-        # |a| is a or -a away from its kink, and takes the slope 0 on it.
-        ca.OP_FABS: _elementwise(
-            ca.fabs, lambda node, o: o.first(node.operands[0]).apply(ca.sign) * o.of(node.operands[0])
-        ),
-        ca.OP_SIGN: _elementwise(ca.sign, lambda node, o: number(0.0)),
-    }
+multiply: Final = Recurrence(_first(lambda a, b: a * b), _product)
+square: Final = Recurrence(
+    _first(lambda a: a * a), lambda node, o: o.square(node.operands[0], o.of(node.operands[0]))
+)
+divide: Final = Recurrence(_first(lambda a, b: a / b), _quotient)
+invert: Final = Recurrence(_first(lambda a: number(1.0) / a), _inverse)
+root: Final = Recurrence(_called("sqrt"), _root)
+itself: Final = linear(lambda a: a)
+exponential: Final = Recurrence(
+    _called("exp"), lambda node, o: o.weighted(node.operands[0], (node, Kind.VALUE), o.first(node))
+)
+constant_power: Final = Recurrence(
+    lambda node: node.operands[0][0].apply(lambda value: value**node.exponent), _power
+)
+# |a| is a or -a away from its kink, and takes the slope 0 on it.
+magnitude: Final = Recurrence(
+    _called("fabs"), lambda node, o: o.first(node.operands[0]).apply(ca.sign) * o.of(node.operands[0])
+)
+sign: Final = Recurrence(_called("sign"), lambda node, o: number(0.0))

@@ -1,4 +1,7 @@
-"""CasADi functions as tapes: their own instruction lists, in static single assignment."""
+"""CasADi functions as tapes: their own instruction lists, in static single assignment.
+
+This is the one place that walks CasADi's list; printers, recurrences, balls and the interpreter read tapes.
+"""
 
 from __future__ import annotations
 
@@ -8,17 +11,7 @@ import casadi as ca
 
 from pmjoint_codegen.errors import ModelError
 from pmjoint_codegen.kernels.tape import Instruction, Tape
-
-
-def _operations() -> dict[int, str]:
-    """Names of the operations that a kernel may hold."""
-    return {
-        ca.OP_NEG: "neg", ca.OP_SQ: "sq", ca.OP_TWICE: "twice", ca.OP_INV: "inv", ca.OP_SQRT: "sqrt",
-        ca.OP_SIN: "sin", ca.OP_COS: "cos", ca.OP_TAN: "tan", ca.OP_TANH: "tanh", ca.OP_EXP: "exp",
-        ca.OP_LOG: "log", ca.OP_ADD: "add", ca.OP_SUB: "sub", ca.OP_MUL: "mul", ca.OP_DIV: "div",
-        ca.OP_POW: "pow", ca.OP_CONSTPOW: "pow", ca.OP_FMIN: "fmin", ca.OP_FMAX: "fmax",
-        ca.OP_FABS: "fabs", ca.OP_SIGN: "sign",
-    }  # fmt: skip
+from pmjoint_codegen.operations import by_name, remedy
 
 
 def tapes_of(functions: Iterable[ca.Function]) -> list[Tape]:
@@ -27,11 +20,16 @@ def tapes_of(functions: Iterable[ca.Function]) -> list[Tape]:
     Raises:
         ModelError: for an operation that no kernel may hold.
     """
-    return [_tape(function) for function in functions]
+    return [tape_of(function) for function in functions]
 
 
-def _tape(function: ca.Function) -> Tape:
-    names = _operations()
+def tape_of(function: ca.Function) -> Tape:
+    """A function's tape.
+
+    Raises:
+        ModelError: for an operation that no kernel may hold.
+    """
+    names = {getattr(ca, opcode): item.name for item in by_name().values() for opcode in item.opcodes}
     values: dict[int, int] = {}  # CasADi's work vector entry -> value that it holds now
     instructions: list[Instruction] = []
     count = 0
@@ -41,28 +39,23 @@ def _tape(function: ca.Function) -> Tape:
         if operation == ca.OP_OUTPUT:
             instructions.append(Instruction("output", (writes[0], writes[1], values[reads[0]])))
             continue
-        instructions.append(_instruction(function, position, names, values))
+        if operation == ca.OP_INPUT:
+            item = Instruction("input", (reads[0], reads[1]))
+        elif operation == ca.OP_CONST:
+            item = Instruction("const", (), float(function.instruction_constant(position)))
+        elif operation in names:
+            item = Instruction(names[operation], tuple(values[entry] for entry in reads))
+        else:
+            raise ModelError(
+                what=f"operation {operation} has no place on a tape",
+                where=f"kernel {function.name()}",
+                remedy=remedy(),
+            )
+        instructions.append(item)
         values[writes[0]] = count
         count += 1
-    sizes = [
+    inputs, outputs = (
         tuple((label, int(size(i))) for i, label in enumerate(labels))
         for labels, size in ((function.name_in(), function.nnz_in), (function.name_out(), function.nnz_out))
-    ]
-    return Tape(function.name(), sizes[0], sizes[1], tuple(instructions))
-
-
-def _instruction(
-    function: ca.Function, position: int, names: dict[int, str], values: dict[int, int]
-) -> Instruction:
-    operation, reads = function.instruction_id(position), function.instruction_input(position)
-    if operation == ca.OP_INPUT:
-        return Instruction("input", (reads[0], reads[1]))
-    if operation == ca.OP_CONST:
-        return Instruction("const", (), float(function.instruction_constant(position)))
-    if operation not in names:
-        raise ModelError(
-            what=f"operation {operation} has no place on a tape",
-            where=f"kernel {function.name()}",
-            remedy="use + - * / **, sin, cos, tan, exp, log, sqrt, tanh",
-        )
-    return Instruction(names[operation], tuple(values[entry] for entry in reads))
+    )
+    return Tape(function.name(), inputs, outputs, tuple(instructions))

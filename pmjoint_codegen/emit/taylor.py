@@ -1,7 +1,7 @@
 """Taylor coefficients of an ordinary differential equation, as one straight-line CasADi function.
 
-The right-hand side is a list of elementary operations (CasADi's own instruction list). Each operation has a
-recurrence (`recurrences`) that gives its k-th normalised coefficient ``a[k] = (d^k a / dt^k) / k!`` from
+The right-hand side is a list of elementary operations, its tape. Each operation has a recurrence
+(`recurrences`) that gives its k-th normalised coefficient ``a[k] = (d^k a / dt^k) / k!`` from
 lower ones; the state follows by ``x[k+1] = x'[k] / (k+1)``. Running the list for k = 0, 1, ..., N on symbols
 instead of numbers yields all coefficients exactly, with no truncation error in any of them.
 
@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
+from pmjoint_codegen.emit import recurrences
 from pmjoint_codegen.emit.affine import (
     PRIME,
     Factor,
@@ -24,17 +25,12 @@ from pmjoint_codegen.emit.affine import (
     residue_of,
 )
 from pmjoint_codegen.emit.linear import shared, simplify
-from pmjoint_codegen.emit.recurrences import (
-    Kind,
-    Node,
-    Order,
-    Recurrence,
-    Series,
-    constant_power,
-    recurrences,
-)
+from pmjoint_codegen.emit.recurrences import Kind, Node, Order, Series
+from pmjoint_codegen.emit.tape import tape_of
 from pmjoint_codegen.emit.terms import Term, total
 from pmjoint_codegen.errors import ModelError
+from pmjoint_codegen.kernels.tape import Tape
+from pmjoint_codegen.operations import Operation, by_name, remedy
 
 
 @dataclass(frozen=True)
@@ -50,49 +46,51 @@ class Graph:
     outputs: tuple[tuple[Node, ...], ...]
 
 
-def build_graph(function: ca.Function, leaves: Mapping[tuple[int, int], Node]) -> Graph:
-    """Read a function's instruction list.
+def build_graph(tape: Tape, leaves: Mapping[tuple[int, int], Node]) -> Graph:
+    """Read a function's tape.
 
     Args:
-        function: an SX function with dense inputs and outputs.
+        tape: of a function with dense inputs and outputs.
         leaves: node of each input entry, keyed by (input, entry).
 
     Raises:
         ModelError: for an operation without a recurrence; it is not analytic, or not known here.
     """
-    known = recurrences()
+    known = by_name()
     nodes: list[Node] = []
-    register: dict[int, Node] = {}
-    outputs: list[list[Node]] = [[literal(0.0)] * function.nnz_out(i) for i in range(function.n_out())]
-    for position in range(function.n_instructions()):
-        operation = function.instruction_id(position)
-        reads, writes = function.instruction_input(position), function.instruction_output(position)
-        if operation == ca.OP_INPUT:
-            register[writes[0]] = leaves[reads[0], reads[1]]
-        elif operation == ca.OP_OUTPUT:
-            outputs[writes[0]][writes[1]] = register[reads[0]]
-        elif operation == ca.OP_CONST:
-            register[writes[0]] = literal(float(function.instruction_constant(position)))
+    values: list[Node] = []
+    outputs = [[literal(0.0)] * size for _, size in tape.outputs]
+    for item in tape.instructions:
+        if item.operation == "input":
+            values.append(leaves[item.operands[0], item.operands[1]])
+        elif item.operation == "output":
+            result, entry, value = item.operands
+            outputs[result][entry] = values[value]
+        elif item.operation == "const":
+            values.append(literal(item.value))
         else:
-            register[writes[0]] = _operation(operation, [register[i] for i in reads], known)
-            nodes.append(register[writes[0]])
+            values.append(_operation(known[item.operation], [values[i] for i in item.operands]))
+            nodes.append(values[-1])
     return Graph(tuple(nodes), tuple(tuple(entries) for entries in outputs))
 
 
-def _operation(operation: int, operands: list[Node], known: Mapping[int, Recurrence]) -> Node:
-    if operation in (ca.OP_POW, ca.OP_CONSTPOW):
-        exponent = float(operands[1][0].value)
-        node = Node(constant_power(), (operands[0],), exponent=exponent, constant=operands[0].constant)
-    elif operation in known:
-        constant = all(node.constant for node in operands)
-        node = Node(known[operation], tuple(operands), constant=constant)
-    else:
+def _operation(operation: Operation, operands: list[Node]) -> Node:
+    if operation.recurrence is None:
         raise ModelError(
-            what=f"operation {operation} of the right-hand side has no Taylor recurrence",
+            what=f"operation {operation.name} of the right-hand side has no Taylor recurrence",
             where="continuous integrator",
-            remedy="use analytic functions: + - * / **, sin, cos, tan, exp, log, sqrt, tanh",
+            remedy=f"{remedy()}: they are analytic",
         )
-    node.operation = operation
+    exponent = 0.0
+    if operation.name == "pow":
+        operands, exponent = operands[:1], float(operands[1][0].value)
+    node = Node(
+        operation.recurrence(recurrences),
+        tuple(operands),
+        constant=all(node.constant for node in operands),
+        exponent=exponent,
+        operation=operation.name,
+    )
     if node.constant:
         node.residue = _residue(node)
     return node
@@ -114,15 +112,14 @@ def _residue(node: Node) -> int:
     """Residue of a constant from those of its operands."""
     a, b = (node.operands[0].residue, node.operands[-1].residue)
     exact = {
-        ca.OP_ASSIGN: lambda: a,
-        ca.OP_ADD: lambda: a + b,
-        ca.OP_SUB: lambda: a - b,
-        ca.OP_NEG: lambda: -a,
-        ca.OP_TWICE: lambda: 2 * a,
-        ca.OP_MUL: lambda: a * b,
-        ca.OP_SQ: lambda: a * a,
-        ca.OP_DIV: lambda: a * inverse(b),
-        ca.OP_INV: lambda: inverse(a),
+        "add": lambda: a + b,
+        "sub": lambda: a - b,
+        "neg": lambda: -a,
+        "twice": lambda: 2 * a,
+        "mul": lambda: a * b,
+        "sq": lambda: a * a,
+        "div": lambda: a * inverse(b),
+        "inv": lambda: inverse(a),
     }.get(node.operation)
     return exact() % PRIME if exact else residue_named(node.operation, node.exponent, a, b)
 
@@ -172,7 +169,7 @@ def expand(function: ca.Function, *, time: str = "t", state: str) -> Expansion:
         for entry in range(inputs[i].numel())
     }
     states = [leaves[function.index_in(state), entry] for entry in range(function.size1_in(state))]
-    graph = build_graph(function, leaves)
+    graph = build_graph(tape_of(function), leaves)
     for node, rate in zip(states, graph.outputs[0], strict=True):
         node.rate = rate
     for node in graph.nodes:

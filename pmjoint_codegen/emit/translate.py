@@ -7,33 +7,15 @@ the page says.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from functools import reduce
 
 import casadi as ca
 import sympy as sp
 
 from pmjoint_codegen.errors import ModelError
+from pmjoint_codegen.operations import by_sympy, remedy
 from pmjoint_derive import Equations
-
-_FUNCTIONS: Mapping[type, Callable[..., ca.SX]] = {
-    sp.sin: ca.sin,
-    sp.cos: ca.cos,
-    sp.tan: ca.tan,
-    sp.tanh: ca.tanh,
-    sp.exp: ca.exp,
-    sp.log: ca.log,
-    sp.Abs: ca.fabs,
-    sp.sign: ca.sign,
-    sp.Min: lambda *a: _fold(ca.fmin, a),
-    sp.Max: lambda *a: _fold(ca.fmax, a),
-}
-
-
-def _fold(function: Callable[[ca.SX, ca.SX], ca.SX], arguments: tuple[ca.SX, ...]) -> ca.SX:
-    result = arguments[0]
-    for argument in arguments[1:]:
-        result = function(result, argument)
-    return result
 
 
 class Translator:
@@ -60,6 +42,7 @@ class Translator:
         self._given = given
         self._equations = equations
         self._sides = sides or {}
+        self._functions = by_sympy()
         self._nodes: dict[sp.Basic, ca.SX] = dict(inputs)
 
     def __call__(self, expression: sp.Expr) -> ca.SX:
@@ -88,14 +71,16 @@ class Translator:
         if isinstance(value, sp.Abs | sp.sign) and value.args[0] in self._sides:
             side = self(self._sides[value.args[0]])
             return side * self(value.args[0]) if isinstance(value, sp.Abs) else side
-        function = _FUNCTIONS.get(value.func)
-        if function is None:
+        operation = self._functions.get(value.func.__name__)
+        if operation is None:
             raise ModelError(
                 what=f"no kernel can evaluate {value.func.__name__}(...)",
                 where=f"kernel {self._kernel}",
-                remedy="use + - * / **, sin, cos, tan, exp, log, sqrt, tanh",
+                remedy=remedy(),
             )
-        return function(*(self(argument) for argument in value.args))
+        arguments = [self(argument) for argument in value.args]
+        function = operation.of(ca)
+        return function(*arguments) if operation.arity == 1 else reduce(function, arguments)
 
     def _nearest(self, value: sp.Rational) -> float:
         """The nearest double: Python divides integers with correct rounding."""

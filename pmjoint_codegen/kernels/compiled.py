@@ -29,7 +29,7 @@ from pmjoint_codegen.kernels.processor import Level, known_levels
 from pmjoint_codegen.manifest import Manifest
 
 RUNTIME_HEADER: Final = "pmjoint_runtime.h"
-GENERATED: Final = ("kernels.c", "kernels.h", "sampled.h")
+GENERATED: Final = ("kernels.c", "kernels.h", "loops.c", "sampled.h")
 
 
 class BoundFunction(NamedTuple):

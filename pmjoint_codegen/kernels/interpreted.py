@@ -6,8 +6,7 @@ Alone in the runtime, this module imports CasADi, inside functions.
 from __future__ import annotations
 
 import math
-import operator
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +27,7 @@ from pmjoint_codegen.kernels.evaluator import (
 )
 from pmjoint_codegen.kernels.tape import FILE_NAME, Tape, read_tapes
 from pmjoint_codegen.manifest import Function, Manifest
+from pmjoint_codegen.operations import by_name
 
 
 class InterpretedEvaluator(Kernels):
@@ -104,7 +104,7 @@ def rebuild(tape: Tape) -> Any:
 def _rebuilt(casadi: Any, tape: Tape) -> Any:
     arguments = [casadi.SX.sym(label, size) for label, size in tape.inputs]
     results = [casadi.SX.zeros(size) for _, size in tape.outputs]
-    apply = _operations(casadi)
+    apply = {name: operation.of(casadi) for name, operation in by_name().items()}
     values: list[Any] = []
     for item in tape.instructions:
         if item.operation == "output":
@@ -118,23 +118,6 @@ def _rebuilt(casadi: Any, tape: Tape) -> Any:
             values.append(apply[item.operation](*(values[operand] for operand in item.operands)))
     names_in, names_out = ([label for label, _ in side] for side in (tape.inputs, tape.outputs))
     return casadi.Function(tape.name, arguments, results, names_in, names_out)
-
-
-def _operations(casadi: Any) -> Mapping[str, Callable[..., Any]]:
-    """What each operation of a tape is in CasADi."""
-    named = ("sqrt", "sin", "cos", "tan", "tanh", "exp", "log", "fmin", "fmax", "fabs", "sign")
-    arithmetic: dict[str, Callable[..., Any]] = {
-        "neg": operator.neg,
-        "sq": lambda a: a * a,
-        "twice": lambda a: 2 * a,
-        "inv": lambda a: 1 / a,
-        "add": operator.add,
-        "sub": operator.sub,
-        "mul": operator.mul,
-        "div": operator.truediv,
-        "pow": operator.pow,
-    }
-    return arithmetic | {name: getattr(casadi, name) for name in named}
 
 
 def load(folder: Path, manifest: Manifest) -> InterpretedEvaluator:

@@ -13,15 +13,12 @@ CasADi's own instructions in their order, so that whatever reads the tape does t
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
+from pmjoint_codegen.operations import Operation, by_name
+
 FILE_NAME = "kernels.tape"
-ARITIES = {
-    "neg": 1, "sq": 1, "twice": 1, "inv": 1, "sqrt": 1, "exp": 1, "log": 1,
-    "sin": 1, "cos": 1, "tan": 1, "tanh": 1, "fabs": 1, "sign": 1,
-    "add": 2, "sub": 2, "mul": 2, "div": 2, "pow": 2, "fmin": 2, "fmax": 2,
-}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -29,7 +26,7 @@ class Instruction:
     """One line of a tape.
 
     Attributes:
-        operation: ``input``, ``const``, ``output`` or a key of `ARITIES`.
+        operation: ``input``, ``const``, ``output`` or the name of a row of `operations`.
         operands: argument and entry of an input, earlier values of an operation, result, entry and value of
             an output.
         value: of a constant.
@@ -88,17 +85,18 @@ def read_tapes(text: str) -> dict[str, Tape]:
     """
     body = "\n".join(line for line in text.splitlines() if not line.startswith("#"))
     blocks = [block.strip().splitlines() for block in body.split("\n\n") if block.strip()]
-    tapes = [_read_block(lines) for lines in blocks]
+    known = by_name()
+    tapes = [_read_block(lines, known) for lines in blocks]
     return {tape.name: tape for tape in tapes}
 
 
-def _read_block(lines: list[str]) -> Tape:
+def _read_block(lines: list[str], operations: Mapping[str, Operation]) -> Tape:
     name, *rest = lines[0].split(" ")
     arrow = rest.index("->")
     instructions = []
     count = 0
     for line in lines[1:]:
-        instructions.append(_read_line(line, count))
+        instructions.append(_read_line(line, count, operations))
         count += instructions[-1].operation != "output"
     return Tape(name, _sizes(rest[:arrow]), _sizes(rest[arrow + 1 :]), tuple(instructions))
 
@@ -108,7 +106,7 @@ def _sizes(words: list[str]) -> tuple[tuple[str, int], ...]:
     return tuple((label, int(size)) for label, size in pairs)
 
 
-def _read_line(line: str, count: int) -> Instruction:
+def _read_line(line: str, count: int, operations: Mapping[str, Operation]) -> Instruction:
     first, *rest = line.split(" ")
     if first == "output":
         result, entry, value = map(int, rest)
@@ -119,9 +117,10 @@ def _read_line(line: str, count: int) -> Instruction:
         instruction = Instruction("const", (), float.fromhex(rest[1]))
     else:
         operands = tuple(map(int, rest[1:]))
-        wanted = 2 if rest[0] == "input" else ARITIES.get(rest[0])
-        known = first == str(count) and len(operands) == wanted
-        known = known and (rest[0] == "input" or all(operand < count for operand in operands))
+        reads = rest[0] == "input"
+        known = first == str(count) and (reads or rest[0] in operations)
+        known = known and len(operands) == (2 if reads else operations[rest[0]].arity)
+        known = known and (reads or all(operand < count for operand in operands))
         instruction = Instruction(rest[0], operands)
     if not known:
         raise ValueError(f"line {line!r} is no instruction of a tape")

@@ -14,7 +14,7 @@ LARGEST_EXPONENT = 64
 _MOST_BITS = 4096  # of an exact number after it is raised
 _LONGEST_EXPONENT = 10**4  # numerator and denominator of a constant exponent: four decimals
 _LONGEST_FACTOR = 10**6  # the same of a factor inside exp or of a symbolic exponent
-_LARGEST_IN_TANH = 10**4  # what an exponent inside tanh may come to when it is expanded
+_LARGEST_EXPANDED = 10**4  # what an exponent may come to when SymPy multiplies it out
 
 
 def power_too_large(base: sp.Expr, exponent: sp.Expr, value: float | None) -> str | None:
@@ -33,18 +33,18 @@ def exponential_too_large(exponent: sp.Expr) -> str | None:
     return None
 
 
-def tanh_too_large(argument: sp.Expr) -> str | None:
-    """Judge ``tanh(argument)`` before it is taken: SymPy expands it into real and imaginary parts."""
+def expansion_too_large(name: str, argument: sp.Expr) -> str | None:
+    """Judge ``tanh(argument)`` or the like, which SymPy would expand into real and imaginary parts."""
     exponents = [part.as_base_exp()[1] for part in argument.atoms(sp.Pow, sp.exp)]
-    if any(_expanded(exponent) > _LARGEST_IN_TANH for exponent in exponents if not exponent.is_Integer):
-        return "an exponent inside tanh has too many digits"
+    if any(_expanded(exponent) > _LARGEST_EXPANDED for exponent in exponents if not exponent.is_Integer):
+        return f"an exponent inside {name} has too many digits"
     return None
 
 
 def _expanded(expression: sp.Expr) -> float:
     """Bound the numbers that an expression holds when its products and powers are multiplied out."""
     if expression.is_Rational:
-        return float(min(_length(expression), _LARGEST_IN_TANH + 1))
+        return float(min(_length(expression), _LARGEST_EXPANDED + 1))
     parts = [_expanded(part) for part in expression.args]
     if expression.is_Add:
         return sum(parts)

@@ -23,13 +23,13 @@ import sympy as sp
 from pmjoint_codegen.errors import ModelError, did_you_mean, quoted
 from pmjoint_codegen.modelfile.bounds import (
     LARGEST_EXPONENT,
+    expansion_too_large,
     exponential_too_large,
     exponents_too_long,
     power_too_large,
-    tanh_too_large,
 )
-from pmjoint_codegen.modelfile.names import FUNCTIONS
 from pmjoint_codegen.modelfile.points import NotFiniteError, value_at
+from pmjoint_codegen.operations import by_name, functions
 from pmjoint_codegen.values import OPERATORS
 
 _LONGEST = 2000  # characters
@@ -38,7 +38,6 @@ _MOST_NODES = 2000
 
 _NOT_REAL = (sp.zoo, sp.oo, -sp.oo, sp.nan, sp.I)
 _SIGNAL = re.compile(r"t|y|x\d+")  # what no parameter may be called
-_RULE = f"allowed: numbers, names, brackets, + - * / ** and {' '.join(FUNCTIONS)}"
 _KINKED: Mapping[str, tuple[Callable[..., Any], Callable[..., Any]]] = MappingProxyType(
     {
         "abs": (math.fabs, sp.Abs),
@@ -71,10 +70,11 @@ class _Term:
 class _Refused(Exception):  # noqa: N818 - caught in this module, where it reads as a sentence
     """What is wrong with an expression, and what is allowed instead."""
 
-    def __init__(self, what: str, allowed: str = _RULE) -> None:
+    def __init__(self, what: str, allowed: str = "") -> None:
         super().__init__(what)
         self.what = what
-        self.allowed = allowed
+        rule = f"allowed: numbers, names, brackets, + - * / ** and {' '.join(functions())}"
+        self.allowed = allowed or rule
 
 
 def parse(text: str, symbols: Mapping[str, sp.Symbol], where: str, *, kinks: bool = False) -> sp.Expr:
@@ -90,7 +90,8 @@ def parse(text: str, symbols: Mapping[str, sp.Symbol], where: str, *, kinks: boo
         ModelError: anything that is not on the whitelist, too large, or not finite and real.
     """
     try:
-        place = _Place(_source(text), symbols, (*FUNCTIONS, *_KINKED) if kinks else FUNCTIONS)
+        allowed = (*functions(), *_KINKED) if kinks else functions()
+        place = _Place(_source(text), symbols, allowed)
         expression = _checked(_build(_tree(place.source), place, _DEEPEST).expression)
         return expression if kinks else _smooth(expression)
     except _Refused as refused:
@@ -197,10 +198,12 @@ def _arity(name: str) -> int:
 
 
 def _call(name: str, *arguments: _Term) -> _Term:
-    judge = {"exp": exponential_too_large, "tanh": tanh_too_large}.get(name)
-    _bound(judge(arguments[0].expression) if judge else None)
-    numeric, symbolic = _KINKED.get(name) or (getattr(math, name), getattr(sp, name))
-    return _apply(numeric, symbolic, *arguments)
+    if name in _KINKED:
+        return _apply(*_KINKED[name], *arguments)
+    operation, argument = by_name()[name], arguments[0].expression
+    _bound(expansion_too_large(name, argument) if operation.expands else None)
+    _bound(exponential_too_large(argument) if name == "exp" else None)
+    return _apply(operation.of(math), getattr(sp, name), *arguments)
 
 
 def _power(base: _Term, exponent: _Term) -> _Term:

@@ -7,8 +7,8 @@ import re
 from collections.abc import Sequence
 
 from pmjoint_codegen.errors import quoted
+from pmjoint_codegen.operations import functions
 
-FUNCTIONS = ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh")
 CONSTANTS = ("pi",)
 
 MODEL_NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]{0,63}$"  # it names a folder
@@ -16,7 +16,6 @@ MODEL_NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]{0,63}$"  # it names a folder
 _SHAPE = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,39}")
 _WORDS = frozenset(
     (
-        *FUNCTIONS,
         *CONSTANTS,
         "t",
         "y",
@@ -88,7 +87,7 @@ def why_not(name: str) -> str | None:
         return "is not a name: a letter, then letters, digits or _, 40 at most"
     if name in _C_KEYWORDS or keyword.iskeyword(name):
         return "is a word of C or Python"
-    if name in _WORDS or _NUMBERED.fullmatch(name):
+    if name in _WORDS or name in functions() or _NUMBERED.fullmatch(name):
         return "already names a signal, gain, state, function or step of the derivation"
     return None
 

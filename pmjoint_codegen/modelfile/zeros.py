@@ -14,6 +14,7 @@ import mpmath
 import sympy as sp
 
 from pmjoint_codegen.modelfile.points import NotFiniteError, value_at
+from pmjoint_codegen.operations import Operation, by_sympy
 
 _MOST_INTERVALS = 4000
 _DIGITS = 30
@@ -75,10 +76,21 @@ def _image(expression: sp.Expr, point: Mapping[sp.Symbol, Any], context: Any) ->
     if expression.is_Pow:
         exponent = expression.exp
         return parts[0] ** int(exponent) if exponent.is_Integer else _real_power(parts, context)
-    name = type(expression).__name__
-    if name == "tanh":
-        return 1 - 2 / (context.exp(2 * parts[0]) + 1)
-    return getattr(context, name)(*parts)
+    operation = by_sympy()[type(expression).__name__]
+    if operation.enclosure:
+        return operation.enclosure(context, parts[0])
+    if operation.rises:
+        return _between_ends(operation, parts[0], context)
+    return operation.of(context)(*parts)
+
+
+def _between_ends(operation: Operation, interval: Any, context: Any) -> Any:
+    """The image of an interval under a function that rises: from end to end, rounded outwards."""
+    numbers = mpmath.MPContext()
+    numbers.dps = 2 * _DIGITS
+    ends = [operation.of(numbers)(numbers.mpf(end)) for end in (interval.a.a, interval.b.b)]
+    rounding = context.mpf([-1, 1]) * context.mpf(10) ** -_DIGITS
+    return context.mpf(ends) * (1 + rounding) + rounding
 
 
 def _real_power(parts: list[Any], context: Any) -> Any:

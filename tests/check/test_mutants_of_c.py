@@ -42,7 +42,7 @@ ENTRY = re.compile(r"^    (\w+\[\d+\]) = (\S+);$")
 
 
 def body_of(text: str, kernel: str) -> list[str]:
-    """Lines of a kernel's body in ``kernels.c``."""
+    """Lines of a kernel's body in ``kernels.c`` or ``loops.c``."""
     start = text.index(f"/* {kernel}:(")
     opened = text.index("{\n", start) + 2
     return text[opened : text.index("\n}", opened)].split("\n")
@@ -149,7 +149,7 @@ def evaluate(function: Function, call: ctypes._NamedFuncPointer, arguments: Sequ
 
 
 def source(subject: Subject) -> str:
-    return (subject.folder / "kernels.c").read_text()
+    return "\n".join((subject.folder / name).read_text() for name in ("kernels.c", "loops.c"))
 
 
 @pytest.mark.parametrize(

@@ -10,17 +10,17 @@ import ctypes
 import os
 import re
 import subprocess
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
-from types import ModuleType
+from typing import Any
 
 import casadi as ca
 import numpy as np
 import numpy.typing as npt
 import pytest
 
+from pmjoint_codegen import operations
 from pmjoint_codegen.check.gates import interpreter, lanes
 from pmjoint_codegen.check.inputs.points import Batch, batches
 from pmjoint_codegen.check.result import GateResult, Verdict
@@ -29,13 +29,14 @@ from pmjoint_codegen.compile.compiler import Compiler
 from pmjoint_codegen.compile.library import FLAGS, build
 from pmjoint_codegen.emit import lane_text, scalar_text
 from pmjoint_codegen.emit.functions import build_functions, lane_functions
-from pmjoint_codegen.emit.straight_text import instructions
-from pmjoint_codegen.emit.tape import tapes_of
+from pmjoint_codegen.emit.print_c import steps
+from pmjoint_codegen.emit.tape import tape_of
 from pmjoint_codegen.kernels.evaluator import Kernel, Kind
 from pmjoint_codegen.kernels.interpreted import InterpretedEvaluator
 from pmjoint_codegen.kernels.processor import usable_levels
 from pmjoint_codegen.loops import batch
 from pmjoint_codegen.manifest import Function, Manifest
+from pmjoint_codegen.operations import OPERATIONS, Operation
 
 Array = npt.NDArray[np.float64]
 Tally = Callable[[str, str, GateResult], None]
@@ -61,6 +62,9 @@ def everything(name: str) -> ca.Function:
         ca.log(x),
         ca.tan(y),
         ca.tanh(y),
+        ca.atan(y),
+        ca.sinh(y),
+        ca.cosh(y),
         ca.fabs(y),
         ca.sign(z),
     ]
@@ -103,24 +107,27 @@ def moved(line: str) -> Iterator[tuple[str, str]]:
             yield f"{wrong} for {line}", wrong
 
 
-def wrong_templates(templates: Mapping[int, str]) -> Iterator[tuple[str, Mapping[int, str]]]:
-    """Every table of templates with one entry wrong: a word changed, or the form of another operation."""
-    for operation, form in templates.items():
+def wrong_tables(column: str) -> Iterator[tuple[str, tuple[Operation, ...]]]:
+    """Every table with one spelling wrong: a word changed, or the form of another operation."""
+    forms = [str(getattr(item, column)) for item in OPERATIONS]
+    for place, form in enumerate(forms):
         # A form of the same shape: any other does not compile, as literals go to calls as values.
         shape = ("{1}" in form, "(" in form)
-        alike = sorted({other for other in templates.values() if ("{1}" in other, "(" in other) == shape})
+        alike = sorted({other for other in forms if ("{1}" in other, "(" in other) == shape})
         other = alike[(alike.index(form) + 1) % len(alike)]
         for what, wrong in (*changed(form), (f"{other} for {form}", other)):
-            yield what, {**templates, operation: wrong}
+            given: dict[str, Any] = {column: wrong}
+            row = replace(OPERATIONS[place], **given)
+            yield what, (*OPERATIONS[:place], row, *OPERATIONS[place + 1 :])
 
 
 def printed(
-    monkeypatch: pytest.MonkeyPatch, printer: ModuleType, print_c: Callable[[ca.Function], str]
+    monkeypatch: pytest.MonkeyPatch, column: str, print_c: Callable[[ca.Function], str]
 ) -> Iterator[tuple[str, str]]:
-    """What is wrong and the C of ``mutant_0``, ``mutant_1``, ..., each printed with one wrong template."""
-    for i, (what, templates) in enumerate(wrong_templates(printer._templates())):
+    """What is wrong and the C of ``mutant_0``, ``mutant_1``, ..., each printed with one wrong spelling."""
+    for i, (what, table) in enumerate(wrong_tables(column)):
         with monkeypatch.context() as patch:
-            patch.setattr(printer, "_templates", partial(dict, templates))
+            patch.setattr(operations, "OPERATIONS", table)
             yield what, print_c(everything(f"mutant_{i}"))
 
 
@@ -132,16 +139,16 @@ def compiler(paper: Subject) -> Compiler:
     return paper.compiler
 
 
-def test_the_function_holds_every_operation_of_both_printers() -> None:
-    held = {item.operation for item in instructions(everything("f"))} - {ca.OP_OUTPUT}
-    assert held == set(lane_text._templates()) == set(scalar_text._templates())
+def test_the_function_holds_every_operation() -> None:
+    held = {step.operation for step in steps(tape_of(everything("f")))} - {"output"}
+    assert held == {item.name for item in OPERATIONS}
 
 
 class Lanes:
     """Functions of lanes in C, and what the gate `lanes` says of each."""
 
     def __init__(self, compiler: Compiler, cache: Path, function: ca.Function, texts: Sequence[str]) -> None:
-        (self.tape,) = tapes_of([function])
+        self.tape = tape_of(function)
         header = Path(batch.__file__).with_name("c_batch") / lanes.HEADER
         sources = {
             "lanes.c": "\n".join([f'#include "{lanes.HEADER}"', *texts]).encode(),
@@ -158,7 +165,12 @@ class Lanes:
 
 def over_lanes(function: ca.Function) -> str:
     """A function over lanes in C, without the include."""
-    return lane_text.lanes_source({function.name(): function}, "").partition("\n\n")[2]
+    return lane_text.lanes_source([tape_of(function)], "").partition("\n\n")[2]
+
+
+def over_doubles(function: ca.Function) -> str:
+    """A kernel in C, without the include."""
+    return scalar_text.straight_kernel(tape_of(function))
 
 
 def test_the_printer_of_lanes_is_right(compiler: Compiler, cache: Path) -> None:
@@ -171,7 +183,7 @@ def test_the_printer_of_lanes_is_right(compiler: Compiler, cache: Path) -> None:
 def test_every_fault_of_the_printer_of_lanes_is_caught(
     monkeypatch: pytest.MonkeyPatch, compiler: Compiler, cache: Path, tally: Tally
 ) -> None:
-    mutants = list(printed(monkeypatch, lane_text, over_lanes))
+    mutants = list(printed(monkeypatch, "lanes", over_lanes))
     # What stands in no template: the shared inverse of a divisor, and the pair of sine and cosine.
     for right, wrong in (
         ("inverse_b_1 = 1.0 /", "inverse_b_1 = 1.5 /"),
@@ -179,8 +191,8 @@ def test_every_fault_of_the_printer_of_lanes_is_caught(
         ("a[2] * inverse_b_1", "a[2] / inverse_b_1"),
         ("b[0] * inverse_b_1", "b[0] / b[1]"),
         ("pmj_sincos(a[0]", "pmj_sincos(a[1]"),
-        ("&a22, &a24", "&a24, &a22"),
-        ("g[13] = a56;", "g[13] = a56 + a[0][1];"),
+        ("&a28, &a30", "&a30, &a28"),
+        ("g[13] = a62;", "g[13] = a62 + a[0][1];"),
     ):
         text = over_lanes(everything(f"mutant_{len(mutants)}"))
         assert text.count(right) == 1
@@ -262,7 +274,7 @@ class Scalars:
     """Kernels in C, and what the gate `interpreter` says of each."""
 
     def __init__(self, manifest: Manifest) -> None:
-        tape = tapes_of([everything("mutant_0")])[0]
+        tape = tape_of(everything("mutant_0"))
         self.function = Function("mutant_0", tape.inputs, tape.outputs, "", "", 0)
         self.manifest = manifest
         self.tape = tape
@@ -284,7 +296,7 @@ HEAD = "#include <math.h>\n"
 
 
 def test_the_printer_of_kernels_is_right(paper: Subject, tmp_path: Path) -> None:
-    text = HEAD + scalar_text._HELPERS + scalar_text.straight_kernel(everything("mutant_0"))
+    text = HEAD + scalar_text.HELPERS + over_doubles(everything("mutant_0"))
     (result,) = Scalars(paper.manifest).judge(tmp_path / "right", text, ["mutant_0"])
     assert result.verdict is Verdict.PASSED
 
@@ -292,8 +304,8 @@ def test_the_printer_of_kernels_is_right(paper: Subject, tmp_path: Path) -> None
 def test_every_fault_of_the_printer_of_kernels_is_caught(
     paper: Subject, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tally: Tally
 ) -> None:
-    mutants = list(printed(monkeypatch, scalar_text, scalar_text.straight_kernel))
-    text = "\n".join([HEAD, scalar_text._HELPERS, *(text for _, text in mutants)])
+    mutants = list(printed(monkeypatch, "scalar", over_doubles))
+    text = "\n".join([HEAD, scalar_text.HELPERS, *(text for _, text in mutants)])
     names = [f"mutant_{i}" for i in range(len(mutants))]
     results = Scalars(paper.manifest).judge(tmp_path / "templates", text, names)
     for (what, _), result in zip(mutants, results, strict=True):
@@ -301,8 +313,8 @@ def test_every_fault_of_the_printer_of_kernels_is_caught(
 
 
 def test_every_fault_of_a_helper_of_kernels_is_caught(paper: Subject, tmp_path: Path, tally: Tally) -> None:
-    lines = scalar_text._HELPERS.split("\n")
-    kernel = scalar_text.straight_kernel(everything("mutant_0"))
+    lines = scalar_text.HELPERS.split("\n")
+    kernel = over_doubles(everything("mutant_0"))
     scalars = Scalars(paper.manifest)
     for place, line in enumerate(lines):
         for what, wrong in changed(line) if "return" in line else ():

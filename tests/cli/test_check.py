@@ -70,7 +70,7 @@ def test_a_count_of_faults_is_told_without_a_bound(workshop: Path) -> None:
 
 def test_code_that_gives_no_run_fails_its_gates_and_the_report_is_whole(workshop: Path) -> None:
     """Not the exit code 3 of a command that could not do its work: the code is bad, and the gates say so."""
-    file = workshop / "generated" / "paper" / "kernels.c"
+    file = workshop / "generated" / "paper" / "loops.c"
     text = file.read_text()
     start = text.index("/* taylor:(")
     place = text.index("c[0] = ", start)

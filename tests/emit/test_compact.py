@@ -15,10 +15,10 @@ import pytest
 from pmjoint_codegen.compile.compiler import find_compiler
 from pmjoint_codegen.compile.library import LIBRARY, build
 from pmjoint_codegen.emit.compact import Compact, compact_function, compact_where_long, literally
-from pmjoint_codegen.emit.compact_text import compact_kernel
 from pmjoint_codegen.emit.functions import build_functions
 from pmjoint_codegen.emit.pipeline import TAYLOR_ORDER, Artifacts, generate
-from pmjoint_codegen.emit.tape import tapes_of
+from pmjoint_codegen.emit.scalar_text import HELPERS, compact_kernel
+from pmjoint_codegen.emit.tape import tape_of
 from pmjoint_codegen.emit.taylor import taylor_function
 from pmjoint_codegen.kernels.interpreted import rebuild
 from pmjoint_codegen.modelfile import model_of
@@ -109,11 +109,10 @@ def test_compiled_code_has_the_bits_of_the_unrolled_function(
     if compiler is None:
         pytest.skip("no C compiler")
     compact = compact_function("taylor", loop, order, state="X")
-    helpers = "static inline double pmj_sign(double a) { return a < 0.0 ? -1.0 : a > 0.0 ? 1.0 : a; }"
-    source = f"#include <math.h>\n{helpers}\n{compact_kernel(compact)}\n"
+    unrolled = compact.unrolled()
+    source = f"#include <math.h>\n{HELPERS}\n{compact_kernel(tape_of(unrolled), compact)}\n"
     tmp_path.chmod(0o700)
     kernel = ctypes.CDLL(str(build({"taylor.c": source.encode()}, compiler, tmp_path) / LIBRARY)).taylor
-    unrolled = compact.unrolled()
     pointer = ctypes.POINTER(ctypes.c_double)
     for point in points(loop):
         found = np.full(unrolled.numel_out(0), np.nan)
@@ -126,8 +125,7 @@ def test_compiled_code_has_the_bits_of_the_unrolled_function(
 def test_the_interpreter_keeps_every_operation(compact: Compact) -> None:
     """With CasADi's rules on, ``x (1/y)`` would become ``x/y``."""
     unrolled = compact.unrolled()
-    (tape,) = tapes_of([unrolled])
-    again = rebuild(tape)
+    again = rebuild(tape_of(unrolled))
     for point in points(unrolled):
         one, other = (np.array(function.call(point)[0]).ravel() for function in (unrolled, again))
         np.testing.assert_array_equal(one.view(np.int64), other.view(np.int64))

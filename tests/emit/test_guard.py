@@ -111,6 +111,6 @@ def test_points_inside_only_where_there_are_singularities() -> None:
 
 def test_an_operation_without_a_rule_is_refused() -> None:
     t, X = ca.SX.sym("t"), ca.SX.sym("X")
-    f = ca.Function("f", [t, X], [ca.erf(X)], ["t", "X"], ["X_dot"])
+    f = ca.Function("f", [t, X], [ca.fabs(X)], ["t", "X"], ["X_dot"])
     with pytest.raises(ModelError, match="no bound on a disc"):
         guard_function("guard", f, state="X")

@@ -34,6 +34,18 @@ CLOSED_FORMS: dict[str, tuple[Callable[[ca.SX, ca.SX, ca.SX], ca.SX], Callable[[
     "cosine of time": (lambda t, x, p: ca.sin(p * t), lambda t: -mp.cos(3 * t) / 3, 0.4),
     "tangent": (lambda t, x, p: ca.tan(t) + 0 * p, lambda t: -mp.log(mp.cos(t)), 0.3),
     "hyperbolic tangent": (lambda t, x, p: ca.tanh(p * t), lambda t: mp.log(mp.cosh(3 * t)) / 3, 0.3),
+    "inverse tangent": (
+        lambda t, x, p: ca.atan(p * t),
+        lambda t: t * mp.atan(3 * t) - mp.log(1 + 9 * t**2) / 6,
+        0.3,
+    ),
+    "inverse tangent of the state": (
+        lambda t, x, p: (1 + x * x) * ca.atan(x) / ca.atan(x),
+        lambda t: mp.tan(t),
+        0.3,
+    ),
+    "hyperbolic sine": (lambda t, x, p: ca.sinh(p * t), lambda t: mp.cosh(3 * t) / 3, 0.3),
+    "hyperbolic cosine": (lambda t, x, p: ca.cosh(p * t), lambda t: mp.sinh(3 * t) / 3, 0.3),
     "exponential": (lambda t, x, p: ca.exp(-p * t), lambda t: -mp.exp(-3 * t) / 3, 0.3),
     "logarithm": (lambda t, x, p: ca.log(p + t), lambda t: (3 + t) * mp.log(3 + t) - t, 0.3),
     "root": (lambda t, x, p: ca.sqrt(p + t), lambda t: mp.mpf(2) / 3 * (3 + t) ** mp.mpf("1.5"), 0.3),
@@ -100,5 +112,5 @@ def test_carried_outputs_follow_the_state() -> None:
 
 
 def test_what_is_not_analytic_is_refused() -> None:
-    with pytest.raises(ModelError, match="no Taylor recurrence"):
-        scalar_ode(lambda t, x, p: ca.floor(x))
+    with pytest.raises(ModelError, match=r"fmin .* no Taylor recurrence"):
+        scalar_ode(lambda t, x, p: ca.fmin(x, t))

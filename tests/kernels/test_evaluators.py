@@ -164,9 +164,10 @@ def test_a_missing_or_incomplete_generated_file_is_stale(
             compiled.load(tmp_path, manifest, compiler, tmp_path)
         (tmp_path / "kernels.c").write_text("int law(void);\nint law(void) { return 0; }\n")
         (tmp_path / "kernels.h").write_text("int law(void);\n")
-        with pytest.raises(StaleError, match=r"sampled\.h"):
-            compiled.load(tmp_path, manifest, compiler, tmp_path / "cache")
-        shutil.copy(root / "generated" / "paper" / "sampled.h", tmp_path)
+        for name in ("loops.c", "sampled.h"):
+            with pytest.raises(StaleError, match=re.escape(name)):
+                compiled.load(tmp_path, manifest, compiler, tmp_path / "cache")
+            shutil.copy(root / "generated" / "paper" / name, tmp_path)
         with pytest.raises(StaleError, match="reference"):
             compiled.load(tmp_path, manifest, compiler, tmp_path / "cache")
     for text in (None, "law y[1] -> v[1]\n0 input", "law y[1] -> v[1]\n0 input 0 0\noutput 0 0 0\n"):

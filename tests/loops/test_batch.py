@@ -232,6 +232,9 @@ FUNCTIONS = {
     "exp": (np.exp, 2),
     "log": (np.log, 2),
     "tanh": (np.tanh, 3),
+    "atan": (np.arctan, 1),
+    "sinh": (np.sinh, 3),
+    "cosh": (np.cosh, 3),
     "sqrt": (np.sqrt, 0),
 }
 

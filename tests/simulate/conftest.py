@@ -254,5 +254,6 @@ def polynomial_model(
     folder = tmp_path_factory.mktemp("polynomial")
     (folder / "kernels.h").write_text(KERNELS_H)
     (folder / "kernels.c").write_text(KERNELS_C)
+    (folder / "loops.c").write_text("")
     (folder / "sampled.h").write_text(SAMPLED_H)
     return compiled.load(folder, manifest, compiler, cache)

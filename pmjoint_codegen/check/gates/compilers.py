@@ -20,13 +20,13 @@ from pmjoint_codegen.check.result import Difference, GateResult, failed, not_run
 from pmjoint_codegen.check.subject import Subject
 from pmjoint_codegen.compile.library import ARITHMETIC
 from pmjoint_codegen.kernels.compiled import GENERATED
+from pmjoint_codegen.operations import by_name
 from pmjoint_codegen.scratch import scratch
 
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror")
 CONVENTION = ("arg", "res", "iw", "w", "mem", "i")  # of CasADi: kernels take all but i; its accessors take i
 BITS = (*ARITHMETIC, "-O0", "-g")  # unoptimised: what the source says, quickly
 SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer")
-LIBRARY = frozenset({"sin", "cos", "tan", "exp", "log", "sqrt", "pow", "tanh", "fmin", "fmax", "fabs"})
 TIME_LIMIT = 120  # s, for any one tool
 
 
@@ -74,6 +74,11 @@ def sources(subject: Subject) -> dict[str, str]:
     return {name: (subject.folder / name).read_text(encoding="utf-8") for name in GENERATED}
 
 
+def units(files: Mapping[str, str]) -> list[str]:
+    """Names of those that are compiled; headers are included."""
+    return sorted(name for name in files if name.endswith(".c"))
+
+
 def write(folder: Path, files: Mapping[str, str]) -> None:
     """Put sources into a folder."""
     for name, text in files.items():
@@ -109,10 +114,8 @@ def warnings(tool: str, files: Mapping[str, str]) -> GateResult:
     """
     with scratch("pmjoint-check") as folder:
         write(folder, files)
-        strict = run(
-            [tool, *WARNINGS, "-Wno-unused-parameter", "-O1", "-c", "kernels.c", "-o", "strict.o"], folder
-        )
-        unused = run([tool, "-std=c99", "-Wunused-parameter", "-fsyntax-only", "kernels.c"], folder)
+        strict = run([tool, *WARNINGS, "-Wno-unused-parameter", "-O1", "-c", *units(files)], folder)
+        unused = run([tool, "-std=c99", "-Wunused-parameter", "-fsyntax-only", *units(files)], folder)
     stray = [
         line for line in unused.messages.splitlines() if "warning:" in line and not _of_the_convention(line)
     ]
@@ -164,9 +167,10 @@ def watched(
         files: C sources by name, the generated ones by default.
     """
     questions, answers = harness.feed(subject.interpreted)
+    given = files or sources(subject)
     with scratch("pmjoint-check") as folder:
-        write(folder, {**(files or sources(subject)), "main.c": harness.program(subject.manifest)})
-        made = run([*compiler, "main.c", "kernels.c", "-o", "watched", "-lm"], folder)
+        write(folder, {**given, "main.c": harness.program(subject.manifest)})
+        made = run([*compiler, "main.c", *units(given), "-o", "watched", "-lm"], folder)
         if made.code and "sanitize" in " ".join(compiler) and "cannot find" in made.messages:
             return not_run(f"no sanitizer library: {made.first_line}")
         if made.code:
@@ -187,7 +191,7 @@ def watched(
 
 
 def check_objects(subject: Subject) -> GateResult:
-    """Nothing allocates, nothing is remembered, nothing recurs: read off the object file."""
+    """Nothing allocates, nothing is remembered, nothing recurs: read off the object files."""
     if subject.compiler is None:
         return not_run("no C compiler")
     if lacking := missing(subject, "nm", "objdump"):
@@ -205,7 +209,7 @@ def objects(compiler: Sequence[str], files: Mapping[str, str]) -> GateResult:
     with scratch("pmjoint-check") as folder:
         write(folder, files)
         flags = ["-std=c99", "-O0", "-ffunction-sections", "-fno-builtin", "-fno-stack-protector"]
-        made = run([*compiler, *flags, "-c", "kernels.c", "-o", "kernels.o"], folder)
+        made = run([*compiler, *flags, "-c", *units(files)], folder)
         if made.code:
             return failed(
                 made.first_line,
@@ -213,15 +217,16 @@ def objects(compiler: Sequence[str], files: Mapping[str, str]) -> GateResult:
                 None,
                 Difference(compiler[0], "compilation", "", "", made.messages, "", ""),
             )
-        symbols = run(["nm", "kernels.o"], folder).output.decode()
-        relocations = run(["objdump", "-r", "kernels.o"], folder).output.decode()
+        made_objects = sorted(path.name for path in folder.glob("*.o"))
+        symbols = run(["nm", "-A", *made_objects], folder).output.decode()
+        relocations = run(["objdump", "-r", *made_objects], folder).output.decode()
     faults = [*symbol_faults(symbols), *recursion_faults(relocations)]
     if faults:
         return failed(
             faults[0],
             len(faults),
             0,
-            Difference("kernels.o", "symbols", "", "", "; ".join(faults), "", ""),
+            Difference("object files", "symbols", "", "", "; ".join(faults), "", ""),
         )
     return passed("calls outside the mathematical library, static mutable objects and recursions", 0, 0)
 
@@ -229,9 +234,10 @@ def objects(compiler: Sequence[str], files: Mapping[str, str]) -> GateResult:
 def symbol_faults(listing: str) -> list[str]:
     """What ``nm`` must not list: calls that are not mathematics, and data that can be written."""
     faults = []
+    library = {name for name, item in by_name().items() if "(" in item.scalar}
     for line in listing.splitlines():
         *_, kind, symbol = line.split()
-        if kind == "U" and symbol not in LIBRARY and not symbol.startswith("_GLOBAL_OFFSET_TABLE_"):
+        if kind == "U" and symbol not in library and not symbol.startswith("_GLOBAL_OFFSET_TABLE_"):
             faults.append(f"calls {symbol}")
         if kind in "bBdDcCsSgG":
             faults.append(f"static mutable object {symbol}")
@@ -278,7 +284,7 @@ def cppcheck(files: Mapping[str, str]) -> GateResult:
         write(folder, files)
         flags = ["--std=c99", "--enable=warning,performance,portability", "--error-exitcode=1", "--quiet"]
         flags.append("--max-configs=1")  # the others differ in macros of other platforms' linkers
-        done = run(["cppcheck", *flags, "kernels.c"], folder)
+        done = run(["cppcheck", *flags, *units(files)], folder)
     if done.code:
         found = Difference("cppcheck", "finding", "", "none", done.messages[:2000], "", "")
         return failed(done.first_line, None, None, found)

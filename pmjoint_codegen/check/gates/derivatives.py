@@ -14,7 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from pmjoint_codegen.check.inputs.points import batches, describe_point
-from pmjoint_codegen.check.oracles.error_bound import Bounded, walk
+from pmjoint_codegen.check.oracles.error_bound import walk
+from pmjoint_codegen.check.oracles.rounding import Bounded
 from pmjoint_codegen.check.result import Difference, GateResult, failed, not_run, passed
 from pmjoint_codegen.check.subject import Subject
 from pmjoint_codegen.emit.tape import tapes_of

@@ -30,11 +30,12 @@ from pmjoint_codegen.kernels.processor import usable_levels
 from pmjoint_codegen.kernels.tape import Tape
 from pmjoint_codegen.loops.batch import Target, batch_sources, compile_batch, level_flags
 from pmjoint_codegen.manifest import Function
+from pmjoint_codegen.operations import Operation as Row
+from pmjoint_codegen.operations import by_name
 from pmjoint_codegen.workspace import cache_dir
 
-PROBE: Final = "lane_probe.c"
+PROBE: Final = "lane_probe.c"  # the elementary functions over lanes, one by one
 HEADER: Final = "pmjoint_lanes.h"
-ELEMENTARY: Final = {"sin": 1, "cos": 1, "tan": 1, "tanh": 1, "exp": 1, "log": 1, "pow": 2}
 ALIGNMENT: Final = 64  # bytes, of the widest vector
 
 Points = Callable[[Function], Iterable[Batch]]
@@ -127,11 +128,12 @@ def elementary_of(target: Target, compiler: Compiler, cache: Path) -> Mapping[st
     Raises:
         BuildError: the compiler failed.
     """
-    here = Path(__file__)
-    header = here.parents[2] / "loops" / "c_batch" / HEADER
-    sources = {PROBE: here.with_name(PROBE).read_bytes(), HEADER: header.read_bytes()}
+    elementary = [item for item in by_name().values() if not item.exact]
+    header = Path(__file__).parents[2] / "loops" / "c_batch" / HEADER
+    probe = "\n".join([f'#include "{HEADER}"', *map(_probe, elementary)])
+    sources = {PROBE: probe.encode(), HEADER: header.read_bytes()}
     folder = build(sources, compiler, cache, flags=level_flags(target.level))
-    arities = {f"probe_{name}": count + 1 for name, count in ELEMENTARY.items()}
+    arities = {f"probe_{item.name}": item.arity + 1 for item in elementary}
     library = LaneLibrary.open(folder / LIBRARY, target.level.width, arities)
 
     def operation(name: str) -> Operation:
@@ -140,7 +142,15 @@ def elementary_of(target: Target, compiler: Compiler, cache: Path) -> Mapping[st
 
         return evaluate
 
-    return {name: operation(name) for name in ELEMENTARY}
+    return {item.name: operation(item.name) for item in elementary}
+
+
+def _probe(item: Row) -> str:
+    """A function of C that applies one operation over lanes."""
+    operands = ("a", "b")[: item.arity]
+    arguments = ", ".join([*(f"const pmj_lanes *{name}" for name in operands), "pmj_lanes *result"])
+    value = item.lanes.format(*(f"*{name}" for name in operands))
+    return f"void probe_{item.name}({arguments})\n{{\n    *result = {value};\n}}"
 
 
 def compare(

@@ -18,6 +18,7 @@ import numpy.typing as npt
 import sympy as sp
 
 from pmjoint_codegen.manifest import Function
+from pmjoint_codegen.operations import by_sympy
 from pmjoint_derive import Derivation, Equations
 
 Array = npt.NDArray[np.float64]
@@ -139,11 +140,11 @@ def _along(values: Values, fixed: Mapping[sp.Symbol, float | Array], by: sp.Symb
 
 def _in(expression: sp.Expr, moving: frozenset[sp.Symbol]) -> Iterator[Feature]:
     """Features of one expression; sines and cosines are of order one everywhere."""
+    known = by_sympy()
     for node in sp.preorder_traversal(expression):
-        if isinstance(node, sp.exp | sp.tanh | sp.tan):
-            feature = Feature(node.args[0], 0.0)
-        elif isinstance(node, sp.log):
-            feature = Feature(node.args[0], 1.0)
+        operation = known.get(type(node).__name__)
+        if operation is not None and operation.feature is not None:
+            feature = Feature(node.args[0], operation.feature)
         elif isinstance(node, sp.Pow) and not node.base.is_Symbol and not node.base.is_number:
             feature = Feature(node.base, 1.0)
         elif isinstance(node, sp.Pow) and node.exp.free_symbols and node.base.is_number:

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.kernels.tape import Instruction, Tape
+from pmjoint_codegen.operations import by_name
 
 Operation = Callable[..., Array]
 Name = tuple[int, ...]  # of a value: (argument, entry) of an input, or (position,)
@@ -78,16 +79,9 @@ def _choose(where: npt.NDArray[np.bool_], a: Array, b: Array) -> Array:
 
 
 def _exact() -> Mapping[str, Operation]:
-    return {
-        "neg": lambda a: -a,
-        "sq": lambda a: a * a,
-        "twice": lambda a: a + a,
-        "inv": lambda a: 1.0 / a,
-        "sqrt": np.sqrt,
-        "add": lambda a, b: a + b,
-        "sub": lambda a, b: a - b,
-        "mul": lambda a, b: a * b,
-        "div": lambda a, b: a / b,
+    """Operations that are exact by IEEE 754; choices of two zeros, and beside NaN, are those of the lanes."""
+    exact = {name: row.of(np) for name, row in by_name().items() if row.exact}
+    return exact | {
         "fmin": lambda a, b: _choose(a < b, a, b),  # of two zeros, and beside NaN, the second
         "fmax": lambda a, b: _choose(a > b, a, b),
         "fabs": lambda a: _choose(a > -a, a, -a),

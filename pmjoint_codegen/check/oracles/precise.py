@@ -11,6 +11,8 @@ from typing import Any
 import mpmath
 import sympy as sp
 
+from pmjoint_codegen.operations import by_sympy
+
 DIGITS = 60
 
 Number = Any  # mpmath.mpf; mpmath carries no types
@@ -53,7 +55,7 @@ class Numbers:
         """A named function."""
         if function in ("Min", "Max"):
             return min(arguments) if function == "Min" else max(arguments)
-        return getattr(self.context, {"log": "ln", "Abs": "fabs"}.get(function, function))(*arguments)
+        return by_sympy()[function].of(self.context)(*arguments)
 
 
 class PowerSeries:
@@ -117,7 +119,10 @@ class PowerSeries:
         return self.order + 1 if len(a) > 1 else 1
 
     def _expansion(self, function: str, at: Number, terms: int) -> list[Number]:
-        """Taylor coefficients of an elementary function about ``at``, from its derivatives in closed form."""
+        """Taylor coefficients of an elementary function about ``at``.
+
+        They come from its derivatives in closed form, or else from mpmath's differences of its values.
+        """
         m = self.numbers.context
         if function == "log":
             return [m.ln(at), *(-((-1) ** k) / (k * at**k) for k in range(1, terms))]
@@ -129,6 +134,8 @@ class PowerSeries:
             "sinh": (sine(at), cosine(at)),
             "cosh": (cosine(at), sine(at)),
         }
+        if function not in cycles:
+            return list(m.taylor(by_sympy()[function].of(m), at, terms - 1))
         cycle = cycles[function]
         return [cycle[k % len(cycle)] / m.factorial(k) for k in range(terms)]
 

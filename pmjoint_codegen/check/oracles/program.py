@@ -32,7 +32,7 @@ class Algebra(Protocol):
         """Power with a constant rational exponent."""
 
     def apply(self, function: str, *arguments: Any) -> Any:
-        """A named function: sin, cos, tan, exp, log, tanh, Min, Max."""
+        """A function by the name of SymPy's class."""
 
 
 @dataclass(frozen=True)

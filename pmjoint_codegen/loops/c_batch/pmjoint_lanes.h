@@ -238,4 +238,82 @@ static inline pmj_lanes pmj_tanh(pmj_lanes a)
     return pmj_select(size < 0.625, small, (pmj_lanes)(pmj_bits(large) | sign));
 }
 
+/* exp(|a|)/2 of an argument that is too large for exp itself. */
+static inline pmj_lanes pmj_half_exp(pmj_lanes size)
+{
+    return pmj_select(size > 709.0, pmj_exp(size - 709.0) * 4.109203730777486e+307, 0.5 * pmj_exp(size));
+}
+
+/* sinh: its series up to 1, beyond it exp(|a|)/2 - 1/(2 exp(|a|)). */
+static inline pmj_lanes pmj_sinh(pmj_lanes a)
+{
+    const pmj_lanes size = pmj_abs(a);
+    const pmj_lanes z = a * a;
+    pmj_lanes sum = z * 8.22063524662433e-18 + 2.8114572543455206e-15;
+    sum = sum * z + 7.647163731819816e-13;
+    sum = sum * z + 1.6059043836821613e-10;
+    sum = sum * z + 2.505210838544172e-08;
+    sum = sum * z + 2.7557319223985893e-06;
+    sum = sum * z + 0.0001984126984126984;
+    sum = sum * z + 0.008333333333333333;
+    sum = sum * z + 0.16666666666666666;
+    const pmj_lanes grown = pmj_half_exp(size);
+    const pmj_mask sign = pmj_bits(a) & ~0x7fffffffffffffffLL;
+    const pmj_lanes large = (pmj_lanes)(pmj_bits(grown - 0.25 / grown) | sign);
+    return pmj_select(size < 1.0, a + a * z * sum, large);
+}
+
+static inline pmj_lanes pmj_cosh(pmj_lanes a)
+{
+    const pmj_lanes grown = pmj_half_exp(pmj_abs(a));
+    return grown + 0.25 / grown;
+}
+
+/* atan: reduction to |x| <= 7/16 by the atan of 1/2, 1, 3/2 and infinity, then the polynomial of fdlibm. */
+static inline pmj_lanes pmj_atan(pmj_lanes a)
+{
+    const pmj_lanes size = pmj_abs(a);
+    const pmj_mask first = size < 0.4375;
+    const pmj_mask second = size < 0.6875;
+    const pmj_mask third = size < 1.1875;
+    const pmj_mask fourth = size < 2.4375;
+    pmj_lanes above = pmj_select(fourth, size - 1.5, pmj_all(-1.0));
+    pmj_lanes below = pmj_select(fourth, 1.0 + 1.5 * size, size);
+    pmj_lanes high = pmj_select(fourth, pmj_all(9.82793723247329054082e-01), pmj_all(1.57079632679489655800e+00));
+    pmj_lanes low = pmj_select(fourth, pmj_all(1.39033110312309984516e-17), pmj_all(6.12323399573676603587e-17));
+    above = pmj_select(third, size - 1.0, above);
+    below = pmj_select(third, size + 1.0, below);
+    high = pmj_select(third, pmj_all(7.85398163397448278999e-01), high);
+    low = pmj_select(third, pmj_all(3.06161699786838301793e-17), low);
+    above = pmj_select(second, 2.0 * size - 1.0, above);
+    below = pmj_select(second, 2.0 + size, below);
+    high = pmj_select(second, pmj_all(4.63647609000806093515e-01), high);
+    low = pmj_select(second, pmj_all(2.26987774529616870924e-17), low);
+    const pmj_lanes x = pmj_select(first, size, above / below);
+    const pmj_lanes z = x * x;
+    const pmj_lanes w = z * z;
+    pmj_lanes even = w * 1.62858201153657823623e-02 + 4.97687799461593236017e-02;
+    even = even * w + 6.66107313738753120669e-02;
+    even = even * w + 9.09088713343650656196e-02;
+    even = even * w + 1.42857142725034663711e-01;
+    even = even * w + 3.33333333333329318027e-01;
+    pmj_lanes odd = w * -3.65315727442169155270e-02 - 5.83357013379057348645e-02;
+    odd = odd * w - 7.69187620504482999495e-02;
+    odd = odd * w - 1.11111104054623557880e-01;
+    odd = odd * w - 1.99999999998764832476e-01;
+    const pmj_lanes rest = x * (z * even + w * odd);
+    const pmj_lanes value = pmj_select(first, x - rest, high - ((rest - low) - x));
+    return (pmj_lanes)(pmj_bits(value) | (pmj_bits(a) & ~0x7fffffffffffffffLL));
+}
+
+/* A function of the C library, lane by lane. */
+static inline pmj_lanes pmj_each(double (*function)(double), pmj_lanes a)
+{
+    pmj_lanes value = a;
+    for (int w = 0; w < PMJ_WIDTH; ++w) {
+        value[w] = function(a[w]);
+    }
+    return value;
+}
+
 #endif

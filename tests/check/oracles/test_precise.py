@@ -15,6 +15,7 @@ NAMELESS = Equations([])
 EXPRESSIONS = [
     sp.sin(x), sp.cos(2 * x), sp.tan(x / 3), sp.tanh(x), sp.exp(-x), sp.log(2 + x), sp.sqrt(1 + x),
     (1 + x) ** -3,
+    sp.atan(2 * x - 1), sp.sinh(x / 2), sp.cosh(1 - x),
     sp.Abs(x - 2) * sp.sin(x), sp.sign(x - 2) * x,
     (1 + x**2) ** sp.Rational(5, 3), x**4 / (1 + x), sp.pi * x, a**x, sp.exp(sp.sin(x) ** 2) / (x - 5),
 ]  # fmt: skip
