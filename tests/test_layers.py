@@ -1,4 +1,4 @@
-"""The layers of docs/design.md, proved from the source text: who imports whom, and what no module does."""
+"""The rooms of docs/design.md, proved from the source text: who imports whom, and what no module does."""
 
 from __future__ import annotations
 
@@ -15,13 +15,10 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = "pmjoint_codegen"
 
-GROUND_FLOOR = ("errors", "storage", "workspace", "identity", "manifest", "operations", "values", "scratch")
-RUNTIME = ("compile", "kernels", "loops", "simulate", "sweep", "tune")
-FACADE = ("closed_loop",)
-SYMBOLIC = {"pmjoint_derive", "sympy", "casadi", "pint", "pydantic"}
-TOOLCHAIN = {
-    f"{PACKAGE}.{name}" for name in ("modelfile", "emit", "report", "audit", "check", "review", "provision")
-}
+DESIGN = ROOT / "docs" / "design.md"
+HEADER = "| room | does | imports | when called |"
+RUNTIME = ("compile", "kernels", "loops", "simulate", "sweep", "tune", "closed_loop")
+SYMBOLIC = {"pmjoint_derive", "sympy", "casadi", "pint", "pydantic", "mpmath"}
 
 
 @dataclass(frozen=True)
@@ -61,7 +58,7 @@ def named(node: ast.Import | ast.ImportFrom, file: Path) -> Iterator[str]:
 
 
 def imports(file: Path) -> list[Import]:
-    """Return every import of a file that can run, `importlib.import_module` of a literal included."""
+    """Return every import of a file that can run, `import_module` of a literal included."""
     found: list[Import] = []
 
     def visit(node: ast.AST, deferred: bool) -> None:
@@ -69,6 +66,9 @@ def imports(file: Path) -> list[Import]:
             return
         if isinstance(node, ast.Import | ast.ImportFrom):
             found.extend(Import(file, node.lineno, module, deferred) for module in named(node, file))
+        if isinstance(node, ast.Call) and ast.unparse(node.func) == "import_module":
+            names = (argument for argument in node.args if isinstance(argument, ast.Constant))
+            found.extend(Import(file, node.lineno, str(name.value), deferred) for name in names)
         inside = deferred or isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
         for child in ast.iter_child_nodes(node):
             visit(child, inside)
@@ -101,52 +101,110 @@ def within(module: str, packages: Iterable[str]) -> bool:
     return any(module == package or module.startswith(f"{package}.") for package in packages)
 
 
-def test_every_module_has_a_layer() -> None:
-    files = [
-        *(ROOT / PACKAGE).glob("*.py"),
-        *(file.parent for file in (ROOT / PACKAGE).glob("*/__init__.py")),
+Arrows = dict[str, tuple[set[str], set[str]]]  # room -> what it imports at once, and only when called
+
+
+def designed() -> Arrows:
+    """Read the table of docs/design.md, in its order."""
+    lines = DESIGN.read_text(encoding="utf-8").split(HEADER)[1].splitlines()[2:]
+    rows = [[cell.strip(" `") for cell in line.split("|")[1:-1]] for line in lines[: lines.index("")]]
+    return {
+        room: (set(at_once.split(", ")) - {""}, set(called.split(", ")) - {""})
+        for room, _, at_once, called in rows
+    }
+
+
+def room_of(module: str, rooms: Iterable[str]) -> str:
+    """Name the innermost room that a module of this project lies in; other modules by their distribution."""
+    top, _, rest = module.partition(".")
+    if top == "pmjoint_derive":
+        return "derive"
+    if top != PACKAGE or not rest:
+        return top
+    inside = [room for room in rooms if within(rest, [room])]
+    assert inside, f"{module} lies in no room of docs/design.md"
+    return max(inside, key=len)
+
+
+def drawn(rooms: Iterable[str]) -> Arrows:
+    """Collect what the source imports, room by room; the standard library and a room itself do not count."""
+    found: Arrows = {room: (set(), set()) for room in rooms}
+    for file in [*(ROOT / "derive").rglob("*.py"), *(ROOT / PACKAGE).rglob("*.py")]:
+        dotted = ".".join(file.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+        room = "derive" if file.is_relative_to(ROOT / "derive") else room_of(dotted, rooms)
+        for item in imports(file):
+            other = room_of(item.module, rooms)
+            if other != room and other not in sys.stdlib_module_names and room != PACKAGE:
+                found[room][item.deferred].add(other)
+    return {room: (at_once, called - at_once) for room, (at_once, called) in found.items()}
+
+
+def differing(table: Arrows, source: Arrows) -> list[str]:
+    """Describe each row that is not what the source imports: the cells that it should have."""
+    return [
+        f"{room}: imports | {', '.join(sorted(at_once))} | {', '.join(sorted(called))} |"
+        for room, (at_once, called) in source.items()
+        if table[room] != (at_once, called)
     ]
-    layered = {*GROUND_FLOOR, *RUNTIME, *FACADE, *(name.rpartition(".")[2] for name in TOOLCHAIN), "cli"}
-    assert {file.stem for file in files} - layered == {"__init__", "__main__"}
 
 
-def test_derive_is_mathematics_alone() -> None:
-    allowed = {"sympy", "pmjoint_derive", *sys.stdlib_module_names}
-    assert faults(sorted((ROOT / "derive").rglob("*.py")), lambda found: found.top in allowed) == []
+def rewritten(text: str, source: Arrows) -> str:
+    """Give docs/design.md with the cells that the source imports."""
+    lines = text.splitlines(keepends=True)
+    for place, line in enumerate(lines):
+        cells = line.split("|")
+        if len(cells) == 6 and (room := cells[1].strip(" `")) in source:
+            arrows = (f" {', '.join(sorted(side))} " for side in source[room])
+            lines[place] = "|".join([*cells[:3], *arrows, cells[5]])
+    return "".join(lines)
+
+
+def test_each_room_imports_what_the_design_says_and_no_row_says_more() -> None:
+    table = designed()
+    remedy = "take the import out, or write the cells: python tests/test_layers.py"
+    assert differing(table, drawn(table)) == [], remedy
+
+
+def test_an_arrow_too_many_or_too_few_is_seen() -> None:
+    table = designed()
+    for change in ({"tune"}, {"errors"}):
+        at_once, called = table["storage"]
+        assert differing({**table, "storage": (at_once ^ change, called)}, table) == [
+            f"storage: imports | {', '.join(sorted(at_once))} | {', '.join(sorted(called))} |"
+        ]
+
+
+def test_data_goes_one_way() -> None:
+    """No room imports, at once or when called, what stands below it in the table."""
+    table = designed()
+    order = list(table)
+    assert [
+        f"{room} imports {other}, below it"
+        for room, arrows in table.items()
+        for other in sorted(set.union(*arrows) & table.keys())
+        if order.index(other) >= order.index(room)
+    ] == []
+
+
+def test_importing_the_package_imports_nothing_else() -> None:
+    assert [
+        str(found)
+        for found in imports(ROOT / PACKAGE / "__init__.py")
+        if found.top not in sys.stdlib_module_names
+    ] == []
+
+
+def test_every_room_is_there() -> None:
+    places = [
+        ROOT / PACKAGE / room.replace(".", "/") for room in designed() if room not in ("derive", PACKAGE)
+    ]
+    assert [place for place in places if not (place.is_dir() or place.with_suffix(".py").is_file())] == []
 
 
 def test_the_mathematics_is_imported_by_the_name_that_is_installed() -> None:
     assert (ROOT / "pmjoint_derive").resolve() == ROOT / "derive"
     files = [file for file in tracked() if file.suffix == ".py"]
     assert faults(files, lambda found: found.top != "derive") == []
-
-
-def test_ground_floor_stands_on_nothing() -> None:
-    own = {f"{PACKAGE}.{name}" for name in GROUND_FLOOR} | {PACKAGE}  # the package itself: its version
-    allowed = {"numpy", *sys.stdlib_module_names}
-    assert faults(sources(*GROUND_FLOOR), lambda found: found.top in allowed or found.module in own) == []
-
-
-def test_runtime_imports_nothing_symbolic() -> None:
-    def allowed(found: Import) -> bool:
-        if found.file.name == "interpreted.py" and found.top == "casadi":
-            return found.deferred
-        return found.top not in SYMBOLIC and not within(found.module, TOOLCHAIN)
-
-    assert faults(sources(*RUNTIME), allowed) == []
-
-
-def test_facade_reaches_the_toolchain_only_when_called() -> None:
-    def allowed(found: Import) -> bool:
-        return found.top not in SYMBOLIC and (found.deferred or not within(found.module, TOOLCHAIN))
-
-    assert faults(sources(*FACADE), allowed) == []
-
-
-def test_nothing_below_the_command_line_imports_it() -> None:
-    files = [file for file in sorted((ROOT / PACKAGE).rglob("*.py")) if file.parent.name != "cli"]
-    below = [file for file in files if file.name != "__main__.py"]
-    assert faults(below, lambda found: not within(found.module, {f"{PACKAGE}.cli", "click", "rich"})) == []
 
 
 def own_files(module: str) -> list[Path]:
@@ -178,6 +236,11 @@ def loaded_at_once(files: Iterable[Path]) -> list[Import]:
 def test_commands_import_heavy_things_when_called() -> None:
     light = {"click", PACKAGE, *sys.stdlib_module_names}
     assert [str(found) for found in loaded_at_once(sources("cli")) if found.top not in light] == []
+
+
+@pytest.mark.parametrize("room", RUNTIME)
+def test_the_runtime_loads_nothing_symbolic(room: str) -> None:
+    assert [str(found) for found in loaded_at_once(sources(room)) if found.top in SYMBOLIC] == []
 
 
 def test_figures_import_matplotlib_when_drawn() -> None:
@@ -280,3 +343,7 @@ def test_modules_stay_small() -> None:
     assert {
         str(file.relative_to(ROOT)): n for file in files if (n := file.read_bytes().count(b"\n")) > 400
     } == {}
+
+
+if __name__ == "__main__":
+    DESIGN.write_text(rewritten(DESIGN.read_text(encoding="utf-8"), drawn(designed())), encoding="utf-8")

@@ -100,8 +100,8 @@ def audit(progress: Progress, notify: Notify) -> tuple[Finding, ...]:
     """Compare and try everything.
 
     Args:
-        progress: told the fraction done, 0 to 1.
-        notify: told, in one line, what the user should know.
+        progress: called with the fraction completed, 0 to 1.
+        notify: called with one line that the user should know.
 
     Raises:
         PmjointError: the model cannot be read, or its kernels cannot be built.
@@ -121,7 +121,7 @@ def audit(progress: Progress, notify: Notify) -> tuple[Finding, ...]:
 
 
 def _once(notify: Notify) -> Notify:
-    """The same listener, told each thing once: three loops are loaded, on one machine."""
+    """The same listener, called once with each line: three loops are loaded, on one machine."""
     said: set[str] = set()
 
     def tell(line: str) -> None:

@@ -34,7 +34,7 @@ class ExperimentRunner:
     """Runs of the paper's model.
 
     Attributes:
-        notify: told what takes time.
+        notify: called with what takes time.
     """
 
     notify: Notify = field(default=lambda line: None)

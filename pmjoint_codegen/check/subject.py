@@ -35,8 +35,8 @@ class Subject:
         model: the same, as the derivation takes it.
         folder: ``generated/<name>/``, as it stands.
         environment: where compiler and cache are found.
-        notify: is told what the user should know, in one line.
-        stage: is told what is being derived.
+        notify: called with one line that the user should know.
+        stage: called with the stage of the derivation.
     """
 
     file: Path

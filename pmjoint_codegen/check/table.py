@@ -125,7 +125,7 @@ def run_gates(
     Args:
         subject: the model.
         gates: which.
-        stage: told which gate is at work.
+        stage: called with the gate at work.
     """
     obstacle = _obstacle(subject) if any(gate.needs_generated for gate in gates) else ""
     if not obstacle and any(gate.outside for gate in gates):

@@ -252,7 +252,8 @@ def test_an_error_of_the_models_fails_its_gate(paper: Subject) -> None:
     def refuse(_subject: Subject) -> GateResult:
         raise UsageError("is wrong", where="here")
 
-    assert run_gate(paper, Gate("g", refuse)).detail == "here: is wrong"
+    result = run_gate(paper, Gate("g", refuse))
+    assert (result.name, result.detail) == ("g", "here: is wrong")
 
 
 @pytest.mark.parametrize(

@@ -147,7 +147,7 @@ class Loop:
 
     def _run(self, t: Array, start: Array, limit: float, actuator: Actuator, longest: float) -> Trajectory:
         """The same, with steps of some length at most."""
-        coarse = told_apart(actuator)
+        coarse = without_narrow_modes(actuator)
         thresholds = coarse.thresholds.tolist()
         mode = int(np.searchsorted(thresholds, self.law(t[:1], start[np.newaxis], limit)[0, 0]))
         solver, crossings = self._solver(len(thresholds))
@@ -359,7 +359,7 @@ def operation_count(program: Program) -> int:
     )
 
 
-def told_apart(actuator: Actuator) -> Actuator:
+def without_narrow_modes(actuator: Actuator) -> Actuator:
     """The actuator without modes that are narrower than anything compared here.
 
     Limits of two channels that follow one another are thresholds which round apart. No event can be located

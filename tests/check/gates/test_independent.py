@@ -19,7 +19,7 @@ from pmjoint_codegen.check.gates import independent
 from pmjoint_codegen.check.inputs.drawn import draws
 from pmjoint_codegen.check.oracles import heyoka_loop
 from pmjoint_codegen.check.oracles.heyoka_kinks import SlidingError, UntrustedError
-from pmjoint_codegen.check.oracles.heyoka_loop import Loop, told_apart
+from pmjoint_codegen.check.oracles.heyoka_loop import Loop, without_narrow_modes
 from pmjoint_codegen.check.oracles.program import compile_program
 from pmjoint_codegen.check.result import Verdict
 from pmjoint_codegen.check.subject import Subject, load_subject
@@ -101,12 +101,12 @@ def test_thresholds_that_round_apart_are_one_and_others_are_not() -> None:
     apart = np.nextafter(3.0, 4.0)
     split = make_actuator(np.array([*u, *pressure[:2], 5 - 2 * apart, 5 + 2 * apart]))
     assert len(split.thresholds) > 2
-    merged: Actuator = told_apart(split)
+    merged: Actuator = without_narrow_modes(split)
     np.testing.assert_allclose(merged.thresholds, both.thresholds, rtol=1e-15)
     np.testing.assert_allclose(merged.modes, both.modes, rtol=1e-15)
     assert merged.labels == both.labels == (-1, 0, 1)
     wide = make_actuator(np.array([*u, *pressure[:2], -1.1, 11.1]))
-    assert told_apart(wide).labels == wide.labels == (-1, -1, 0, 1, 1)
+    assert without_narrow_modes(wide).labels == wide.labels == (-1, -1, 0, 1, 1)
 
 
 def test_v_is_held_relative_to_its_law_s_slopes(heyoka: Any, paper: Subject) -> None:
