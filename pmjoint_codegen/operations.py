@@ -39,7 +39,7 @@ class Operation:
         entire: whether it has no singularity in the complex plane and grows no faster than exp.
         feature: argument at which a function that is flat or steep elsewhere is of order one.
         expands: whether SymPy expands its argument into real and imaginary parts, at any cost.
-        rises: whether it is monotonically increasing on the whole real line.
+        rises: whether it increases everywhere, so that its image of an interval lies between its ends.
         enclosure: its image of an interval, of the interval context and the interval, where mpmath has none.
     """
 
@@ -216,7 +216,6 @@ OPERATIONS = (
         written=True,
         sympy="exp",
         feature=0.0,
-        rises=True,
     ),
     Operation(
         name="log",
