@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import mpmath
 import pytest
 import sympy as sp
 
 from pmjoint_codegen.errors import ModelError
-from pmjoint_codegen.modelfile import model_of
+from pmjoint_codegen.modelfile import model_of, zeros
 from pmjoint_codegen.modelfile.zeros import find_zero
+from pmjoint_codegen.operations import functions
 from pmjoint_derive import real_symbol
 
 Edit = Callable[..., dict[str, Any]]
@@ -81,3 +83,19 @@ def test_a_model_whose_sigma_vanishes_in_its_range_is_refused(edited: Edit) -> N
 def test_a_range_is_two_numbers_in_order(edited: Edit, bad: object) -> None:
     with pytest.raises(ModelError, match=r"m: plant\.range"):
         model_of(edited({"plant.range": bad}), "m")
+
+
+@pytest.mark.parametrize("name", functions())
+@pytest.mark.parametrize(("low", "high"), [(0.25, 0.75), (0.5, 1.25), (1.0, 1.0)])
+def test_the_image_of_an_interval_holds_the_values_in_it_and_little_more(
+    name: str, low: float, high: float
+) -> None:
+    context = mpmath.ctx_iv.MPIntervalContext()
+    context.dps = 30
+    image = zeros._image(getattr(sp, name)(Y), {Y: (low, high)}, context)
+    places = [low + (high - low) * i / 50 for i in range(51)]
+    with mpmath.workdps(40):
+        values = [getattr(mpmath, name)(place) for place in places]
+        ends = [mpmath.mpf(end.mid) for end in (image.a, image.b)]
+        assert ends[0] <= min(values) and max(values) <= ends[1]
+        assert ends[1] - ends[0] <= 3 * (max(values) - min(values)) + mpmath.mpf(10) ** -25
