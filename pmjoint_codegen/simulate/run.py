@@ -1,7 +1,7 @@
 """One simulation: settings in, `Run` out.
 
-The stages of `Simulator.run`: actuator modes from the model and a `Problem` from the settings, or those of
-the run before; the loop until it ends; and, once they are read, the derived columns and the summary.
+The stages of `Simulator.run`: a `Problem` from the settings, or that of the run before; the loop until it
+ends; and, once they are read, the derived columns and the summary.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from functools import cached_property, lru_cache, partial
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Unpack, cast
@@ -120,12 +120,16 @@ class Simulator:
         self._last: _Preparation | None = None
 
     @cached_property
-    def _own(self) -> Settings:
-        return make_settings(self.evaluator.manifest)
+    def _checked(self) -> Callable[..., Settings]:
+        own = make_settings(self.evaluator.manifest)
+        return lru_cache(maxsize=1, typed=True)(partial(make_settings, self.evaluator.manifest, own))
 
     def settings(self, **asked: Unpack[RunOptions]) -> Settings:
-        """Complete a run's settings; see `make_settings`."""
-        return make_settings(self.evaluator.manifest, self._own, **asked)
+        """Complete a run's settings, or give those of the call before, if it asked for the same."""
+        try:
+            return self._checked(**asked)
+        except TypeError:  # what has no hash may have changed since
+            return self._checked.__wrapped__(**asked)  # type: ignore[attr-defined, no-any-return]
 
     def run(self, settings: Settings, progress: Tell | None = None) -> Run:
         """Simulate the closed loop; see `run`."""
@@ -183,8 +187,8 @@ class Simulator:
         memory, state = _integrate(self.evaluator, start, prepared.problem, progress)
         known = self._known(prepared, start, memory.rows[: state.row], memory, state)
         status = Status(state.status)
-        message = _message(manifest, settings, status, state.t, memory)
-        return {**known, **_figures(manifest, memory, state), "status": status, "message": message}
+        ended = {"status": status, "message": _message(manifest, settings, status, state.t, memory)}
+        return {**known, **_figures(manifest, memory, state), **ended}
 
     def _known(
         self, prepared: _Preparation, start: Array, rows: Array, memory: Memory, state: Progress
@@ -338,7 +342,7 @@ def _signals(evaluator: Evaluator, problem: Problem, states: Array, memory: Memo
     (signals,) = evaluator.call(
         "signals", memory.row_sample_times[:rows, np.newaxis], memory.row_samples[:rows], problem.p
     )
-    y, y_r, e = (_index(evaluator.manifest, name) for name in INSTANTANEOUS)
+    y, y_r, e = map([item.name for item in evaluator.manifest.signals].index, INSTANTANEOUS)
     signals[:, y] = states[:, 0]
     signals[:, y_r] = evaluator.call("reference", times, problem.p)[0][:, 0]
     signals[:, e] = signals[:, y] - signals[:, y_r]
@@ -355,10 +359,6 @@ def _moving(manifest: Manifest) -> list[int]:
     if names >= LAGGED:  # pressures with states of their own; without, they are commands, which are held
         names |= {"P1", "P2"}
     return [i for i, item in enumerate(manifest.signals) if item.name in names]
-
-
-def _index(manifest: Manifest, name: str) -> int:
-    return next(i for i, item in enumerate(manifest.signals) if item.name == name)
 
 
 def _switches(actuator: Actuator, memory: Memory, state: Progress) -> tuple[tuple[float, int], ...]:

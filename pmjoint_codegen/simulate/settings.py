@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal, TypedDict, Unpack
+from types import MappingProxyType
+from typing import Any, Final, Literal, TypedDict, Unpack
 
 import numpy as np
 
@@ -72,6 +73,10 @@ class Settings:
     max_steps: int = 10_000_000
     max_switches: int = 100_000
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Give the parameters as a dictionary: what only shows one is not pickled."""
+        return {**vars(self), "parameters": dict(self.parameters)}
+
     @property
     def rows(self) -> int:
         """Number of output instants: every multiple of the step before the horizon, and the horizon."""
@@ -114,7 +119,7 @@ def make_settings(
     simulation = manifest.simulation
     overrides, compensator, x0 = asked.get("parameters"), asked.get("compensator"), asked.get("x0")
     known = own if overrides is None and compensator is None else None
-    values = dict(known.parameters) if known else _values(manifest, overrides or {}, compensator)
+    values = known.parameters if known else _values(manifest, overrides or {}, compensator)
     horizon, output_step = asked.get("horizon"), asked.get("output_step")
     length = simulation.horizon if horizon is None else _positive("horizon", horizon, "s")
     step = simulation.output_step if output_step is None else _positive("output step", output_step, "s")
@@ -157,7 +162,9 @@ def _check_rows(horizon: float, step: float) -> None:
         )
 
 
-def _values(manifest: Manifest, overrides: Mapping[str, float], compensator: bool | None) -> dict[str, float]:
+def _values(
+    manifest: Manifest, overrides: Mapping[str, float], compensator: bool | None
+) -> Mapping[str, float]:
     if not isinstance(overrides, Mapping):
         raise UsageError(f"is {overrides!r}", where="parameters", remedy="allowed: numbers by name")
     values = {item.name: float(item.value) for item in manifest.parameters}
@@ -192,7 +199,7 @@ def _values(manifest: Manifest, overrides: Mapping[str, float], compensator: boo
     changed = {*overrides, *(own for own, name in manifest.own.items() if name in overrides)}
     concerned = (rule for rule in manifest.rules if rule.names & changed)
     check_rules(values, concerned, error=UsageError, scales=manifest.scales)
-    return values
+    return MappingProxyType(values)
 
 
 def _number(name: str, value: object) -> float:

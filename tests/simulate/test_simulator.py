@@ -59,7 +59,7 @@ def contents(run: Run) -> dict[str, Any]:
     """All that a run says, bit for bit, but for how long it took and what does not compare."""
     found = {field.name: getattr(run, field.name) for field in fields(run)}
     shapes = {name: (found[name].shape, found[name].tobytes()) for name in ("t", "states", "signals")}
-    settings = {**vars(run.settings), "p": run.settings.p.tolist(), "x0": run.settings.x0.tolist()}
+    settings = {**run.settings.__getstate__(), "p": run.settings.p.tolist(), "x0": run.settings.x0.tolist()}
     return {**found, **shapes, "settings": settings, "manifest": run.manifest.name, "wall_s": 0.0}
 
 
@@ -117,8 +117,20 @@ def test_runs_share_what_nobody_can_write(loop: ClosedLoop) -> None:
     for array in (run.t, run.states, run.settings.p, run.settings.x0):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 7.0
-    run.settings.parameters["c1"] = 7.0  # type: ignore[index]
-    assert loop.simulate().settings.parameters["c1"] == 15.0
+    with pytest.raises(TypeError, match="item assignment"):
+        run.settings.parameters["c1"] = 7.0  # type: ignore[index]
+
+
+def test_settings_are_made_anew_where_what_was_asked_has_changed(loop: ClosedLoop) -> None:
+    parameters, x0 = {"c1": 20.0}, [1.0, 0.0]
+    assert loop.simulate(parameters=parameters, x0=x0).states[0, 0] == 1.0
+    parameters["c1"], x0[0] = 21.0, 2.0
+    run = loop.simulate(parameters=parameters, x0=x0)
+    assert (run.settings.parameters["c1"], run.states[0, 0]) == (21.0, 2.0)
+    simulator = Simulator(loop.evaluator)
+    assert simulator.settings(horizon=2) is simulator.settings(horizon=2)
+    with pytest.raises(TypeError, match="horizn"):
+        simulator.settings(horizn=2.0)  # type: ignore[call-arg]
 
 
 def test_progress_is_told_of_short_and_long_runs(loop: ClosedLoop) -> None:
