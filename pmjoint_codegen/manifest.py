@@ -22,6 +22,7 @@ from pmjoint_codegen.storage import sha256
 from pmjoint_codegen.values import OWN_SUFFIX, SI, Numbers, Rule, evaluate, from_si
 
 FILE_NAME: Final = "model.json"
+LANES: Final = "lanes.c"
 SCHEMA: Final = 3
 _REMEDY: Final = "run pmjoint regenerate"
 

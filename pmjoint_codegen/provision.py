@@ -23,7 +23,7 @@ from pmjoint_codegen.errors import (
     quoted,
 )
 from pmjoint_codegen.identity import canonical_hash, model_hash
-from pmjoint_codegen.manifest import Manifest
+from pmjoint_codegen.manifest import LANES, Manifest
 from pmjoint_codegen.modelfile.reader import read_document
 from pmjoint_codegen.storage import drop_link, replace_folder, sha256_file
 from pmjoint_codegen.workspace import cache_dir, called, find_model, generated_root
@@ -53,6 +53,7 @@ def provide(
     environment: Mapping[str, str],
     notify: Notify,
     stage: Stage = lambda name, done: None,
+    lanes: bool = False,
 ) -> Provided:
     """Find or make the kernels of a model.
 
@@ -63,6 +64,7 @@ def provide(
         environment: for the cache folder.
         notify: called with one line on what takes time or what the user should know.
         stage: called with the stage of a derivation, where there is one.
+        lanes: whether a sweep needs its own C, ``lanes.c``; a single run does without.
 
     Raises:
         ModelError: for a model that cannot be found, read or derived; a fault in what was given in place of
@@ -79,6 +81,7 @@ def provide(
         environment=environment,
         notify=notify,
         stage=stage,
+        lanes=lanes,
     )
 
 
@@ -91,6 +94,7 @@ def provide_document(
     environment: Mapping[str, str],
     notify: Notify,
     stage: Stage = lambda name, done: None,
+    lanes: bool = False,
 ) -> Provided:
     """`provide` for a model file that has been read: a pipe gives its contents once.
 
@@ -102,6 +106,7 @@ def provide_document(
         environment: the same.
         notify: the same.
         stage: the same.
+        lanes: the same.
     """
     joint = document.get("joint")
     for name, line in joint.items() if isinstance(joint, dict) else ():
@@ -114,7 +119,8 @@ def provide_document(
         if committed is not None:
             return committed
     try:
-        return _derived(path, _changed(document, reference, disturbance), environment, notify, stage)
+        changed = _changed(document, reference, disturbance)
+        return _derived(path, changed, environment, notify, stage, lanes=lanes)
     except ModelError as error:
         raise _of_option(error, reference, disturbance) from error
 
@@ -196,14 +202,21 @@ def _disturbed(document: Mapping[str, Any], disturbance: Sequence[str]) -> dict[
 
 
 def _derived(
-    path: Path, document: dict[str, Any], environment: Mapping[str, str], notify: Notify, stage: Stage
+    path: Path,
+    document: dict[str, Any],
+    environment: Mapping[str, str],
+    notify: Notify,
+    stage: Stage,
+    *,
+    lanes: bool,
 ) -> Provided:
     key = canonical_hash([model_hash(document), _toolchain_key()])
     folder = cache_dir(environment, notify) / "models" / key[:32]
     drop_link(folder)
     with suppress(StaleError):  # not there yet
         manifest = Manifest.read(folder)
-        if not any(_altered(folder / file, recorded) for file, recorded in manifest.files.items()):
+        whole = not any(_altered(folder / file, recorded) for file, recorded in manifest.files.items())
+        if whole and (LANES in manifest.files or not lanes):
             return Provided(manifest, folder)
     stage("loading what derives", 0.0)
     try:
@@ -216,7 +229,7 @@ def _derived(
             remedy=f"install it: {installing('pmjoint-codegen[derive]')}",
         ) from None
     stage("reading the model", 0.0)
-    artifacts = generate(document, model_of(document, str(path)), stage=stage)
+    artifacts = generate(document, model_of(document, str(path)), stage=stage, lanes=lanes)
     replace_folder(folder, {name: text.encode() for name, text in artifacts.files.items()}, private=True)
     return Provided(artifacts.manifest, folder)
 

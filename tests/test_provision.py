@@ -34,6 +34,26 @@ def test_what_another_toolchain_has_derived_is_derived_again(
     assert folder() != first
 
 
+def test_c_for_sweeps_is_made_when_a_sweep_asks(tmp_path: Path) -> None:
+    """A single run's folder has none; a sweep's folder serves single runs too."""
+
+    def files(*, lanes: bool) -> set[str]:
+        provided = provision.provide(
+            "paper",
+            reference="cos(t)",
+            environment={"PMJOINT_CACHE": str(tmp_path)},
+            notify=lambda line: pytest.fail(line),
+            lanes=lanes,
+        )
+        found = {file.name for file in provided.folder.iterdir()}
+        assert found == {*provided.manifest.files, "model.json"}
+        return found
+
+    single, swept = files(lanes=False), files(lanes=True)
+    assert swept - single == {"lanes.c", "lanes.h"}
+    assert files(lanes=False) == swept
+
+
 @pytest.mark.parametrize("file", ["pmjoint_derive/filters.py", "pmjoint_codegen/values.py"])
 def test_every_source_that_shapes_generated_text_is_in_the_key(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, file: str

@@ -135,6 +135,7 @@ def command(
         disturbance=disturbance or None,
         environment=os.environ,
         notify=lambda line: message(f"pmjoint: {line}"),
+        lanes=True,
     )
     request = make_request(provided.manifest, plan, **asked)
     folder = out or Path("runs") / f"{provided.manifest.name}-sweep"

@@ -113,7 +113,7 @@ def command(
         )
     file = out or _default_file(source)
     _check_target(file, source)
-    provided = provide(source, environment=os.environ, notify=_notify)
+    provided = provide(source, environment=os.environ, notify=_notify, lanes=True)
     request = make_request(provided.manifest, **asked)
     text = _text_of(source, file, request)
     ensure_folder(file.parent)

@@ -70,7 +70,12 @@ class Artifacts:
 
 
 def generate(
-    document: Document, model: Model, order: int = TAYLOR_ORDER, stage: Stage = unwatched
+    document: Document,
+    model: Model,
+    order: int = TAYLOR_ORDER,
+    stage: Stage = unwatched,
+    *,
+    lanes: bool = True,
 ) -> Artifacts:
     """Everything that ``generated/<name>/`` holds for a model.
 
@@ -78,6 +83,7 @@ def generate(
         document: the parsed model file, for the hashes.
         model: the same, as the derivation takes it.
         order: highest Taylor coefficient N of the continuous integrator.
+        lanes: whether to write the C for sweeps, too; a single run does without.
         stage: told what is being made.
 
     Raises:
@@ -92,8 +98,9 @@ def generate(
     stage("writing C", 0.0)
     compact = compact_where_long("taylor", functions["closed_loop"], order, state="X")
     texts = _kernel_files(document, derivation, functions, compact, records)
-    stage("writing C for sweeps", 0.0)
-    texts |= _lane_files(document, derivation, functions)
+    if lanes:
+        stage("writing C for sweeps", 0.0)
+        texts |= _lane_files(document, derivation, functions)
     stage("writing the derivation", 0.0)
     texts[PAGE] = derivation_page(document, derivation)
     stage("describing the kernels", 0.0)

@@ -14,14 +14,13 @@ from pmjoint_codegen.errors import StaleError, UsageError, did_you_mean
 from pmjoint_codegen.identity import canonical_hash
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.loops.batch import loops_hash
-from pmjoint_codegen.manifest import Manifest
+from pmjoint_codegen.manifest import LANES, Manifest
 from pmjoint_codegen.simulate.settings import RunOptions, Settings, count_instants, instants, make_settings
 from pmjoint_codegen.sweep.metrics import quantities
 from pmjoint_codegen.sweep.plan import DRAW, Plan
 from pmjoint_codegen.values import COMPENSATOR
 
 DEFAULT_TOLERANCE: Final = 1e-6
-LANES: Final = "lanes.c"
 MAX_STEPS: Final = 1_000_000
 MAX_TRAJECTORIES: Final = 2**31  # bytes
 

@@ -380,6 +380,7 @@ def changed(
         disturbance=disturbance,
         environment=os.environ,
         notify=lambda line: None,
+        lanes=True,
     )
     compiler = find_compiler(os.environ)
     if compiler is None:

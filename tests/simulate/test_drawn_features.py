@@ -63,7 +63,7 @@ def models(tmp_path_factory: pytest.TempPathFactory, cache: Any) -> Callable[[st
         lines = [f'{one} = {{ value = 1.0, unit = "1", about = "of a feature" }}' for one in named]
         text = FILE.format(parameters="\n".join(lines), phi=phi, disturbance=disturbance, reference=reference)
         file.write_text(text, encoding="utf-8")
-        provided = provide(file, environment=os.environ, notify=lambda line: None)
+        provided = provide(file, environment=os.environ, notify=lambda line: None, lanes=True)
         subject = load_subject(file, os.environ, lambda line: None)
         sources = batch.batch_sources(provided.folder)
         made[name] = Model(

@@ -118,7 +118,9 @@ def test_a_sweep_of_one_sees_what_is_narrow(feature: Feature) -> None:
     """At the tolerance of one run: a sweep's own default is not meant for 2e-8."""
     if find_compiler(os.environ) is None:
         pytest.skip("the batch loops are compiled")
-    provided = provide(feature.model, environment=os.environ, notify=lambda line: None, **feature.changes)
+    provided = provide(
+        feature.model, environment=os.environ, notify=lambda line: None, lanes=True, **feature.changes
+    )
     manifest = provided.manifest
     asked = feature.asked
     x0 = asked.get("x0", manifest.simulation.x0)
