@@ -36,7 +36,8 @@ class Operation:
         sympy: name of SymPy's class, empty where expressions have none.
         numpy: what NumPy 1 calls it, where that is another name.
         exact: whether lanes give the same bits as IEEE 754 on doubles, without a library.
-        entire: whether it has no singularity in the complex plane and grows no faster than exp.
+        entire: whether it has no singularity in the complex plane and grows like a polynomial at most along
+            the real line; steps over such operations alone are compared at their end only.
         feature: argument at which a function that is flat or steep elsewhere is of order one.
         expands: whether SymPy expands its argument into real and imaginary parts, at any cost.
         rises: whether it increases everywhere, so that its image of an interval lies between its ends.
