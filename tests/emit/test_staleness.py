@@ -250,7 +250,7 @@ def test_a_slip_in_the_sources_is_a_changed_generator(
         path.write_text(text, encoding="utf-8")
     assert done.returncode == 1, done.stderr
     assert done.stdout.startswith("paper  generator changed\n")
-    assert "loops.c has other content" in done.stdout
+    assert "kernels.tape has other content" in done.stdout
     assert done.stdout.endswith("    to mend it: pmjoint regenerate paper, and review what changed\n")
     if equation is not None:
         before, after = (
