@@ -109,7 +109,7 @@ static const casadi_int casadi_s8[3] = {6, 1, 1};
 static const casadi_int casadi_s9[3] = {16, 1, 1};
 static const casadi_int casadi_s10[3] = {4, 1, 1};
 
-/* reference:(t,p[34])->(y_r[3]) */
+/* pmjoint_reference:(t,p[34])->(y_r[3]) */
 static int casadi_f0(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a0, a1, a2, a3, a4;
   a0=2.9999999999999999e-01;
@@ -129,34 +129,34 @@ static int casadi_f0(const casadi_real** arg, casadi_real** res, casadi_int* iw,
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int reference(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
+CASADI_SYMBOL_EXPORT int pmjoint_reference(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
   return casadi_f0(arg, res, iw, w, mem);
 }
 
-CASADI_SYMBOL_EXPORT int reference_checkout(void) {
+CASADI_SYMBOL_EXPORT int pmjoint_reference_checkout(void) {
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT void reference_release(int mem) {
+CASADI_SYMBOL_EXPORT void pmjoint_reference_release(int mem) {
 }
 
-CASADI_SYMBOL_EXPORT void reference_incref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_reference_incref(void) {
 }
 
-CASADI_SYMBOL_EXPORT void reference_decref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_reference_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int reference_n_in(void) { return 2;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_reference_n_in(void) { return 2;}
 
-CASADI_SYMBOL_EXPORT casadi_int reference_n_out(void) { return 1;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_reference_n_out(void) { return 1;}
 
-CASADI_SYMBOL_EXPORT casadi_real reference_default_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT casadi_real pmjoint_reference_default_in(casadi_int i) {
   switch (i) {
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* reference_name_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_reference_name_in(casadi_int i) {
   switch (i) {
     case 0: return "t";
     case 1: return "p";
@@ -164,14 +164,14 @@ CASADI_SYMBOL_EXPORT const char* reference_name_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* reference_name_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_reference_name_out(casadi_int i) {
   switch (i) {
     case 0: return "y_r";
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* reference_sparsity_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_reference_sparsity_in(casadi_int i) {
   switch (i) {
     case 0: return casadi_s0;
     case 1: return casadi_s1;
@@ -179,14 +179,14 @@ CASADI_SYMBOL_EXPORT const casadi_int* reference_sparsity_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* reference_sparsity_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_reference_sparsity_out(casadi_int i) {
   switch (i) {
     case 0: return casadi_s2;
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT int reference_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_reference_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 2;
   if (sz_res) *sz_res = 1;
   if (sz_iw) *sz_iw = 0;
@@ -194,7 +194,7 @@ CASADI_SYMBOL_EXPORT int reference_work(casadi_int *sz_arg, casadi_int* sz_res, 
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int reference_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_reference_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 2*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 1*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);
@@ -202,7 +202,7 @@ CASADI_SYMBOL_EXPORT int reference_work_bytes(casadi_int *sz_arg, casadi_int* sz
   return 0;
 }
 
-/* law:(y,s[8],y_r[3],p[34])->(z[2],alpha,v) */
+/* pmjoint_law:(y,s[8],y_r[3],p[34])->(z[2],alpha,v) */
 static int casadi_f1(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a00, a01, a02, a03, a04, a05, a06, a07, a08, a09, a10, a11;
   casadi_real a12, a13, a14, a15, a16;
@@ -322,34 +322,34 @@ static int casadi_f1(const casadi_real** arg, casadi_real** res, casadi_int* iw,
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int law(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
+CASADI_SYMBOL_EXPORT int pmjoint_law(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
   return casadi_f1(arg, res, iw, w, mem);
 }
 
-CASADI_SYMBOL_EXPORT int law_checkout(void) {
+CASADI_SYMBOL_EXPORT int pmjoint_law_checkout(void) {
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT void law_release(int mem) {
+CASADI_SYMBOL_EXPORT void pmjoint_law_release(int mem) {
 }
 
-CASADI_SYMBOL_EXPORT void law_incref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_law_incref(void) {
 }
 
-CASADI_SYMBOL_EXPORT void law_decref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_law_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int law_n_in(void) { return 4;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_law_n_in(void) { return 4;}
 
-CASADI_SYMBOL_EXPORT casadi_int law_n_out(void) { return 3;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_law_n_out(void) { return 3;}
 
-CASADI_SYMBOL_EXPORT casadi_real law_default_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT casadi_real pmjoint_law_default_in(casadi_int i) {
   switch (i) {
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* law_name_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_law_name_in(casadi_int i) {
   switch (i) {
     case 0: return "y";
     case 1: return "s";
@@ -359,7 +359,7 @@ CASADI_SYMBOL_EXPORT const char* law_name_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* law_name_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_law_name_out(casadi_int i) {
   switch (i) {
     case 0: return "z";
     case 1: return "alpha";
@@ -368,7 +368,7 @@ CASADI_SYMBOL_EXPORT const char* law_name_out(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* law_sparsity_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_law_sparsity_in(casadi_int i) {
   switch (i) {
     case 0: return casadi_s0;
     case 1: return casadi_s3;
@@ -378,7 +378,7 @@ CASADI_SYMBOL_EXPORT const casadi_int* law_sparsity_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* law_sparsity_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_law_sparsity_out(casadi_int i) {
   switch (i) {
     case 0: return casadi_s4;
     case 1: return casadi_s0;
@@ -387,7 +387,7 @@ CASADI_SYMBOL_EXPORT const casadi_int* law_sparsity_out(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT int law_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_law_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 4;
   if (sz_res) *sz_res = 3;
   if (sz_iw) *sz_iw = 0;
@@ -395,7 +395,7 @@ CASADI_SYMBOL_EXPORT int law_work(casadi_int *sz_arg, casadi_int* sz_res, casadi
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int law_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_law_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 4*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 3*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);
@@ -403,7 +403,7 @@ CASADI_SYMBOL_EXPORT int law_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, 
   return 0;
 }
 
-/* partials:(y,s[8],y_r[3],p[34])->(dalpha[5]) */
+/* pmjoint_partials:(y,s[8],y_r[3],p[34])->(dalpha[5]) */
 static int casadi_f2(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a00, a01, a02, a03, a04, a05, a06, a07, a08, a09, a10;
   a00=arg[3]? arg[3][1] : 0;
@@ -459,34 +459,34 @@ static int casadi_f2(const casadi_real** arg, casadi_real** res, casadi_int* iw,
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int partials(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
+CASADI_SYMBOL_EXPORT int pmjoint_partials(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
   return casadi_f2(arg, res, iw, w, mem);
 }
 
-CASADI_SYMBOL_EXPORT int partials_checkout(void) {
+CASADI_SYMBOL_EXPORT int pmjoint_partials_checkout(void) {
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT void partials_release(int mem) {
+CASADI_SYMBOL_EXPORT void pmjoint_partials_release(int mem) {
 }
 
-CASADI_SYMBOL_EXPORT void partials_incref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_partials_incref(void) {
 }
 
-CASADI_SYMBOL_EXPORT void partials_decref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_partials_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int partials_n_in(void) { return 4;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_partials_n_in(void) { return 4;}
 
-CASADI_SYMBOL_EXPORT casadi_int partials_n_out(void) { return 1;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_partials_n_out(void) { return 1;}
 
-CASADI_SYMBOL_EXPORT casadi_real partials_default_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT casadi_real pmjoint_partials_default_in(casadi_int i) {
   switch (i) {
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* partials_name_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_partials_name_in(casadi_int i) {
   switch (i) {
     case 0: return "y";
     case 1: return "s";
@@ -496,14 +496,14 @@ CASADI_SYMBOL_EXPORT const char* partials_name_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* partials_name_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_partials_name_out(casadi_int i) {
   switch (i) {
     case 0: return "dalpha";
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* partials_sparsity_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_partials_sparsity_in(casadi_int i) {
   switch (i) {
     case 0: return casadi_s0;
     case 1: return casadi_s3;
@@ -513,14 +513,14 @@ CASADI_SYMBOL_EXPORT const casadi_int* partials_sparsity_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* partials_sparsity_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_partials_sparsity_out(casadi_int i) {
   switch (i) {
     case 0: return casadi_s5;
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT int partials_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_partials_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 4;
   if (sz_res) *sz_res = 1;
   if (sz_iw) *sz_iw = 0;
@@ -528,7 +528,7 @@ CASADI_SYMBOL_EXPORT int partials_work(casadi_int *sz_arg, casadi_int* sz_res, c
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int partials_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_partials_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 4*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 1*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);
@@ -536,7 +536,7 @@ CASADI_SYMBOL_EXPORT int partials_work_bytes(casadi_int *sz_arg, casadi_int* sz_
   return 0;
 }
 
-/* filters:(y,s[8],u,p[34])->(xi_dot[2],Xi_dot[2],lambda_dot[2]) */
+/* pmjoint_filters:(y,s[8],u,p[34])->(xi_dot[2],Xi_dot[2],lambda_dot[2]) */
 static int casadi_f3(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a0, a1, a2, a3, a4, a5;
   a0=arg[3]? arg[3][20] : 0;
@@ -578,34 +578,34 @@ static int casadi_f3(const casadi_real** arg, casadi_real** res, casadi_int* iw,
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int filters(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
+CASADI_SYMBOL_EXPORT int pmjoint_filters(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
   return casadi_f3(arg, res, iw, w, mem);
 }
 
-CASADI_SYMBOL_EXPORT int filters_checkout(void) {
+CASADI_SYMBOL_EXPORT int pmjoint_filters_checkout(void) {
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT void filters_release(int mem) {
+CASADI_SYMBOL_EXPORT void pmjoint_filters_release(int mem) {
 }
 
-CASADI_SYMBOL_EXPORT void filters_incref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_filters_incref(void) {
 }
 
-CASADI_SYMBOL_EXPORT void filters_decref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_filters_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int filters_n_in(void) { return 4;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_filters_n_in(void) { return 4;}
 
-CASADI_SYMBOL_EXPORT casadi_int filters_n_out(void) { return 3;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_filters_n_out(void) { return 3;}
 
-CASADI_SYMBOL_EXPORT casadi_real filters_default_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT casadi_real pmjoint_filters_default_in(casadi_int i) {
   switch (i) {
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* filters_name_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_filters_name_in(casadi_int i) {
   switch (i) {
     case 0: return "y";
     case 1: return "s";
@@ -615,7 +615,7 @@ CASADI_SYMBOL_EXPORT const char* filters_name_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* filters_name_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_filters_name_out(casadi_int i) {
   switch (i) {
     case 0: return "xi_dot";
     case 1: return "Xi_dot";
@@ -624,7 +624,7 @@ CASADI_SYMBOL_EXPORT const char* filters_name_out(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* filters_sparsity_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_filters_sparsity_in(casadi_int i) {
   switch (i) {
     case 0: return casadi_s0;
     case 1: return casadi_s3;
@@ -634,7 +634,7 @@ CASADI_SYMBOL_EXPORT const casadi_int* filters_sparsity_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* filters_sparsity_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_filters_sparsity_out(casadi_int i) {
   switch (i) {
     case 0: return casadi_s4;
     case 1: return casadi_s4;
@@ -643,7 +643,7 @@ CASADI_SYMBOL_EXPORT const casadi_int* filters_sparsity_out(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT int filters_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_filters_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 4;
   if (sz_res) *sz_res = 3;
   if (sz_iw) *sz_iw = 0;
@@ -651,7 +651,7 @@ CASADI_SYMBOL_EXPORT int filters_work(casadi_int *sz_arg, casadi_int* sz_res, ca
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int filters_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_filters_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 4*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 3*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);
@@ -659,7 +659,7 @@ CASADI_SYMBOL_EXPORT int filters_work_bytes(casadi_int *sz_arg, casadi_int* sz_r
   return 0;
 }
 
-/* compensator:(y,s[8],du,p[34])->(r_dot[2]) */
+/* pmjoint_compensator:(y,s[8],du,p[34])->(r_dot[2]) */
 static int casadi_f4(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a0, a1, a2, a3, a4;
   a0=arg[1]? arg[1][7] : 0;
@@ -695,34 +695,34 @@ static int casadi_f4(const casadi_real** arg, casadi_real** res, casadi_int* iw,
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int compensator(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
+CASADI_SYMBOL_EXPORT int pmjoint_compensator(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
   return casadi_f4(arg, res, iw, w, mem);
 }
 
-CASADI_SYMBOL_EXPORT int compensator_checkout(void) {
+CASADI_SYMBOL_EXPORT int pmjoint_compensator_checkout(void) {
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT void compensator_release(int mem) {
+CASADI_SYMBOL_EXPORT void pmjoint_compensator_release(int mem) {
 }
 
-CASADI_SYMBOL_EXPORT void compensator_incref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_compensator_incref(void) {
 }
 
-CASADI_SYMBOL_EXPORT void compensator_decref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_compensator_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int compensator_n_in(void) { return 4;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_compensator_n_in(void) { return 4;}
 
-CASADI_SYMBOL_EXPORT casadi_int compensator_n_out(void) { return 1;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_compensator_n_out(void) { return 1;}
 
-CASADI_SYMBOL_EXPORT casadi_real compensator_default_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT casadi_real pmjoint_compensator_default_in(casadi_int i) {
   switch (i) {
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* compensator_name_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_compensator_name_in(casadi_int i) {
   switch (i) {
     case 0: return "y";
     case 1: return "s";
@@ -732,14 +732,14 @@ CASADI_SYMBOL_EXPORT const char* compensator_name_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* compensator_name_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_compensator_name_out(casadi_int i) {
   switch (i) {
     case 0: return "r_dot";
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* compensator_sparsity_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_compensator_sparsity_in(casadi_int i) {
   switch (i) {
     case 0: return casadi_s0;
     case 1: return casadi_s3;
@@ -749,14 +749,14 @@ CASADI_SYMBOL_EXPORT const casadi_int* compensator_sparsity_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* compensator_sparsity_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_compensator_sparsity_out(casadi_int i) {
   switch (i) {
     case 0: return casadi_s4;
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT int compensator_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_compensator_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 4;
   if (sz_res) *sz_res = 1;
   if (sz_iw) *sz_iw = 0;
@@ -764,7 +764,7 @@ CASADI_SYMBOL_EXPORT int compensator_work(casadi_int *sz_arg, casadi_int* sz_res
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int compensator_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_compensator_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 4*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 1*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);
@@ -772,7 +772,7 @@ CASADI_SYMBOL_EXPORT int compensator_work_bytes(casadi_int *sz_arg, casadi_int* 
   return 0;
 }
 
-/* estimate:(s[8],p[34])->(x_hat[2]) */
+/* pmjoint_estimate:(s[8],p[34])->(x_hat[2]) */
 static int casadi_f5(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a0, a1, a2, a3, a4, a5, a6, a7;
   a0=arg[0]? arg[0][2] : 0;
@@ -823,34 +823,34 @@ static int casadi_f5(const casadi_real** arg, casadi_real** res, casadi_int* iw,
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int estimate(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
+CASADI_SYMBOL_EXPORT int pmjoint_estimate(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
   return casadi_f5(arg, res, iw, w, mem);
 }
 
-CASADI_SYMBOL_EXPORT int estimate_checkout(void) {
+CASADI_SYMBOL_EXPORT int pmjoint_estimate_checkout(void) {
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT void estimate_release(int mem) {
+CASADI_SYMBOL_EXPORT void pmjoint_estimate_release(int mem) {
 }
 
-CASADI_SYMBOL_EXPORT void estimate_incref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_estimate_incref(void) {
 }
 
-CASADI_SYMBOL_EXPORT void estimate_decref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_estimate_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int estimate_n_in(void) { return 2;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_estimate_n_in(void) { return 2;}
 
-CASADI_SYMBOL_EXPORT casadi_int estimate_n_out(void) { return 1;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_estimate_n_out(void) { return 1;}
 
-CASADI_SYMBOL_EXPORT casadi_real estimate_default_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT casadi_real pmjoint_estimate_default_in(casadi_int i) {
   switch (i) {
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* estimate_name_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_estimate_name_in(casadi_int i) {
   switch (i) {
     case 0: return "s";
     case 1: return "p";
@@ -858,14 +858,14 @@ CASADI_SYMBOL_EXPORT const char* estimate_name_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* estimate_name_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_estimate_name_out(casadi_int i) {
   switch (i) {
     case 0: return "x_hat";
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* estimate_sparsity_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_estimate_sparsity_in(casadi_int i) {
   switch (i) {
     case 0: return casadi_s3;
     case 1: return casadi_s1;
@@ -873,14 +873,14 @@ CASADI_SYMBOL_EXPORT const casadi_int* estimate_sparsity_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* estimate_sparsity_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_estimate_sparsity_out(casadi_int i) {
   switch (i) {
     case 0: return casadi_s4;
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT int estimate_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_estimate_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 2;
   if (sz_res) *sz_res = 1;
   if (sz_iw) *sz_iw = 0;
@@ -888,7 +888,7 @@ CASADI_SYMBOL_EXPORT int estimate_work(casadi_int *sz_arg, casadi_int* sz_res, c
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int estimate_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_estimate_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 2*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 1*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);
@@ -896,7 +896,7 @@ CASADI_SYMBOL_EXPORT int estimate_work_bytes(casadi_int *sz_arg, casadi_int* sz_
   return 0;
 }
 
-/* disturbance:(t,x[2],w[3],p[34])->(D[2]) */
+/* pmjoint_disturbance:(t,x[2],w[3],p[34])->(D[2]) */
 static int casadi_f6(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a00, a01, a02, a03, a04, a05, a06, a07, a08, a09, a10, a11;
   casadi_real a12, a13, a14, a15, a16, a17, a18, a19;
@@ -1014,34 +1014,34 @@ static int casadi_f6(const casadi_real** arg, casadi_real** res, casadi_int* iw,
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int disturbance(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
+CASADI_SYMBOL_EXPORT int pmjoint_disturbance(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
   return casadi_f6(arg, res, iw, w, mem);
 }
 
-CASADI_SYMBOL_EXPORT int disturbance_checkout(void) {
+CASADI_SYMBOL_EXPORT int pmjoint_disturbance_checkout(void) {
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT void disturbance_release(int mem) {
+CASADI_SYMBOL_EXPORT void pmjoint_disturbance_release(int mem) {
 }
 
-CASADI_SYMBOL_EXPORT void disturbance_incref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_disturbance_incref(void) {
 }
 
-CASADI_SYMBOL_EXPORT void disturbance_decref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_disturbance_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int disturbance_n_in(void) { return 4;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_disturbance_n_in(void) { return 4;}
 
-CASADI_SYMBOL_EXPORT casadi_int disturbance_n_out(void) { return 1;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_disturbance_n_out(void) { return 1;}
 
-CASADI_SYMBOL_EXPORT casadi_real disturbance_default_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT casadi_real pmjoint_disturbance_default_in(casadi_int i) {
   switch (i) {
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* disturbance_name_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_disturbance_name_in(casadi_int i) {
   switch (i) {
     case 0: return "t";
     case 1: return "x";
@@ -1051,14 +1051,14 @@ CASADI_SYMBOL_EXPORT const char* disturbance_name_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* disturbance_name_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_disturbance_name_out(casadi_int i) {
   switch (i) {
     case 0: return "D";
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* disturbance_sparsity_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_disturbance_sparsity_in(casadi_int i) {
   switch (i) {
     case 0: return casadi_s0;
     case 1: return casadi_s4;
@@ -1068,14 +1068,14 @@ CASADI_SYMBOL_EXPORT const casadi_int* disturbance_sparsity_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* disturbance_sparsity_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_disturbance_sparsity_out(casadi_int i) {
   switch (i) {
     case 0: return casadi_s4;
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT int disturbance_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_disturbance_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 4;
   if (sz_res) *sz_res = 1;
   if (sz_iw) *sz_iw = 0;
@@ -1083,7 +1083,7 @@ CASADI_SYMBOL_EXPORT int disturbance_work(casadi_int *sz_arg, casadi_int* sz_res
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int disturbance_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_disturbance_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 4*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 1*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);
@@ -1091,7 +1091,7 @@ CASADI_SYMBOL_EXPORT int disturbance_work_bytes(casadi_int *sz_arg, casadi_int* 
   return 0;
 }
 
-/* plant:(t,x[2],w[3],p[34])->(x_dot[2],e) */
+/* pmjoint_plant:(t,x[2],w[3],p[34])->(x_dot[2],e) */
 static int casadi_f7(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a00, a01, a02, a03, a04, a05, a06, a07, a08, a09, a10, a11;
   casadi_real a12, a13, a14, a15;
@@ -1173,34 +1173,34 @@ static int casadi_f7(const casadi_real** arg, casadi_real** res, casadi_int* iw,
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int plant(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
+CASADI_SYMBOL_EXPORT int pmjoint_plant(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
   return casadi_f7(arg, res, iw, w, mem);
 }
 
-CASADI_SYMBOL_EXPORT int plant_checkout(void) {
+CASADI_SYMBOL_EXPORT int pmjoint_plant_checkout(void) {
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT void plant_release(int mem) {
+CASADI_SYMBOL_EXPORT void pmjoint_plant_release(int mem) {
 }
 
-CASADI_SYMBOL_EXPORT void plant_incref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_plant_incref(void) {
 }
 
-CASADI_SYMBOL_EXPORT void plant_decref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_plant_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int plant_n_in(void) { return 4;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_plant_n_in(void) { return 4;}
 
-CASADI_SYMBOL_EXPORT casadi_int plant_n_out(void) { return 2;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_plant_n_out(void) { return 2;}
 
-CASADI_SYMBOL_EXPORT casadi_real plant_default_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT casadi_real pmjoint_plant_default_in(casadi_int i) {
   switch (i) {
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* plant_name_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_plant_name_in(casadi_int i) {
   switch (i) {
     case 0: return "t";
     case 1: return "x";
@@ -1210,7 +1210,7 @@ CASADI_SYMBOL_EXPORT const char* plant_name_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* plant_name_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_plant_name_out(casadi_int i) {
   switch (i) {
     case 0: return "x_dot";
     case 1: return "e";
@@ -1218,7 +1218,7 @@ CASADI_SYMBOL_EXPORT const char* plant_name_out(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* plant_sparsity_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_plant_sparsity_in(casadi_int i) {
   switch (i) {
     case 0: return casadi_s0;
     case 1: return casadi_s4;
@@ -1228,7 +1228,7 @@ CASADI_SYMBOL_EXPORT const casadi_int* plant_sparsity_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* plant_sparsity_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_plant_sparsity_out(casadi_int i) {
   switch (i) {
     case 0: return casadi_s4;
     case 1: return casadi_s0;
@@ -1236,7 +1236,7 @@ CASADI_SYMBOL_EXPORT const casadi_int* plant_sparsity_out(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT int plant_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_plant_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 4;
   if (sz_res) *sz_res = 2;
   if (sz_iw) *sz_iw = 0;
@@ -1244,7 +1244,7 @@ CASADI_SYMBOL_EXPORT int plant_work(casadi_int *sz_arg, casadi_int* sz_res, casa
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int plant_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_plant_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 4*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 2*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);
@@ -1252,7 +1252,7 @@ CASADI_SYMBOL_EXPORT int plant_work_bytes(casadi_int *sz_arg, casadi_int* sz_res
   return 0;
 }
 
-/* actuation:(p[34])->(limits[12]) */
+/* pmjoint_actuation:(p[34])->(limits[12]) */
 static int casadi_f8(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a0, a1, a2, a3, a4, a5, a6;
   a0=0.;
@@ -1288,62 +1288,62 @@ static int casadi_f8(const casadi_real** arg, casadi_real** res, casadi_int* iw,
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int actuation(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
+CASADI_SYMBOL_EXPORT int pmjoint_actuation(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
   return casadi_f8(arg, res, iw, w, mem);
 }
 
-CASADI_SYMBOL_EXPORT int actuation_checkout(void) {
+CASADI_SYMBOL_EXPORT int pmjoint_actuation_checkout(void) {
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT void actuation_release(int mem) {
+CASADI_SYMBOL_EXPORT void pmjoint_actuation_release(int mem) {
 }
 
-CASADI_SYMBOL_EXPORT void actuation_incref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_actuation_incref(void) {
 }
 
-CASADI_SYMBOL_EXPORT void actuation_decref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_actuation_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int actuation_n_in(void) { return 1;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_actuation_n_in(void) { return 1;}
 
-CASADI_SYMBOL_EXPORT casadi_int actuation_n_out(void) { return 1;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_actuation_n_out(void) { return 1;}
 
-CASADI_SYMBOL_EXPORT casadi_real actuation_default_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT casadi_real pmjoint_actuation_default_in(casadi_int i) {
   switch (i) {
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* actuation_name_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_actuation_name_in(casadi_int i) {
   switch (i) {
     case 0: return "p";
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* actuation_name_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_actuation_name_out(casadi_int i) {
   switch (i) {
     case 0: return "limits";
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* actuation_sparsity_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_actuation_sparsity_in(casadi_int i) {
   switch (i) {
     case 0: return casadi_s1;
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* actuation_sparsity_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_actuation_sparsity_out(casadi_int i) {
   switch (i) {
     case 0: return casadi_s6;
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT int actuation_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_actuation_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 1;
   if (sz_res) *sz_res = 1;
   if (sz_iw) *sz_iw = 0;
@@ -1351,7 +1351,7 @@ CASADI_SYMBOL_EXPORT int actuation_work(casadi_int *sz_arg, casadi_int* sz_res, 
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int actuation_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_actuation_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 1*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 1*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);
@@ -1359,7 +1359,7 @@ CASADI_SYMBOL_EXPORT int actuation_work_bytes(casadi_int *sz_arg, casadi_int* sz
   return 0;
 }
 
-/* closed_loop:(t,X[10],g[6],p[34])->(X_dot[10],v,e) */
+/* pmjoint_closed_loop:(t,X[10],g[6],p[34])->(X_dot[10],v,e) */
 static int casadi_f9(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a00, a01, a02, a03, a04, a05, a06, a07, a08, a09, a10, a11;
   casadi_real a12, a13, a14, a15, a16, a17, a18, a19, a20, a21, a22, a23;
@@ -1587,34 +1587,34 @@ static int casadi_f9(const casadi_real** arg, casadi_real** res, casadi_int* iw,
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int closed_loop(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
+CASADI_SYMBOL_EXPORT int pmjoint_closed_loop(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
   return casadi_f9(arg, res, iw, w, mem);
 }
 
-CASADI_SYMBOL_EXPORT int closed_loop_checkout(void) {
+CASADI_SYMBOL_EXPORT int pmjoint_closed_loop_checkout(void) {
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT void closed_loop_release(int mem) {
+CASADI_SYMBOL_EXPORT void pmjoint_closed_loop_release(int mem) {
 }
 
-CASADI_SYMBOL_EXPORT void closed_loop_incref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_closed_loop_incref(void) {
 }
 
-CASADI_SYMBOL_EXPORT void closed_loop_decref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_closed_loop_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int closed_loop_n_in(void) { return 4;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_closed_loop_n_in(void) { return 4;}
 
-CASADI_SYMBOL_EXPORT casadi_int closed_loop_n_out(void) { return 3;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_closed_loop_n_out(void) { return 3;}
 
-CASADI_SYMBOL_EXPORT casadi_real closed_loop_default_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT casadi_real pmjoint_closed_loop_default_in(casadi_int i) {
   switch (i) {
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* closed_loop_name_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_closed_loop_name_in(casadi_int i) {
   switch (i) {
     case 0: return "t";
     case 1: return "X";
@@ -1624,7 +1624,7 @@ CASADI_SYMBOL_EXPORT const char* closed_loop_name_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* closed_loop_name_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_closed_loop_name_out(casadi_int i) {
   switch (i) {
     case 0: return "X_dot";
     case 1: return "v";
@@ -1633,7 +1633,7 @@ CASADI_SYMBOL_EXPORT const char* closed_loop_name_out(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* closed_loop_sparsity_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_closed_loop_sparsity_in(casadi_int i) {
   switch (i) {
     case 0: return casadi_s0;
     case 1: return casadi_s7;
@@ -1643,7 +1643,7 @@ CASADI_SYMBOL_EXPORT const casadi_int* closed_loop_sparsity_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* closed_loop_sparsity_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_closed_loop_sparsity_out(casadi_int i) {
   switch (i) {
     case 0: return casadi_s7;
     case 1: return casadi_s0;
@@ -1652,7 +1652,7 @@ CASADI_SYMBOL_EXPORT const casadi_int* closed_loop_sparsity_out(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT int closed_loop_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_closed_loop_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 4;
   if (sz_res) *sz_res = 3;
   if (sz_iw) *sz_iw = 0;
@@ -1660,7 +1660,7 @@ CASADI_SYMBOL_EXPORT int closed_loop_work(casadi_int *sz_arg, casadi_int* sz_res
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int closed_loop_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_closed_loop_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 4*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 3*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);
@@ -1668,7 +1668,7 @@ CASADI_SYMBOL_EXPORT int closed_loop_work_bytes(casadi_int *sz_arg, casadi_int* 
   return 0;
 }
 
-/* signals:(t,X[10],p[34])->(signals[16]) */
+/* pmjoint_signals:(t,X[10],p[34])->(signals[16]) */
 static int casadi_f10(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a00, a01, a02, a03, a04, a05, a06, a07, a08, a09, a10, a11;
   casadi_real a12, a13, a14, a15, a16, a17, a18, a19, a20, a21, a22, a23;
@@ -1913,34 +1913,34 @@ static int casadi_f10(const casadi_real** arg, casadi_real** res, casadi_int* iw
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int signals(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
+CASADI_SYMBOL_EXPORT int pmjoint_signals(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
   return casadi_f10(arg, res, iw, w, mem);
 }
 
-CASADI_SYMBOL_EXPORT int signals_checkout(void) {
+CASADI_SYMBOL_EXPORT int pmjoint_signals_checkout(void) {
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT void signals_release(int mem) {
+CASADI_SYMBOL_EXPORT void pmjoint_signals_release(int mem) {
 }
 
-CASADI_SYMBOL_EXPORT void signals_incref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_signals_incref(void) {
 }
 
-CASADI_SYMBOL_EXPORT void signals_decref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_signals_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int signals_n_in(void) { return 3;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_signals_n_in(void) { return 3;}
 
-CASADI_SYMBOL_EXPORT casadi_int signals_n_out(void) { return 1;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_signals_n_out(void) { return 1;}
 
-CASADI_SYMBOL_EXPORT casadi_real signals_default_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT casadi_real pmjoint_signals_default_in(casadi_int i) {
   switch (i) {
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* signals_name_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_signals_name_in(casadi_int i) {
   switch (i) {
     case 0: return "t";
     case 1: return "X";
@@ -1949,14 +1949,14 @@ CASADI_SYMBOL_EXPORT const char* signals_name_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* signals_name_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_signals_name_out(casadi_int i) {
   switch (i) {
     case 0: return "signals";
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* signals_sparsity_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_signals_sparsity_in(casadi_int i) {
   switch (i) {
     case 0: return casadi_s0;
     case 1: return casadi_s7;
@@ -1965,14 +1965,14 @@ CASADI_SYMBOL_EXPORT const casadi_int* signals_sparsity_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* signals_sparsity_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_signals_sparsity_out(casadi_int i) {
   switch (i) {
     case 0: return casadi_s9;
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT int signals_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_signals_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 3;
   if (sz_res) *sz_res = 1;
   if (sz_iw) *sz_iw = 0;
@@ -1980,7 +1980,7 @@ CASADI_SYMBOL_EXPORT int signals_work(casadi_int *sz_arg, casadi_int* sz_res, ca
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int signals_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_signals_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 3*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 1*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);
@@ -1988,7 +1988,7 @@ CASADI_SYMBOL_EXPORT int signals_work_bytes(casadi_int *sz_arg, casadi_int* sz_r
   return 0;
 }
 
-/* filter_matrix:(p[34])->(A0[4]) */
+/* pmjoint_filter_matrix:(p[34])->(A0[4]) */
 static int casadi_f11(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a0;
   a0=arg[0]? arg[0][20] : 0;
@@ -2004,62 +2004,62 @@ static int casadi_f11(const casadi_real** arg, casadi_real** res, casadi_int* iw
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int filter_matrix(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
+CASADI_SYMBOL_EXPORT int pmjoint_filter_matrix(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
   return casadi_f11(arg, res, iw, w, mem);
 }
 
-CASADI_SYMBOL_EXPORT int filter_matrix_checkout(void) {
+CASADI_SYMBOL_EXPORT int pmjoint_filter_matrix_checkout(void) {
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT void filter_matrix_release(int mem) {
+CASADI_SYMBOL_EXPORT void pmjoint_filter_matrix_release(int mem) {
 }
 
-CASADI_SYMBOL_EXPORT void filter_matrix_incref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_filter_matrix_incref(void) {
 }
 
-CASADI_SYMBOL_EXPORT void filter_matrix_decref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_filter_matrix_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int filter_matrix_n_in(void) { return 1;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_filter_matrix_n_in(void) { return 1;}
 
-CASADI_SYMBOL_EXPORT casadi_int filter_matrix_n_out(void) { return 1;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_filter_matrix_n_out(void) { return 1;}
 
-CASADI_SYMBOL_EXPORT casadi_real filter_matrix_default_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT casadi_real pmjoint_filter_matrix_default_in(casadi_int i) {
   switch (i) {
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* filter_matrix_name_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_filter_matrix_name_in(casadi_int i) {
   switch (i) {
     case 0: return "p";
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* filter_matrix_name_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_filter_matrix_name_out(casadi_int i) {
   switch (i) {
     case 0: return "A0";
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* filter_matrix_sparsity_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_filter_matrix_sparsity_in(casadi_int i) {
   switch (i) {
     case 0: return casadi_s1;
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* filter_matrix_sparsity_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_filter_matrix_sparsity_out(casadi_int i) {
   switch (i) {
     case 0: return casadi_s10;
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT int filter_matrix_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_filter_matrix_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 1;
   if (sz_res) *sz_res = 1;
   if (sz_iw) *sz_iw = 0;
@@ -2067,7 +2067,7 @@ CASADI_SYMBOL_EXPORT int filter_matrix_work(casadi_int *sz_arg, casadi_int* sz_r
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int filter_matrix_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_filter_matrix_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 1*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 1*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);
@@ -2075,7 +2075,7 @@ CASADI_SYMBOL_EXPORT int filter_matrix_work_bytes(casadi_int *sz_arg, casadi_int
   return 0;
 }
 
-/* compensator_matrix:(p[34])->(Ar[4]) */
+/* pmjoint_compensator_matrix:(p[34])->(Ar[4]) */
 static int casadi_f12(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a0;
   a0=arg[0]? arg[0][18] : 0;
@@ -2091,62 +2091,62 @@ static int casadi_f12(const casadi_real** arg, casadi_real** res, casadi_int* iw
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int compensator_matrix(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
+CASADI_SYMBOL_EXPORT int pmjoint_compensator_matrix(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
   return casadi_f12(arg, res, iw, w, mem);
 }
 
-CASADI_SYMBOL_EXPORT int compensator_matrix_checkout(void) {
+CASADI_SYMBOL_EXPORT int pmjoint_compensator_matrix_checkout(void) {
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT void compensator_matrix_release(int mem) {
+CASADI_SYMBOL_EXPORT void pmjoint_compensator_matrix_release(int mem) {
 }
 
-CASADI_SYMBOL_EXPORT void compensator_matrix_incref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_compensator_matrix_incref(void) {
 }
 
-CASADI_SYMBOL_EXPORT void compensator_matrix_decref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_compensator_matrix_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int compensator_matrix_n_in(void) { return 1;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_compensator_matrix_n_in(void) { return 1;}
 
-CASADI_SYMBOL_EXPORT casadi_int compensator_matrix_n_out(void) { return 1;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_compensator_matrix_n_out(void) { return 1;}
 
-CASADI_SYMBOL_EXPORT casadi_real compensator_matrix_default_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT casadi_real pmjoint_compensator_matrix_default_in(casadi_int i) {
   switch (i) {
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* compensator_matrix_name_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_compensator_matrix_name_in(casadi_int i) {
   switch (i) {
     case 0: return "p";
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* compensator_matrix_name_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_compensator_matrix_name_out(casadi_int i) {
   switch (i) {
     case 0: return "Ar";
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* compensator_matrix_sparsity_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_compensator_matrix_sparsity_in(casadi_int i) {
   switch (i) {
     case 0: return casadi_s1;
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* compensator_matrix_sparsity_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_compensator_matrix_sparsity_out(casadi_int i) {
   switch (i) {
     case 0: return casadi_s10;
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT int compensator_matrix_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_compensator_matrix_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 1;
   if (sz_res) *sz_res = 1;
   if (sz_iw) *sz_iw = 0;
@@ -2154,7 +2154,7 @@ CASADI_SYMBOL_EXPORT int compensator_matrix_work(casadi_int *sz_arg, casadi_int*
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int compensator_matrix_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_compensator_matrix_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 1*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 1*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);
@@ -2162,7 +2162,7 @@ CASADI_SYMBOL_EXPORT int compensator_matrix_work_bytes(casadi_int *sz_arg, casad
   return 0;
 }
 
-/* sampled_update:(y,s[8],u,v,h[16],p[34])->(s_next[8]) */
+/* pmjoint_sampled_update:(y,s[8],u,v,h[16],p[34])->(s_next[8]) */
 static int casadi_f13(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a00, a01, a02, a03, a04, a05, a06, a07, a08, a09, a10, a11;
   a00=arg[4]? arg[4][0] : 0;
@@ -2276,34 +2276,34 @@ static int casadi_f13(const casadi_real** arg, casadi_real** res, casadi_int* iw
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int sampled_update(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
+CASADI_SYMBOL_EXPORT int pmjoint_sampled_update(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
   return casadi_f13(arg, res, iw, w, mem);
 }
 
-CASADI_SYMBOL_EXPORT int sampled_update_checkout(void) {
+CASADI_SYMBOL_EXPORT int pmjoint_sampled_update_checkout(void) {
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT void sampled_update_release(int mem) {
+CASADI_SYMBOL_EXPORT void pmjoint_sampled_update_release(int mem) {
 }
 
-CASADI_SYMBOL_EXPORT void sampled_update_incref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_sampled_update_incref(void) {
 }
 
-CASADI_SYMBOL_EXPORT void sampled_update_decref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_sampled_update_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int sampled_update_n_in(void) { return 6;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_sampled_update_n_in(void) { return 6;}
 
-CASADI_SYMBOL_EXPORT casadi_int sampled_update_n_out(void) { return 1;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_sampled_update_n_out(void) { return 1;}
 
-CASADI_SYMBOL_EXPORT casadi_real sampled_update_default_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT casadi_real pmjoint_sampled_update_default_in(casadi_int i) {
   switch (i) {
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* sampled_update_name_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_sampled_update_name_in(casadi_int i) {
   switch (i) {
     case 0: return "y";
     case 1: return "s";
@@ -2315,14 +2315,14 @@ CASADI_SYMBOL_EXPORT const char* sampled_update_name_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* sampled_update_name_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_sampled_update_name_out(casadi_int i) {
   switch (i) {
     case 0: return "s_next";
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* sampled_update_sparsity_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_sampled_update_sparsity_in(casadi_int i) {
   switch (i) {
     case 0: return casadi_s0;
     case 1: return casadi_s3;
@@ -2334,14 +2334,14 @@ CASADI_SYMBOL_EXPORT const casadi_int* sampled_update_sparsity_in(casadi_int i) 
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* sampled_update_sparsity_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_sampled_update_sparsity_out(casadi_int i) {
   switch (i) {
     case 0: return casadi_s3;
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT int sampled_update_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_sampled_update_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 6;
   if (sz_res) *sz_res = 1;
   if (sz_iw) *sz_iw = 0;
@@ -2349,7 +2349,7 @@ CASADI_SYMBOL_EXPORT int sampled_update_work(casadi_int *sz_arg, casadi_int* sz_
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int sampled_update_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_sampled_update_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 6*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 1*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);

@@ -5,7 +5,7 @@
 #include "sampled.h"
 
 /* taylor:(t[1],X[10],g[6],p[34])->(c[204]) */
-int taylor(const double **arg, double **res, long long int *iw, double *w, int mem)
+int pmjoint_taylor(const double **arg, double **res, long long int *iw, double *w, int mem)
 {
     (void)iw;
     (void)w;
@@ -2182,7 +2182,7 @@ int taylor(const double **arg, double **res, long long int *iw, double *w, int m
     return 0;
 }
 
-int taylor_work(long long int *sz_arg, long long int *sz_res, long long int *sz_iw, long long int *sz_w)
+int pmjoint_taylor_work(long long int *sz_arg, long long int *sz_res, long long int *sz_iw, long long int *sz_w)
 {
     *sz_arg = 4;
     *sz_res = 1;
@@ -2192,7 +2192,7 @@ int taylor_work(long long int *sz_arg, long long int *sz_res, long long int *sz_
 }
 
 /* guard:(t[1],X[10],g[6],p[34],R[1],P[10])->(rest[12]) */
-int guard(const double **arg, double **res, long long int *iw, double *w, int mem)
+int pmjoint_guard(const double **arg, double **res, long long int *iw, double *w, int mem)
 {
     (void)iw;
     (void)w;
@@ -2531,7 +2531,7 @@ int guard(const double **arg, double **res, long long int *iw, double *w, int me
     return 0;
 }
 
-int guard_work(long long int *sz_arg, long long int *sz_res, long long int *sz_iw, long long int *sz_w)
+int pmjoint_guard_work(long long int *sz_arg, long long int *sz_res, long long int *sz_iw, long long int *sz_w)
 {
     *sz_arg = 6;
     *sz_res = 1;
@@ -2541,7 +2541,7 @@ int guard_work(long long int *sz_arg, long long int *sz_res, long long int *sz_i
 }
 
 /* plant_taylor:(t[1],x[2],w[3],p[34])->(c[33]) */
-int plant_taylor(const double **arg, double **res, long long int *iw, double *w, int mem)
+int pmjoint_plant_taylor(const double **arg, double **res, long long int *iw, double *w, int mem)
 {
     (void)iw;
     (void)w;
@@ -2804,7 +2804,7 @@ int plant_taylor(const double **arg, double **res, long long int *iw, double *w,
     return 0;
 }
 
-int plant_taylor_work(long long int *sz_arg, long long int *sz_res, long long int *sz_iw, long long int *sz_w)
+int pmjoint_plant_taylor_work(long long int *sz_arg, long long int *sz_res, long long int *sz_iw, long long int *sz_w)
 {
     *sz_arg = 4;
     *sz_res = 1;
@@ -2814,7 +2814,7 @@ int plant_taylor_work(long long int *sz_arg, long long int *sz_res, long long in
 }
 
 /* plant_guard:(t[1],x[2],w[3],p[34],R[1],P[2])->(rest[3]) */
-int plant_guard(const double **arg, double **res, long long int *iw, double *w, int mem)
+int pmjoint_plant_guard(const double **arg, double **res, long long int *iw, double *w, int mem)
 {
     (void)iw;
     (void)w;
@@ -2879,7 +2879,7 @@ int plant_guard(const double **arg, double **res, long long int *iw, double *w, 
     return 0;
 }
 
-int plant_guard_work(long long int *sz_arg, long long int *sz_res, long long int *sz_iw, long long int *sz_w)
+int pmjoint_plant_guard_work(long long int *sz_arg, long long int *sz_res, long long int *sz_iw, long long int *sz_w)
 {
     *sz_arg = 6;
     *sz_res = 1;
@@ -2888,7 +2888,7 @@ int plant_guard_work(long long int *sz_arg, long long int *sz_res, long long int
     return 0;
 }
 
-int sample(const double **arg, double **res, long long int *iw, double *w, int mem)
+int pmjoint_sample(const double **arg, double **res, long long int *iw, double *w, int mem)
 {
     (void)iw;
     (void)w;
@@ -2897,7 +2897,7 @@ int sample(const double **arg, double **res, long long int *iw, double *w, int m
     return 0;
 }
 
-int sample_work(long long int *sz_arg, long long int *sz_res, long long int *sz_iw, long long int *sz_w)
+int pmjoint_sample_work(long long int *sz_arg, long long int *sz_res, long long int *sz_iw, long long int *sz_w)
 {
     *sz_arg = 4;
     *sz_res = 4;

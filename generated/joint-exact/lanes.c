@@ -4,7 +4,7 @@
  */
 #include "lanes.h"
 
-void actuation_lanes(const pmj_lanes *p, pmj_lanes *restrict limits)
+void pmj_actuation_lanes(const pmj_lanes *p, pmj_lanes *restrict limits)
 {
     limits[0] = pmj_all(0.0);
     limits[1] = pmj_all(1.0);
@@ -31,7 +31,7 @@ void actuation_lanes(const pmj_lanes *p, pmj_lanes *restrict limits)
     limits[11] = a21;
 }
 
-void matrices_lanes(const pmj_lanes *p, pmj_lanes *restrict matrices)
+void pmj_matrices_lanes(const pmj_lanes *p, pmj_lanes *restrict matrices)
 {
     const pmj_lanes a0 = -p[20];
     matrices[0] = a0;
@@ -47,8 +47,8 @@ void matrices_lanes(const pmj_lanes *p, pmj_lanes *restrict matrices)
     matrices[7] = a10;
 }
 
-void taylor_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, const pmj_lanes *p,
-                  pmj_lanes *restrict c)
+void pmj_taylor_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, const pmj_lanes *p,
+                      pmj_lanes *restrict c)
 {
     c[0] = X[0];
     c[1] = X[1];
@@ -2055,8 +2055,8 @@ void taylor_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, co
     c[155] = a1996;
 }
 
-void guard_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, const pmj_lanes *p, const pmj_lanes *R,
-                 const pmj_lanes *P, pmj_lanes *restrict rest)
+void pmj_guard_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, const pmj_lanes *p,
+                     const pmj_lanes *R, const pmj_lanes *P, pmj_lanes *restrict rest)
 {
     rest[0] = pmj_all(0.0);
     const pmj_lanes a1 = X[8] * p[18];
@@ -2363,8 +2363,8 @@ void guard_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, con
     rest[11] = a191;
 }
 
-void rates_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, const pmj_lanes *p,
-                 pmj_lanes *restrict rates)
+void pmj_rates_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, const pmj_lanes *p,
+                     pmj_lanes *restrict rates)
 {
     const pmj_lanes a0 = p[24] / p[23];
     const pmj_lanes a1 = a0 * X[0];
@@ -2550,8 +2550,9 @@ void rates_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, con
     rates[11] = a176;
 }
 
-void arrive_lanes(const pmj_lanes *c, const pmj_lanes *h, pmj_lanes *restrict X, pmj_lanes *restrict slope,
-                  pmj_lanes *restrict ends, pmj_lanes *restrict v, pmj_lanes *restrict e, pmj_lanes *restrict square)
+void pmj_arrive_lanes(const pmj_lanes *c, const pmj_lanes *h, pmj_lanes *restrict X, pmj_lanes *restrict slope,
+                      pmj_lanes *restrict ends, pmj_lanes *restrict v, pmj_lanes *restrict e,
+                      pmj_lanes *restrict square)
 {
     const pmj_lanes a0 = c[144] * h[0];
     const pmj_lanes a1 = a0 + c[132];
@@ -3281,7 +3282,7 @@ void arrive_lanes(const pmj_lanes *c, const pmj_lanes *h, pmj_lanes *restrict X,
     square[0] = a724;
 }
 
-void bernstein_lanes(const pmj_lanes *a, pmj_lanes *restrict b)
+void pmj_bernstein_lanes(const pmj_lanes *a, pmj_lanes *restrict b)
 {
     b[0] = a[0];
     const pmj_lanes a1 = 0.08333333333333333 * a[1];
@@ -3387,7 +3388,8 @@ void bernstein_lanes(const pmj_lanes *a, pmj_lanes *restrict b)
     b[12] = a100;
 }
 
-void plant_lanes(const pmj_lanes *t, const pmj_lanes *x, const pmj_lanes *w, const pmj_lanes *p, pmj_lanes *restrict c)
+void pmj_plant_lanes(const pmj_lanes *t, const pmj_lanes *x, const pmj_lanes *w, const pmj_lanes *p,
+                     pmj_lanes *restrict c)
 {
     c[0] = x[0];
     c[1] = x[1];
@@ -3530,8 +3532,8 @@ void plant_lanes(const pmj_lanes *t, const pmj_lanes *x, const pmj_lanes *w, con
     c[17] = a135;
 }
 
-void plant_guard_lanes(const pmj_lanes *t, const pmj_lanes *x, const pmj_lanes *w, const pmj_lanes *p,
-                       const pmj_lanes *R, const pmj_lanes *P, pmj_lanes *restrict rest)
+void pmj_plant_guard_lanes(const pmj_lanes *t, const pmj_lanes *x, const pmj_lanes *w, const pmj_lanes *p,
+                           const pmj_lanes *R, const pmj_lanes *P, pmj_lanes *restrict rest)
 {
     rest[0] = pmj_all(0.0);
     const pmj_lanes a1 = pmj_max(x[0], -x[0]);
@@ -3582,8 +3584,8 @@ void plant_guard_lanes(const pmj_lanes *t, const pmj_lanes *x, const pmj_lanes *
     rest[2] = a44;
 }
 
-void plant_rates_lanes(const pmj_lanes *t, const pmj_lanes *x, const pmj_lanes *w, const pmj_lanes *p,
-                       pmj_lanes *restrict rates)
+void pmj_plant_rates_lanes(const pmj_lanes *t, const pmj_lanes *x, const pmj_lanes *w, const pmj_lanes *p,
+                           pmj_lanes *restrict rates)
 {
     const pmj_lanes a0 = p[24] / p[23];
     const pmj_lanes a1 = a0 * x[0];
@@ -3645,8 +3647,8 @@ void plant_rates_lanes(const pmj_lanes *t, const pmj_lanes *x, const pmj_lanes *
     rates[2] = a55;
 }
 
-void sample_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *h, const pmj_lanes *p,
-                  pmj_lanes *restrict v, pmj_lanes *restrict w, pmj_lanes *restrict c, pmj_lanes *restrict s_next)
+void pmj_sample_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *h, const pmj_lanes *p,
+                      pmj_lanes *restrict v, pmj_lanes *restrict w, pmj_lanes *restrict c, pmj_lanes *restrict s_next)
 {
     const pmj_lanes a0 = p[14] + p[16];
     const pmj_lanes a1 = a0 - p[18];

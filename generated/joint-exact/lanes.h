@@ -26,23 +26,25 @@
 #define PMJ_PLANT_BENT_RESTS 2
 #define PMJ_PLANT_BENT_RESTS_LIST {1, 2}
 
-void actuation_lanes(const pmj_lanes *p, pmj_lanes *restrict limits);
-void matrices_lanes(const pmj_lanes *p, pmj_lanes *restrict matrices);
-void taylor_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, const pmj_lanes *p,
-                  pmj_lanes *restrict c);
-void guard_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, const pmj_lanes *p, const pmj_lanes *R,
-                 const pmj_lanes *P, pmj_lanes *restrict rest);
-void rates_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, const pmj_lanes *p,
-                 pmj_lanes *restrict rates);
-void arrive_lanes(const pmj_lanes *c, const pmj_lanes *h, pmj_lanes *restrict X, pmj_lanes *restrict slope,
-                  pmj_lanes *restrict ends, pmj_lanes *restrict v, pmj_lanes *restrict e, pmj_lanes *restrict square);
-void bernstein_lanes(const pmj_lanes *a, pmj_lanes *restrict b);
-void plant_lanes(const pmj_lanes *t, const pmj_lanes *x, const pmj_lanes *w, const pmj_lanes *p, pmj_lanes *restrict c);
-void plant_guard_lanes(const pmj_lanes *t, const pmj_lanes *x, const pmj_lanes *w, const pmj_lanes *p,
-                       const pmj_lanes *R, const pmj_lanes *P, pmj_lanes *restrict rest);
-void plant_rates_lanes(const pmj_lanes *t, const pmj_lanes *x, const pmj_lanes *w, const pmj_lanes *p,
-                       pmj_lanes *restrict rates);
-void sample_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *h, const pmj_lanes *p,
-                  pmj_lanes *restrict v, pmj_lanes *restrict w, pmj_lanes *restrict c, pmj_lanes *restrict s_next);
+void pmj_actuation_lanes(const pmj_lanes *p, pmj_lanes *restrict limits);
+void pmj_matrices_lanes(const pmj_lanes *p, pmj_lanes *restrict matrices);
+void pmj_taylor_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, const pmj_lanes *p,
+                      pmj_lanes *restrict c);
+void pmj_guard_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, const pmj_lanes *p,
+                     const pmj_lanes *R, const pmj_lanes *P, pmj_lanes *restrict rest);
+void pmj_rates_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, const pmj_lanes *p,
+                     pmj_lanes *restrict rates);
+void pmj_arrive_lanes(const pmj_lanes *c, const pmj_lanes *h, pmj_lanes *restrict X, pmj_lanes *restrict slope,
+                      pmj_lanes *restrict ends, pmj_lanes *restrict v, pmj_lanes *restrict e,
+                      pmj_lanes *restrict square);
+void pmj_bernstein_lanes(const pmj_lanes *a, pmj_lanes *restrict b);
+void pmj_plant_lanes(const pmj_lanes *t, const pmj_lanes *x, const pmj_lanes *w, const pmj_lanes *p,
+                     pmj_lanes *restrict c);
+void pmj_plant_guard_lanes(const pmj_lanes *t, const pmj_lanes *x, const pmj_lanes *w, const pmj_lanes *p,
+                           const pmj_lanes *R, const pmj_lanes *P, pmj_lanes *restrict rest);
+void pmj_plant_rates_lanes(const pmj_lanes *t, const pmj_lanes *x, const pmj_lanes *w, const pmj_lanes *p,
+                           pmj_lanes *restrict rates);
+void pmj_sample_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *h, const pmj_lanes *p,
+                      pmj_lanes *restrict v, pmj_lanes *restrict w, pmj_lanes *restrict c, pmj_lanes *restrict s_next);
 
 #endif

@@ -113,7 +113,7 @@ static const casadi_int casadi_s10[3] = {6, 1, 1};
 static const casadi_int casadi_s11[3] = {22, 1, 1};
 static const casadi_int casadi_s12[3] = {36, 1, 1};
 
-/* reference:(t,p[40])->(y_r[4]) */
+/* pmjoint_reference:(t,p[40])->(y_r[4]) */
 static int casadi_f0(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a0, a1, a2, a3, a4;
   a0=2.9999999999999999e-01;
@@ -135,34 +135,34 @@ static int casadi_f0(const casadi_real** arg, casadi_real** res, casadi_int* iw,
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int reference(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
+CASADI_SYMBOL_EXPORT int pmjoint_reference(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
   return casadi_f0(arg, res, iw, w, mem);
 }
 
-CASADI_SYMBOL_EXPORT int reference_checkout(void) {
+CASADI_SYMBOL_EXPORT int pmjoint_reference_checkout(void) {
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT void reference_release(int mem) {
+CASADI_SYMBOL_EXPORT void pmjoint_reference_release(int mem) {
 }
 
-CASADI_SYMBOL_EXPORT void reference_incref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_reference_incref(void) {
 }
 
-CASADI_SYMBOL_EXPORT void reference_decref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_reference_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int reference_n_in(void) { return 2;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_reference_n_in(void) { return 2;}
 
-CASADI_SYMBOL_EXPORT casadi_int reference_n_out(void) { return 1;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_reference_n_out(void) { return 1;}
 
-CASADI_SYMBOL_EXPORT casadi_real reference_default_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT casadi_real pmjoint_reference_default_in(casadi_int i) {
   switch (i) {
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* reference_name_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_reference_name_in(casadi_int i) {
   switch (i) {
     case 0: return "t";
     case 1: return "p";
@@ -170,14 +170,14 @@ CASADI_SYMBOL_EXPORT const char* reference_name_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* reference_name_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_reference_name_out(casadi_int i) {
   switch (i) {
     case 0: return "y_r";
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* reference_sparsity_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_reference_sparsity_in(casadi_int i) {
   switch (i) {
     case 0: return casadi_s0;
     case 1: return casadi_s1;
@@ -185,14 +185,14 @@ CASADI_SYMBOL_EXPORT const casadi_int* reference_sparsity_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* reference_sparsity_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_reference_sparsity_out(casadi_int i) {
   switch (i) {
     case 0: return casadi_s2;
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT int reference_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_reference_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 2;
   if (sz_res) *sz_res = 1;
   if (sz_iw) *sz_iw = 0;
@@ -200,7 +200,7 @@ CASADI_SYMBOL_EXPORT int reference_work(casadi_int *sz_arg, casadi_int* sz_res, 
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int reference_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_reference_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 2*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 1*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);
@@ -208,7 +208,7 @@ CASADI_SYMBOL_EXPORT int reference_work_bytes(casadi_int *sz_arg, casadi_int* sz
   return 0;
 }
 
-/* law:(y,s[9],y_r[4],p[40])->(z[3],alpha[2],v) */
+/* pmjoint_law:(y,s[9],y_r[4],p[40])->(z[3],alpha[2],v) */
 static int casadi_f1(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a00, a01, a02, a03, a04, a05, a06, a07, a08, a09, a10, a11;
   casadi_real a12, a13, a14, a15, a16, a17, a18, a19, a20, a21, a22, a23;
@@ -419,34 +419,34 @@ static int casadi_f1(const casadi_real** arg, casadi_real** res, casadi_int* iw,
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int law(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
+CASADI_SYMBOL_EXPORT int pmjoint_law(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
   return casadi_f1(arg, res, iw, w, mem);
 }
 
-CASADI_SYMBOL_EXPORT int law_checkout(void) {
+CASADI_SYMBOL_EXPORT int pmjoint_law_checkout(void) {
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT void law_release(int mem) {
+CASADI_SYMBOL_EXPORT void pmjoint_law_release(int mem) {
 }
 
-CASADI_SYMBOL_EXPORT void law_incref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_law_incref(void) {
 }
 
-CASADI_SYMBOL_EXPORT void law_decref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_law_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int law_n_in(void) { return 4;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_law_n_in(void) { return 4;}
 
-CASADI_SYMBOL_EXPORT casadi_int law_n_out(void) { return 3;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_law_n_out(void) { return 3;}
 
-CASADI_SYMBOL_EXPORT casadi_real law_default_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT casadi_real pmjoint_law_default_in(casadi_int i) {
   switch (i) {
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* law_name_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_law_name_in(casadi_int i) {
   switch (i) {
     case 0: return "y";
     case 1: return "s";
@@ -456,7 +456,7 @@ CASADI_SYMBOL_EXPORT const char* law_name_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* law_name_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_law_name_out(casadi_int i) {
   switch (i) {
     case 0: return "z";
     case 1: return "alpha";
@@ -465,7 +465,7 @@ CASADI_SYMBOL_EXPORT const char* law_name_out(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* law_sparsity_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_law_sparsity_in(casadi_int i) {
   switch (i) {
     case 0: return casadi_s0;
     case 1: return casadi_s3;
@@ -475,7 +475,7 @@ CASADI_SYMBOL_EXPORT const casadi_int* law_sparsity_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* law_sparsity_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_law_sparsity_out(casadi_int i) {
   switch (i) {
     case 0: return casadi_s4;
     case 1: return casadi_s5;
@@ -484,7 +484,7 @@ CASADI_SYMBOL_EXPORT const casadi_int* law_sparsity_out(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT int law_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_law_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 4;
   if (sz_res) *sz_res = 3;
   if (sz_iw) *sz_iw = 0;
@@ -492,7 +492,7 @@ CASADI_SYMBOL_EXPORT int law_work(casadi_int *sz_arg, casadi_int* sz_res, casadi
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int law_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_law_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 4*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 3*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);
@@ -500,7 +500,7 @@ CASADI_SYMBOL_EXPORT int law_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, 
   return 0;
 }
 
-/* partials:(y,s[9],y_r[4],p[40])->(dalpha[14]) */
+/* pmjoint_partials:(y,s[9],y_r[4],p[40])->(dalpha[14]) */
 static int casadi_f2(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a00, a01, a02, a03, a04, a05, a06, a07, a08, a09, a10, a11;
   casadi_real a12, a13, a14, a15, a16, a17, a18, a19;
@@ -599,34 +599,34 @@ static int casadi_f2(const casadi_real** arg, casadi_real** res, casadi_int* iw,
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int partials(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
+CASADI_SYMBOL_EXPORT int pmjoint_partials(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
   return casadi_f2(arg, res, iw, w, mem);
 }
 
-CASADI_SYMBOL_EXPORT int partials_checkout(void) {
+CASADI_SYMBOL_EXPORT int pmjoint_partials_checkout(void) {
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT void partials_release(int mem) {
+CASADI_SYMBOL_EXPORT void pmjoint_partials_release(int mem) {
 }
 
-CASADI_SYMBOL_EXPORT void partials_incref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_partials_incref(void) {
 }
 
-CASADI_SYMBOL_EXPORT void partials_decref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_partials_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int partials_n_in(void) { return 4;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_partials_n_in(void) { return 4;}
 
-CASADI_SYMBOL_EXPORT casadi_int partials_n_out(void) { return 1;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_partials_n_out(void) { return 1;}
 
-CASADI_SYMBOL_EXPORT casadi_real partials_default_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT casadi_real pmjoint_partials_default_in(casadi_int i) {
   switch (i) {
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* partials_name_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_partials_name_in(casadi_int i) {
   switch (i) {
     case 0: return "y";
     case 1: return "s";
@@ -636,14 +636,14 @@ CASADI_SYMBOL_EXPORT const char* partials_name_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* partials_name_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_partials_name_out(casadi_int i) {
   switch (i) {
     case 0: return "dalpha";
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* partials_sparsity_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_partials_sparsity_in(casadi_int i) {
   switch (i) {
     case 0: return casadi_s0;
     case 1: return casadi_s3;
@@ -653,14 +653,14 @@ CASADI_SYMBOL_EXPORT const casadi_int* partials_sparsity_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* partials_sparsity_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_partials_sparsity_out(casadi_int i) {
   switch (i) {
     case 0: return casadi_s6;
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT int partials_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_partials_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 4;
   if (sz_res) *sz_res = 1;
   if (sz_iw) *sz_iw = 0;
@@ -668,7 +668,7 @@ CASADI_SYMBOL_EXPORT int partials_work(casadi_int *sz_arg, casadi_int* sz_res, c
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int partials_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_partials_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 4*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 1*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);
@@ -676,7 +676,7 @@ CASADI_SYMBOL_EXPORT int partials_work_bytes(casadi_int *sz_arg, casadi_int* sz_
   return 0;
 }
 
-/* filters:(y,s[9],u,p[40])->(xi_dot[3],Xi_dot[0],lambda_dot[3]) */
+/* pmjoint_filters:(y,s[9],u,p[40])->(xi_dot[3],Xi_dot[0],lambda_dot[3]) */
 static int casadi_f3(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a00, a01, a02, a03, a04, a05, a06, a07, a08, a09, a10;
   a00=arg[3]? arg[3][24] : 0;
@@ -748,34 +748,34 @@ static int casadi_f3(const casadi_real** arg, casadi_real** res, casadi_int* iw,
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int filters(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
+CASADI_SYMBOL_EXPORT int pmjoint_filters(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
   return casadi_f3(arg, res, iw, w, mem);
 }
 
-CASADI_SYMBOL_EXPORT int filters_checkout(void) {
+CASADI_SYMBOL_EXPORT int pmjoint_filters_checkout(void) {
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT void filters_release(int mem) {
+CASADI_SYMBOL_EXPORT void pmjoint_filters_release(int mem) {
 }
 
-CASADI_SYMBOL_EXPORT void filters_incref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_filters_incref(void) {
 }
 
-CASADI_SYMBOL_EXPORT void filters_decref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_filters_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int filters_n_in(void) { return 4;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_filters_n_in(void) { return 4;}
 
-CASADI_SYMBOL_EXPORT casadi_int filters_n_out(void) { return 3;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_filters_n_out(void) { return 3;}
 
-CASADI_SYMBOL_EXPORT casadi_real filters_default_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT casadi_real pmjoint_filters_default_in(casadi_int i) {
   switch (i) {
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* filters_name_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_filters_name_in(casadi_int i) {
   switch (i) {
     case 0: return "y";
     case 1: return "s";
@@ -785,7 +785,7 @@ CASADI_SYMBOL_EXPORT const char* filters_name_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* filters_name_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_filters_name_out(casadi_int i) {
   switch (i) {
     case 0: return "xi_dot";
     case 1: return "Xi_dot";
@@ -794,7 +794,7 @@ CASADI_SYMBOL_EXPORT const char* filters_name_out(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* filters_sparsity_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_filters_sparsity_in(casadi_int i) {
   switch (i) {
     case 0: return casadi_s0;
     case 1: return casadi_s3;
@@ -804,7 +804,7 @@ CASADI_SYMBOL_EXPORT const casadi_int* filters_sparsity_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* filters_sparsity_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_filters_sparsity_out(casadi_int i) {
   switch (i) {
     case 0: return casadi_s4;
     case 1: return casadi_s7;
@@ -813,7 +813,7 @@ CASADI_SYMBOL_EXPORT const casadi_int* filters_sparsity_out(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT int filters_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_filters_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 4;
   if (sz_res) *sz_res = 3;
   if (sz_iw) *sz_iw = 0;
@@ -821,7 +821,7 @@ CASADI_SYMBOL_EXPORT int filters_work(casadi_int *sz_arg, casadi_int* sz_res, ca
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int filters_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_filters_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 4*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 3*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);
@@ -829,7 +829,7 @@ CASADI_SYMBOL_EXPORT int filters_work_bytes(casadi_int *sz_arg, casadi_int* sz_r
   return 0;
 }
 
-/* compensator:(y,s[9],du,p[40])->(r_dot[3]) */
+/* pmjoint_compensator:(y,s[9],du,p[40])->(r_dot[3]) */
 static int casadi_f4(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a0, a1, a2, a3, a4;
   a0=arg[1]? arg[1][7] : 0;
@@ -872,34 +872,34 @@ static int casadi_f4(const casadi_real** arg, casadi_real** res, casadi_int* iw,
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int compensator(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
+CASADI_SYMBOL_EXPORT int pmjoint_compensator(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
   return casadi_f4(arg, res, iw, w, mem);
 }
 
-CASADI_SYMBOL_EXPORT int compensator_checkout(void) {
+CASADI_SYMBOL_EXPORT int pmjoint_compensator_checkout(void) {
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT void compensator_release(int mem) {
+CASADI_SYMBOL_EXPORT void pmjoint_compensator_release(int mem) {
 }
 
-CASADI_SYMBOL_EXPORT void compensator_incref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_compensator_incref(void) {
 }
 
-CASADI_SYMBOL_EXPORT void compensator_decref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_compensator_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int compensator_n_in(void) { return 4;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_compensator_n_in(void) { return 4;}
 
-CASADI_SYMBOL_EXPORT casadi_int compensator_n_out(void) { return 1;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_compensator_n_out(void) { return 1;}
 
-CASADI_SYMBOL_EXPORT casadi_real compensator_default_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT casadi_real pmjoint_compensator_default_in(casadi_int i) {
   switch (i) {
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* compensator_name_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_compensator_name_in(casadi_int i) {
   switch (i) {
     case 0: return "y";
     case 1: return "s";
@@ -909,14 +909,14 @@ CASADI_SYMBOL_EXPORT const char* compensator_name_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* compensator_name_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_compensator_name_out(casadi_int i) {
   switch (i) {
     case 0: return "r_dot";
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* compensator_sparsity_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_compensator_sparsity_in(casadi_int i) {
   switch (i) {
     case 0: return casadi_s0;
     case 1: return casadi_s3;
@@ -926,14 +926,14 @@ CASADI_SYMBOL_EXPORT const casadi_int* compensator_sparsity_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* compensator_sparsity_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_compensator_sparsity_out(casadi_int i) {
   switch (i) {
     case 0: return casadi_s4;
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT int compensator_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_compensator_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 4;
   if (sz_res) *sz_res = 1;
   if (sz_iw) *sz_iw = 0;
@@ -941,7 +941,7 @@ CASADI_SYMBOL_EXPORT int compensator_work(casadi_int *sz_arg, casadi_int* sz_res
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int compensator_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_compensator_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 4*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 1*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);
@@ -949,7 +949,7 @@ CASADI_SYMBOL_EXPORT int compensator_work_bytes(casadi_int *sz_arg, casadi_int* 
   return 0;
 }
 
-/* estimate:(s[9],p[40])->(x_hat[3]) */
+/* pmjoint_estimate:(s[9],p[40])->(x_hat[3]) */
 static int casadi_f5(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a0, a1, a2, a3;
   a0=arg[1]? arg[1][11] : 0;
@@ -988,34 +988,34 @@ static int casadi_f5(const casadi_real** arg, casadi_real** res, casadi_int* iw,
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int estimate(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
+CASADI_SYMBOL_EXPORT int pmjoint_estimate(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
   return casadi_f5(arg, res, iw, w, mem);
 }
 
-CASADI_SYMBOL_EXPORT int estimate_checkout(void) {
+CASADI_SYMBOL_EXPORT int pmjoint_estimate_checkout(void) {
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT void estimate_release(int mem) {
+CASADI_SYMBOL_EXPORT void pmjoint_estimate_release(int mem) {
 }
 
-CASADI_SYMBOL_EXPORT void estimate_incref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_estimate_incref(void) {
 }
 
-CASADI_SYMBOL_EXPORT void estimate_decref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_estimate_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int estimate_n_in(void) { return 2;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_estimate_n_in(void) { return 2;}
 
-CASADI_SYMBOL_EXPORT casadi_int estimate_n_out(void) { return 1;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_estimate_n_out(void) { return 1;}
 
-CASADI_SYMBOL_EXPORT casadi_real estimate_default_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT casadi_real pmjoint_estimate_default_in(casadi_int i) {
   switch (i) {
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* estimate_name_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_estimate_name_in(casadi_int i) {
   switch (i) {
     case 0: return "s";
     case 1: return "p";
@@ -1023,14 +1023,14 @@ CASADI_SYMBOL_EXPORT const char* estimate_name_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* estimate_name_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_estimate_name_out(casadi_int i) {
   switch (i) {
     case 0: return "x_hat";
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* estimate_sparsity_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_estimate_sparsity_in(casadi_int i) {
   switch (i) {
     case 0: return casadi_s3;
     case 1: return casadi_s1;
@@ -1038,14 +1038,14 @@ CASADI_SYMBOL_EXPORT const casadi_int* estimate_sparsity_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* estimate_sparsity_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_estimate_sparsity_out(casadi_int i) {
   switch (i) {
     case 0: return casadi_s4;
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT int estimate_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_estimate_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 2;
   if (sz_res) *sz_res = 1;
   if (sz_iw) *sz_iw = 0;
@@ -1053,7 +1053,7 @@ CASADI_SYMBOL_EXPORT int estimate_work(casadi_int *sz_arg, casadi_int* sz_res, c
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int estimate_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_estimate_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 2*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 1*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);
@@ -1061,7 +1061,7 @@ CASADI_SYMBOL_EXPORT int estimate_work_bytes(casadi_int *sz_arg, casadi_int* sz_
   return 0;
 }
 
-/* disturbance:(t,x[4],w[3],p[40])->(D[3]) */
+/* pmjoint_disturbance:(t,x[4],w[3],p[40])->(D[3]) */
 static int casadi_f6(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a00, a01, a02, a03, a04, a05, a06, a07, a08, a09, a10, a11;
   casadi_real a12, a13, a14, a15, a16, a17, a18, a19, a20, a21, a22, a23;
@@ -1223,34 +1223,34 @@ static int casadi_f6(const casadi_real** arg, casadi_real** res, casadi_int* iw,
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int disturbance(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
+CASADI_SYMBOL_EXPORT int pmjoint_disturbance(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
   return casadi_f6(arg, res, iw, w, mem);
 }
 
-CASADI_SYMBOL_EXPORT int disturbance_checkout(void) {
+CASADI_SYMBOL_EXPORT int pmjoint_disturbance_checkout(void) {
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT void disturbance_release(int mem) {
+CASADI_SYMBOL_EXPORT void pmjoint_disturbance_release(int mem) {
 }
 
-CASADI_SYMBOL_EXPORT void disturbance_incref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_disturbance_incref(void) {
 }
 
-CASADI_SYMBOL_EXPORT void disturbance_decref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_disturbance_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int disturbance_n_in(void) { return 4;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_disturbance_n_in(void) { return 4;}
 
-CASADI_SYMBOL_EXPORT casadi_int disturbance_n_out(void) { return 1;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_disturbance_n_out(void) { return 1;}
 
-CASADI_SYMBOL_EXPORT casadi_real disturbance_default_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT casadi_real pmjoint_disturbance_default_in(casadi_int i) {
   switch (i) {
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* disturbance_name_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_disturbance_name_in(casadi_int i) {
   switch (i) {
     case 0: return "t";
     case 1: return "x";
@@ -1260,14 +1260,14 @@ CASADI_SYMBOL_EXPORT const char* disturbance_name_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* disturbance_name_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_disturbance_name_out(casadi_int i) {
   switch (i) {
     case 0: return "D";
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* disturbance_sparsity_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_disturbance_sparsity_in(casadi_int i) {
   switch (i) {
     case 0: return casadi_s0;
     case 1: return casadi_s2;
@@ -1277,14 +1277,14 @@ CASADI_SYMBOL_EXPORT const casadi_int* disturbance_sparsity_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* disturbance_sparsity_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_disturbance_sparsity_out(casadi_int i) {
   switch (i) {
     case 0: return casadi_s4;
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT int disturbance_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_disturbance_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 4;
   if (sz_res) *sz_res = 1;
   if (sz_iw) *sz_iw = 0;
@@ -1292,7 +1292,7 @@ CASADI_SYMBOL_EXPORT int disturbance_work(casadi_int *sz_arg, casadi_int* sz_res
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int disturbance_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_disturbance_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 4*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 1*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);
@@ -1300,7 +1300,7 @@ CASADI_SYMBOL_EXPORT int disturbance_work_bytes(casadi_int *sz_arg, casadi_int* 
   return 0;
 }
 
-/* plant:(t,x[4],w[3],p[40])->(x_dot[4],e) */
+/* pmjoint_plant:(t,x[4],w[3],p[40])->(x_dot[4],e) */
 static int casadi_f7(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a00, a01, a02, a03, a04, a05, a06, a07, a08, a09, a10, a11;
   casadi_real a12, a13, a14, a15, a16, a17, a18, a19, a20, a21, a22, a23;
@@ -1431,34 +1431,34 @@ static int casadi_f7(const casadi_real** arg, casadi_real** res, casadi_int* iw,
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int plant(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
+CASADI_SYMBOL_EXPORT int pmjoint_plant(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
   return casadi_f7(arg, res, iw, w, mem);
 }
 
-CASADI_SYMBOL_EXPORT int plant_checkout(void) {
+CASADI_SYMBOL_EXPORT int pmjoint_plant_checkout(void) {
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT void plant_release(int mem) {
+CASADI_SYMBOL_EXPORT void pmjoint_plant_release(int mem) {
 }
 
-CASADI_SYMBOL_EXPORT void plant_incref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_plant_incref(void) {
 }
 
-CASADI_SYMBOL_EXPORT void plant_decref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_plant_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int plant_n_in(void) { return 4;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_plant_n_in(void) { return 4;}
 
-CASADI_SYMBOL_EXPORT casadi_int plant_n_out(void) { return 2;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_plant_n_out(void) { return 2;}
 
-CASADI_SYMBOL_EXPORT casadi_real plant_default_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT casadi_real pmjoint_plant_default_in(casadi_int i) {
   switch (i) {
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* plant_name_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_plant_name_in(casadi_int i) {
   switch (i) {
     case 0: return "t";
     case 1: return "x";
@@ -1468,7 +1468,7 @@ CASADI_SYMBOL_EXPORT const char* plant_name_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* plant_name_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_plant_name_out(casadi_int i) {
   switch (i) {
     case 0: return "x_dot";
     case 1: return "e";
@@ -1476,7 +1476,7 @@ CASADI_SYMBOL_EXPORT const char* plant_name_out(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* plant_sparsity_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_plant_sparsity_in(casadi_int i) {
   switch (i) {
     case 0: return casadi_s0;
     case 1: return casadi_s2;
@@ -1486,7 +1486,7 @@ CASADI_SYMBOL_EXPORT const casadi_int* plant_sparsity_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* plant_sparsity_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_plant_sparsity_out(casadi_int i) {
   switch (i) {
     case 0: return casadi_s2;
     case 1: return casadi_s0;
@@ -1494,7 +1494,7 @@ CASADI_SYMBOL_EXPORT const casadi_int* plant_sparsity_out(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT int plant_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_plant_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 4;
   if (sz_res) *sz_res = 2;
   if (sz_iw) *sz_iw = 0;
@@ -1502,7 +1502,7 @@ CASADI_SYMBOL_EXPORT int plant_work(casadi_int *sz_arg, casadi_int* sz_res, casa
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int plant_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_plant_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 4*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 2*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);
@@ -1510,7 +1510,7 @@ CASADI_SYMBOL_EXPORT int plant_work_bytes(casadi_int *sz_arg, casadi_int* sz_res
   return 0;
 }
 
-/* actuation:(p[40])->(limits[12]) */
+/* pmjoint_actuation:(p[40])->(limits[12]) */
 static int casadi_f8(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a0, a1, a2, a3, a4, a5, a6;
   a0=0.;
@@ -1546,62 +1546,62 @@ static int casadi_f8(const casadi_real** arg, casadi_real** res, casadi_int* iw,
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int actuation(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
+CASADI_SYMBOL_EXPORT int pmjoint_actuation(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
   return casadi_f8(arg, res, iw, w, mem);
 }
 
-CASADI_SYMBOL_EXPORT int actuation_checkout(void) {
+CASADI_SYMBOL_EXPORT int pmjoint_actuation_checkout(void) {
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT void actuation_release(int mem) {
+CASADI_SYMBOL_EXPORT void pmjoint_actuation_release(int mem) {
 }
 
-CASADI_SYMBOL_EXPORT void actuation_incref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_actuation_incref(void) {
 }
 
-CASADI_SYMBOL_EXPORT void actuation_decref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_actuation_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int actuation_n_in(void) { return 1;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_actuation_n_in(void) { return 1;}
 
-CASADI_SYMBOL_EXPORT casadi_int actuation_n_out(void) { return 1;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_actuation_n_out(void) { return 1;}
 
-CASADI_SYMBOL_EXPORT casadi_real actuation_default_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT casadi_real pmjoint_actuation_default_in(casadi_int i) {
   switch (i) {
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* actuation_name_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_actuation_name_in(casadi_int i) {
   switch (i) {
     case 0: return "p";
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* actuation_name_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_actuation_name_out(casadi_int i) {
   switch (i) {
     case 0: return "limits";
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* actuation_sparsity_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_actuation_sparsity_in(casadi_int i) {
   switch (i) {
     case 0: return casadi_s1;
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* actuation_sparsity_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_actuation_sparsity_out(casadi_int i) {
   switch (i) {
     case 0: return casadi_s8;
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT int actuation_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_actuation_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 1;
   if (sz_res) *sz_res = 1;
   if (sz_iw) *sz_iw = 0;
@@ -1609,7 +1609,7 @@ CASADI_SYMBOL_EXPORT int actuation_work(casadi_int *sz_arg, casadi_int* sz_res, 
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int actuation_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_actuation_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 1*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 1*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);
@@ -1617,7 +1617,7 @@ CASADI_SYMBOL_EXPORT int actuation_work_bytes(casadi_int *sz_arg, casadi_int* sz
   return 0;
 }
 
-/* closed_loop:(t,X[13],g[6],p[40])->(X_dot[13],v,e) */
+/* pmjoint_closed_loop:(t,X[13],g[6],p[40])->(X_dot[13],v,e) */
 static int casadi_f9(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a00, a01, a02, a03, a04, a05, a06, a07, a08, a09, a10, a11;
   casadi_real a12, a13, a14, a15, a16, a17, a18, a19, a20, a21, a22, a23;
@@ -1979,34 +1979,34 @@ static int casadi_f9(const casadi_real** arg, casadi_real** res, casadi_int* iw,
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int closed_loop(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
+CASADI_SYMBOL_EXPORT int pmjoint_closed_loop(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
   return casadi_f9(arg, res, iw, w, mem);
 }
 
-CASADI_SYMBOL_EXPORT int closed_loop_checkout(void) {
+CASADI_SYMBOL_EXPORT int pmjoint_closed_loop_checkout(void) {
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT void closed_loop_release(int mem) {
+CASADI_SYMBOL_EXPORT void pmjoint_closed_loop_release(int mem) {
 }
 
-CASADI_SYMBOL_EXPORT void closed_loop_incref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_closed_loop_incref(void) {
 }
 
-CASADI_SYMBOL_EXPORT void closed_loop_decref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_closed_loop_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int closed_loop_n_in(void) { return 4;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_closed_loop_n_in(void) { return 4;}
 
-CASADI_SYMBOL_EXPORT casadi_int closed_loop_n_out(void) { return 3;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_closed_loop_n_out(void) { return 3;}
 
-CASADI_SYMBOL_EXPORT casadi_real closed_loop_default_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT casadi_real pmjoint_closed_loop_default_in(casadi_int i) {
   switch (i) {
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* closed_loop_name_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_closed_loop_name_in(casadi_int i) {
   switch (i) {
     case 0: return "t";
     case 1: return "X";
@@ -2016,7 +2016,7 @@ CASADI_SYMBOL_EXPORT const char* closed_loop_name_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* closed_loop_name_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_closed_loop_name_out(casadi_int i) {
   switch (i) {
     case 0: return "X_dot";
     case 1: return "v";
@@ -2025,7 +2025,7 @@ CASADI_SYMBOL_EXPORT const char* closed_loop_name_out(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* closed_loop_sparsity_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_closed_loop_sparsity_in(casadi_int i) {
   switch (i) {
     case 0: return casadi_s0;
     case 1: return casadi_s9;
@@ -2035,7 +2035,7 @@ CASADI_SYMBOL_EXPORT const casadi_int* closed_loop_sparsity_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* closed_loop_sparsity_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_closed_loop_sparsity_out(casadi_int i) {
   switch (i) {
     case 0: return casadi_s9;
     case 1: return casadi_s0;
@@ -2044,7 +2044,7 @@ CASADI_SYMBOL_EXPORT const casadi_int* closed_loop_sparsity_out(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT int closed_loop_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_closed_loop_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 4;
   if (sz_res) *sz_res = 3;
   if (sz_iw) *sz_iw = 0;
@@ -2052,7 +2052,7 @@ CASADI_SYMBOL_EXPORT int closed_loop_work(casadi_int *sz_arg, casadi_int* sz_res
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int closed_loop_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_closed_loop_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 4*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 3*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);
@@ -2060,7 +2060,7 @@ CASADI_SYMBOL_EXPORT int closed_loop_work_bytes(casadi_int *sz_arg, casadi_int* 
   return 0;
 }
 
-/* signals:(t,X[13],p[40])->(signals[22]) */
+/* pmjoint_signals:(t,X[13],p[40])->(signals[22]) */
 static int casadi_f10(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a00, a01, a02, a03, a04, a05, a06, a07, a08, a09, a10, a11;
   casadi_real a12, a13, a14, a15, a16, a17, a18, a19, a20, a21, a22, a23;
@@ -2436,34 +2436,34 @@ static int casadi_f10(const casadi_real** arg, casadi_real** res, casadi_int* iw
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int signals(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
+CASADI_SYMBOL_EXPORT int pmjoint_signals(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
   return casadi_f10(arg, res, iw, w, mem);
 }
 
-CASADI_SYMBOL_EXPORT int signals_checkout(void) {
+CASADI_SYMBOL_EXPORT int pmjoint_signals_checkout(void) {
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT void signals_release(int mem) {
+CASADI_SYMBOL_EXPORT void pmjoint_signals_release(int mem) {
 }
 
-CASADI_SYMBOL_EXPORT void signals_incref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_signals_incref(void) {
 }
 
-CASADI_SYMBOL_EXPORT void signals_decref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_signals_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int signals_n_in(void) { return 3;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_signals_n_in(void) { return 3;}
 
-CASADI_SYMBOL_EXPORT casadi_int signals_n_out(void) { return 1;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_signals_n_out(void) { return 1;}
 
-CASADI_SYMBOL_EXPORT casadi_real signals_default_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT casadi_real pmjoint_signals_default_in(casadi_int i) {
   switch (i) {
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* signals_name_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_signals_name_in(casadi_int i) {
   switch (i) {
     case 0: return "t";
     case 1: return "X";
@@ -2472,14 +2472,14 @@ CASADI_SYMBOL_EXPORT const char* signals_name_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* signals_name_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_signals_name_out(casadi_int i) {
   switch (i) {
     case 0: return "signals";
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* signals_sparsity_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_signals_sparsity_in(casadi_int i) {
   switch (i) {
     case 0: return casadi_s0;
     case 1: return casadi_s9;
@@ -2488,14 +2488,14 @@ CASADI_SYMBOL_EXPORT const casadi_int* signals_sparsity_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* signals_sparsity_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_signals_sparsity_out(casadi_int i) {
   switch (i) {
     case 0: return casadi_s11;
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT int signals_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_signals_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 3;
   if (sz_res) *sz_res = 1;
   if (sz_iw) *sz_iw = 0;
@@ -2503,7 +2503,7 @@ CASADI_SYMBOL_EXPORT int signals_work(casadi_int *sz_arg, casadi_int* sz_res, ca
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int signals_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_signals_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 3*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 1*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);
@@ -2511,7 +2511,7 @@ CASADI_SYMBOL_EXPORT int signals_work_bytes(casadi_int *sz_arg, casadi_int* sz_r
   return 0;
 }
 
-/* filter_matrix:(p[40])->(A0[9]) */
+/* pmjoint_filter_matrix:(p[40])->(A0[9]) */
 static int casadi_f11(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a0, a1, a2;
   a0=arg[0]? arg[0][24] : 0;
@@ -2534,62 +2534,62 @@ static int casadi_f11(const casadi_real** arg, casadi_real** res, casadi_int* iw
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int filter_matrix(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
+CASADI_SYMBOL_EXPORT int pmjoint_filter_matrix(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
   return casadi_f11(arg, res, iw, w, mem);
 }
 
-CASADI_SYMBOL_EXPORT int filter_matrix_checkout(void) {
+CASADI_SYMBOL_EXPORT int pmjoint_filter_matrix_checkout(void) {
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT void filter_matrix_release(int mem) {
+CASADI_SYMBOL_EXPORT void pmjoint_filter_matrix_release(int mem) {
 }
 
-CASADI_SYMBOL_EXPORT void filter_matrix_incref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_filter_matrix_incref(void) {
 }
 
-CASADI_SYMBOL_EXPORT void filter_matrix_decref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_filter_matrix_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int filter_matrix_n_in(void) { return 1;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_filter_matrix_n_in(void) { return 1;}
 
-CASADI_SYMBOL_EXPORT casadi_int filter_matrix_n_out(void) { return 1;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_filter_matrix_n_out(void) { return 1;}
 
-CASADI_SYMBOL_EXPORT casadi_real filter_matrix_default_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT casadi_real pmjoint_filter_matrix_default_in(casadi_int i) {
   switch (i) {
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* filter_matrix_name_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_filter_matrix_name_in(casadi_int i) {
   switch (i) {
     case 0: return "p";
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* filter_matrix_name_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_filter_matrix_name_out(casadi_int i) {
   switch (i) {
     case 0: return "A0";
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* filter_matrix_sparsity_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_filter_matrix_sparsity_in(casadi_int i) {
   switch (i) {
     case 0: return casadi_s1;
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* filter_matrix_sparsity_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_filter_matrix_sparsity_out(casadi_int i) {
   switch (i) {
     case 0: return casadi_s3;
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT int filter_matrix_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_filter_matrix_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 1;
   if (sz_res) *sz_res = 1;
   if (sz_iw) *sz_iw = 0;
@@ -2597,7 +2597,7 @@ CASADI_SYMBOL_EXPORT int filter_matrix_work(casadi_int *sz_arg, casadi_int* sz_r
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int filter_matrix_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_filter_matrix_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 1*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 1*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);
@@ -2605,7 +2605,7 @@ CASADI_SYMBOL_EXPORT int filter_matrix_work_bytes(casadi_int *sz_arg, casadi_int
   return 0;
 }
 
-/* compensator_matrix:(p[40])->(Ar[9]) */
+/* pmjoint_compensator_matrix:(p[40])->(Ar[9]) */
 static int casadi_f12(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a0, a1, a2;
   a0=arg[0]? arg[0][21] : 0;
@@ -2628,62 +2628,62 @@ static int casadi_f12(const casadi_real** arg, casadi_real** res, casadi_int* iw
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int compensator_matrix(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
+CASADI_SYMBOL_EXPORT int pmjoint_compensator_matrix(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
   return casadi_f12(arg, res, iw, w, mem);
 }
 
-CASADI_SYMBOL_EXPORT int compensator_matrix_checkout(void) {
+CASADI_SYMBOL_EXPORT int pmjoint_compensator_matrix_checkout(void) {
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT void compensator_matrix_release(int mem) {
+CASADI_SYMBOL_EXPORT void pmjoint_compensator_matrix_release(int mem) {
 }
 
-CASADI_SYMBOL_EXPORT void compensator_matrix_incref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_compensator_matrix_incref(void) {
 }
 
-CASADI_SYMBOL_EXPORT void compensator_matrix_decref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_compensator_matrix_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int compensator_matrix_n_in(void) { return 1;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_compensator_matrix_n_in(void) { return 1;}
 
-CASADI_SYMBOL_EXPORT casadi_int compensator_matrix_n_out(void) { return 1;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_compensator_matrix_n_out(void) { return 1;}
 
-CASADI_SYMBOL_EXPORT casadi_real compensator_matrix_default_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT casadi_real pmjoint_compensator_matrix_default_in(casadi_int i) {
   switch (i) {
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* compensator_matrix_name_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_compensator_matrix_name_in(casadi_int i) {
   switch (i) {
     case 0: return "p";
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* compensator_matrix_name_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_compensator_matrix_name_out(casadi_int i) {
   switch (i) {
     case 0: return "Ar";
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* compensator_matrix_sparsity_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_compensator_matrix_sparsity_in(casadi_int i) {
   switch (i) {
     case 0: return casadi_s1;
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* compensator_matrix_sparsity_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_compensator_matrix_sparsity_out(casadi_int i) {
   switch (i) {
     case 0: return casadi_s3;
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT int compensator_matrix_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_compensator_matrix_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 1;
   if (sz_res) *sz_res = 1;
   if (sz_iw) *sz_iw = 0;
@@ -2691,7 +2691,7 @@ CASADI_SYMBOL_EXPORT int compensator_matrix_work(casadi_int *sz_arg, casadi_int*
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int compensator_matrix_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_compensator_matrix_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 1*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 1*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);
@@ -2699,7 +2699,7 @@ CASADI_SYMBOL_EXPORT int compensator_matrix_work_bytes(casadi_int *sz_arg, casad
   return 0;
 }
 
-/* sampled_update:(y,s[9],u,v,h[36],p[40])->(s_next[9]) */
+/* pmjoint_sampled_update:(y,s[9],u,v,h[36],p[40])->(s_next[9]) */
 static int casadi_f13(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a00, a01, a02, a03, a04, a05, a06, a07, a08, a09, a10, a11;
   casadi_real a12, a13, a14, a15, a16, a17, a18, a19, a20, a21;
@@ -2890,34 +2890,34 @@ static int casadi_f13(const casadi_real** arg, casadi_real** res, casadi_int* iw
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int sampled_update(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
+CASADI_SYMBOL_EXPORT int pmjoint_sampled_update(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
   return casadi_f13(arg, res, iw, w, mem);
 }
 
-CASADI_SYMBOL_EXPORT int sampled_update_checkout(void) {
+CASADI_SYMBOL_EXPORT int pmjoint_sampled_update_checkout(void) {
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT void sampled_update_release(int mem) {
+CASADI_SYMBOL_EXPORT void pmjoint_sampled_update_release(int mem) {
 }
 
-CASADI_SYMBOL_EXPORT void sampled_update_incref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_sampled_update_incref(void) {
 }
 
-CASADI_SYMBOL_EXPORT void sampled_update_decref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_sampled_update_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int sampled_update_n_in(void) { return 6;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_sampled_update_n_in(void) { return 6;}
 
-CASADI_SYMBOL_EXPORT casadi_int sampled_update_n_out(void) { return 1;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_sampled_update_n_out(void) { return 1;}
 
-CASADI_SYMBOL_EXPORT casadi_real sampled_update_default_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT casadi_real pmjoint_sampled_update_default_in(casadi_int i) {
   switch (i) {
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* sampled_update_name_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_sampled_update_name_in(casadi_int i) {
   switch (i) {
     case 0: return "y";
     case 1: return "s";
@@ -2929,14 +2929,14 @@ CASADI_SYMBOL_EXPORT const char* sampled_update_name_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* sampled_update_name_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_sampled_update_name_out(casadi_int i) {
   switch (i) {
     case 0: return "s_next";
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* sampled_update_sparsity_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_sampled_update_sparsity_in(casadi_int i) {
   switch (i) {
     case 0: return casadi_s0;
     case 1: return casadi_s3;
@@ -2948,14 +2948,14 @@ CASADI_SYMBOL_EXPORT const casadi_int* sampled_update_sparsity_in(casadi_int i) 
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* sampled_update_sparsity_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_sampled_update_sparsity_out(casadi_int i) {
   switch (i) {
     case 0: return casadi_s3;
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT int sampled_update_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_sampled_update_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 6;
   if (sz_res) *sz_res = 1;
   if (sz_iw) *sz_iw = 0;
@@ -2963,7 +2963,7 @@ CASADI_SYMBOL_EXPORT int sampled_update_work(casadi_int *sz_arg, casadi_int* sz_
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int sampled_update_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_sampled_update_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 6*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 1*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);

@@ -4,7 +4,7 @@
  */
 #include "lanes.h"
 
-void actuation_lanes(const pmj_lanes *p, pmj_lanes *restrict limits)
+void pmj_actuation_lanes(const pmj_lanes *p, pmj_lanes *restrict limits)
 {
     limits[0] = pmj_all(0.0);
     limits[1] = pmj_all(1.0);
@@ -31,7 +31,7 @@ void actuation_lanes(const pmj_lanes *p, pmj_lanes *restrict limits)
     limits[11] = a21;
 }
 
-void matrices_lanes(const pmj_lanes *p, pmj_lanes *restrict matrices)
+void pmj_matrices_lanes(const pmj_lanes *p, pmj_lanes *restrict matrices)
 {
     const pmj_lanes a0 = -p[24];
     matrices[0] = a0;
@@ -59,8 +59,8 @@ void matrices_lanes(const pmj_lanes *p, pmj_lanes *restrict matrices)
     matrices[17] = a22;
 }
 
-void taylor_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, const pmj_lanes *p,
-                  pmj_lanes *restrict c)
+void pmj_taylor_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, const pmj_lanes *p,
+                      pmj_lanes *restrict c)
 {
     c[0] = X[0];
     c[1] = X[1];
@@ -2407,8 +2407,8 @@ void taylor_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, co
     c[194] = a2331;
 }
 
-void guard_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, const pmj_lanes *p, const pmj_lanes *R,
-                 const pmj_lanes *P, pmj_lanes *restrict rest)
+void pmj_guard_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, const pmj_lanes *p,
+                     const pmj_lanes *R, const pmj_lanes *P, pmj_lanes *restrict rest)
 {
     rest[0] = pmj_all(0.0);
     const pmj_lanes a1 = p[39] * p[39];
@@ -2681,8 +2681,8 @@ void guard_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, con
     rest[14] = a121;
 }
 
-void rates_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, const pmj_lanes *p,
-                 pmj_lanes *restrict rates)
+void pmj_rates_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, const pmj_lanes *p,
+                     pmj_lanes *restrict rates)
 {
     const pmj_lanes inverse_p_28 = 1.0 / p[28];
     const pmj_lanes a0 = p[29] * inverse_p_28;
@@ -2987,8 +2987,9 @@ void rates_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, con
     rates[14] = a289;
 }
 
-void arrive_lanes(const pmj_lanes *c, const pmj_lanes *h, pmj_lanes *restrict X, pmj_lanes *restrict slope,
-                  pmj_lanes *restrict ends, pmj_lanes *restrict v, pmj_lanes *restrict e, pmj_lanes *restrict square)
+void pmj_arrive_lanes(const pmj_lanes *c, const pmj_lanes *h, pmj_lanes *restrict X, pmj_lanes *restrict slope,
+                      pmj_lanes *restrict ends, pmj_lanes *restrict v, pmj_lanes *restrict e,
+                      pmj_lanes *restrict square)
 {
     const pmj_lanes a0 = c[180] * h[0];
     const pmj_lanes a1 = a0 + c[165];
@@ -3862,7 +3863,7 @@ void arrive_lanes(const pmj_lanes *c, const pmj_lanes *h, pmj_lanes *restrict X,
     square[0] = a868;
 }
 
-void bernstein_lanes(const pmj_lanes *a, pmj_lanes *restrict b)
+void pmj_bernstein_lanes(const pmj_lanes *a, pmj_lanes *restrict b)
 {
     b[0] = a[0];
     const pmj_lanes a1 = 0.08333333333333333 * a[1];
@@ -3968,7 +3969,8 @@ void bernstein_lanes(const pmj_lanes *a, pmj_lanes *restrict b)
     b[12] = a100;
 }
 
-void plant_lanes(const pmj_lanes *t, const pmj_lanes *x, const pmj_lanes *w, const pmj_lanes *p, pmj_lanes *restrict c)
+void pmj_plant_lanes(const pmj_lanes *t, const pmj_lanes *x, const pmj_lanes *w, const pmj_lanes *p,
+                     pmj_lanes *restrict c)
 {
     c[0] = x[0];
     c[1] = x[1];
@@ -4340,8 +4342,8 @@ void plant_lanes(const pmj_lanes *t, const pmj_lanes *x, const pmj_lanes *w, con
     c[29] = a359;
 }
 
-void plant_guard_lanes(const pmj_lanes *t, const pmj_lanes *x, const pmj_lanes *w, const pmj_lanes *p,
-                       const pmj_lanes *R, const pmj_lanes *P, pmj_lanes *restrict rest)
+void pmj_plant_guard_lanes(const pmj_lanes *t, const pmj_lanes *x, const pmj_lanes *w, const pmj_lanes *p,
+                           const pmj_lanes *R, const pmj_lanes *P, pmj_lanes *restrict rest)
 {
     (void)w;
     rest[0] = pmj_all(0.0);
@@ -4479,8 +4481,8 @@ void plant_guard_lanes(const pmj_lanes *t, const pmj_lanes *x, const pmj_lanes *
     rest[4] = a129;
 }
 
-void plant_rates_lanes(const pmj_lanes *t, const pmj_lanes *x, const pmj_lanes *w, const pmj_lanes *p,
-                       pmj_lanes *restrict rates)
+void pmj_plant_rates_lanes(const pmj_lanes *t, const pmj_lanes *x, const pmj_lanes *w, const pmj_lanes *p,
+                           pmj_lanes *restrict rates)
 {
     const pmj_lanes inverse_p_28 = 1.0 / p[28];
     const pmj_lanes a0 = p[29] * inverse_p_28;
@@ -4591,8 +4593,8 @@ void plant_rates_lanes(const pmj_lanes *t, const pmj_lanes *x, const pmj_lanes *
     rates[4] = a99;
 }
 
-void sample_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *h, const pmj_lanes *p,
-                  pmj_lanes *restrict v, pmj_lanes *restrict w, pmj_lanes *restrict c, pmj_lanes *restrict s_next)
+void pmj_sample_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *h, const pmj_lanes *p,
+                      pmj_lanes *restrict v, pmj_lanes *restrict w, pmj_lanes *restrict c, pmj_lanes *restrict s_next)
 {
     pmj_lanes a110;
     pmj_lanes a0;

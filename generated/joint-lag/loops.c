@@ -5,7 +5,7 @@
 #include "sampled.h"
 
 /* taylor:(t[1],X[13],g[6],p[40])->(c[255]) */
-int taylor(const double **arg, double **res, long long int *iw, double *w, int mem)
+int pmjoint_taylor(const double **arg, double **res, long long int *iw, double *w, int mem)
 {
     (void)iw;
     (void)w;
@@ -3340,7 +3340,7 @@ int taylor(const double **arg, double **res, long long int *iw, double *w, int m
     return 0;
 }
 
-int taylor_work(long long int *sz_arg, long long int *sz_res, long long int *sz_iw, long long int *sz_w)
+int pmjoint_taylor_work(long long int *sz_arg, long long int *sz_res, long long int *sz_iw, long long int *sz_w)
 {
     *sz_arg = 4;
     *sz_res = 1;
@@ -3350,7 +3350,7 @@ int taylor_work(long long int *sz_arg, long long int *sz_res, long long int *sz_
 }
 
 /* guard:(t[1],X[13],g[6],p[40],R[1],P[13])->(rest[15]) */
-int guard(const double **arg, double **res, long long int *iw, double *w, int mem)
+int pmjoint_guard(const double **arg, double **res, long long int *iw, double *w, int mem)
 {
     (void)iw;
     (void)w;
@@ -3665,7 +3665,7 @@ int guard(const double **arg, double **res, long long int *iw, double *w, int me
     return 0;
 }
 
-int guard_work(long long int *sz_arg, long long int *sz_res, long long int *sz_iw, long long int *sz_w)
+int pmjoint_guard_work(long long int *sz_arg, long long int *sz_res, long long int *sz_iw, long long int *sz_w)
 {
     *sz_arg = 6;
     *sz_res = 1;
@@ -3675,7 +3675,7 @@ int guard_work(long long int *sz_arg, long long int *sz_res, long long int *sz_i
 }
 
 /* plant_taylor:(t[1],x[4],w[3],p[40])->(c[55]) */
-int plant_taylor(const double **arg, double **res, long long int *iw, double *w, int mem)
+int pmjoint_plant_taylor(const double **arg, double **res, long long int *iw, double *w, int mem)
 {
     (void)iw;
     (void)w;
@@ -4558,7 +4558,7 @@ int plant_taylor(const double **arg, double **res, long long int *iw, double *w,
     return 0;
 }
 
-int plant_taylor_work(long long int *sz_arg, long long int *sz_res, long long int *sz_iw, long long int *sz_w)
+int pmjoint_plant_taylor_work(long long int *sz_arg, long long int *sz_res, long long int *sz_iw, long long int *sz_w)
 {
     *sz_arg = 4;
     *sz_res = 1;
@@ -4568,7 +4568,7 @@ int plant_taylor_work(long long int *sz_arg, long long int *sz_res, long long in
 }
 
 /* plant_guard:(t[1],x[4],w[3],p[40],R[1],P[4])->(rest[5]) */
-int plant_guard(const double **arg, double **res, long long int *iw, double *w, int mem)
+int pmjoint_plant_guard(const double **arg, double **res, long long int *iw, double *w, int mem)
 {
     (void)iw;
     (void)w;
@@ -4727,7 +4727,7 @@ int plant_guard(const double **arg, double **res, long long int *iw, double *w, 
     return 0;
 }
 
-int plant_guard_work(long long int *sz_arg, long long int *sz_res, long long int *sz_iw, long long int *sz_w)
+int pmjoint_plant_guard_work(long long int *sz_arg, long long int *sz_res, long long int *sz_iw, long long int *sz_w)
 {
     *sz_arg = 6;
     *sz_res = 1;
@@ -4736,7 +4736,7 @@ int plant_guard_work(long long int *sz_arg, long long int *sz_res, long long int
     return 0;
 }
 
-int sample(const double **arg, double **res, long long int *iw, double *w, int mem)
+int pmjoint_sample(const double **arg, double **res, long long int *iw, double *w, int mem)
 {
     (void)iw;
     (void)w;
@@ -4745,7 +4745,7 @@ int sample(const double **arg, double **res, long long int *iw, double *w, int m
     return 0;
 }
 
-int sample_work(long long int *sz_arg, long long int *sz_res, long long int *sz_iw, long long int *sz_w)
+int pmjoint_sample_work(long long int *sz_arg, long long int *sz_res, long long int *sz_iw, long long int *sz_w)
 {
     *sz_arg = 4;
     *sz_res = 4;

@@ -9,98 +9,98 @@
  * Every function returns 0. None allocates or keeps state. */
 
 /* the reference and its derivatives: (t[1], p[33]) -> (y_r[3]); 7 operations */
-int reference(const double **arg, double **res, long long int *iw, double *w, int mem);
-int reference_work(long long int *sz_arg, long long int *sz_res,
+int pmjoint_reference(const double **arg, double **res, long long int *iw, double *w, int mem);
+int pmjoint_reference_work(long long int *sz_arg, long long int *sz_res,
     long long int *sz_iw, long long int *sz_w);
 
 /* errors, virtual controls and the control law, (24), (25), (29): (y[1], s[8], y_r[3], p[33]) -> (z[2], alpha[1], v[1]); 73 operations */
-int law(const double **arg, double **res, long long int *iw, double *w, int mem);
-int law_work(long long int *sz_arg, long long int *sz_res,
+int pmjoint_law(const double **arg, double **res, long long int *iw, double *w, int mem);
+int pmjoint_law_work(long long int *sz_arg, long long int *sz_res,
     long long int *sz_iw, long long int *sz_w);
 
 /* partial derivatives of alpha, (29): (y[1], s[8], y_r[3], p[33]) -> (dalpha[5]); 28 operations */
-int partials(const double **arg, double **res, long long int *iw, double *w, int mem);
-int partials_work(long long int *sz_arg, long long int *sz_res,
+int pmjoint_partials(const double **arg, double **res, long long int *iw, double *w, int mem);
+int pmjoint_partials_work(long long int *sz_arg, long long int *sz_res,
     long long int *sz_iw, long long int *sz_w);
 
 /* rates of the K-filters, (14): (y[1], s[8], u[1], p[33]) -> (xi_dot[2], Xi_dot[2], lambda_dot[2]); 15 operations */
-int filters(const double **arg, double **res, long long int *iw, double *w, int mem);
-int filters_work(long long int *sz_arg, long long int *sz_res,
+int pmjoint_filters(const double **arg, double **res, long long int *iw, double *w, int mem);
+int pmjoint_filters_work(long long int *sz_arg, long long int *sz_res,
     long long int *sz_iw, long long int *sz_w);
 
 /* rates of the compensator, (23): (y[1], s[8], du[1], p[33]) -> (r_dot[2]); 15 operations */
-int compensator(const double **arg, double **res, long long int *iw, double *w, int mem);
-int compensator_work(long long int *sz_arg, long long int *sz_res,
+int pmjoint_compensator(const double **arg, double **res, long long int *iw, double *w, int mem);
+int pmjoint_compensator_work(long long int *sz_arg, long long int *sz_res,
     long long int *sz_iw, long long int *sz_w);
 
 /* state estimate, (15): (s[8], p[33]) -> (x_hat[2]); 27 operations */
-int estimate(const double **arg, double **res, long long int *iw, double *w, int mem);
-int estimate_work(long long int *sz_arg, long long int *sz_res,
+int pmjoint_estimate(const double **arg, double **res, long long int *iw, double *w, int mem);
+int pmjoint_estimate_work(long long int *sz_arg, long long int *sz_res,
     long long int *sz_iw, long long int *sz_w);
 
 /* effective disturbance: what the controller faces, (12): (t[1], x[2], w[3], p[33]) -> (D[2]); 81 operations */
-int disturbance(const double **arg, double **res, long long int *iw, double *w, int mem);
-int disturbance_work(long long int *sz_arg, long long int *sz_res,
+int pmjoint_disturbance(const double **arg, double **res, long long int *iw, double *w, int mem);
+int pmjoint_disturbance_work(long long int *sz_arg, long long int *sz_res,
     long long int *sz_iw, long long int *sz_w);
 
 /* rates of the plant, the tracking error, (11): (t[1], x[2], w[3], p[33]) -> (x_dot[2], e[1]); 63 operations */
-int plant(const double **arg, double **res, long long int *iw, double *w, int mem);
-int plant_work(long long int *sz_arg, long long int *sz_res,
+int pmjoint_plant(const double **arg, double **res, long long int *iw, double *w, int mem);
+int pmjoint_plant_work(long long int *sz_arg, long long int *sz_res,
     long long int *sz_iw, long long int *sz_w);
 
 /* offset, slope, lower and upper limit of each w, (10): (p[33]) -> (limits[12]); 11 operations */
-int actuation(const double **arg, double **res, long long int *iw, double *w, int mem);
-int actuation_work(long long int *sz_arg, long long int *sz_res,
+int pmjoint_actuation(const double **arg, double **res, long long int *iw, double *w, int mem);
+int pmjoint_actuation_work(long long int *sz_arg, long long int *sz_res,
     long long int *sz_iw, long long int *sz_w);
 
 /* rates of the closed loop inside one saturation mode, v, the tracking error, (11), (14), (23), (29): (t[1], X[10], g[6], p[33]) -> (X_dot[10], v[1], e[1]); 159 operations */
-int closed_loop(const double **arg, double **res, long long int *iw, double *w, int mem);
-int closed_loop_work(long long int *sz_arg, long long int *sz_res,
+int pmjoint_closed_loop(const double **arg, double **res, long long int *iw, double *w, int mem);
+int pmjoint_closed_loop_work(long long int *sz_arg, long long int *sz_res,
     long long int *sz_iw, long long int *sz_w);
 
 /* everything a run reports beside its states: (t[1], X[10], p[33]) -> (signals[16]); 169 operations */
-int signals(const double **arg, double **res, long long int *iw, double *w, int mem);
-int signals_work(long long int *sz_arg, long long int *sz_res,
+int pmjoint_signals(const double **arg, double **res, long long int *iw, double *w, int mem);
+int pmjoint_signals_work(long long int *sz_arg, long long int *sz_res,
     long long int *sz_iw, long long int *sz_w);
 
 /* A0 = A - k e1', row by row, (14): (p[33]) -> (A0[4]); 2 operations */
-int filter_matrix(const double **arg, double **res, long long int *iw, double *w, int mem);
-int filter_matrix_work(long long int *sz_arg, long long int *sz_res,
+int pmjoint_filter_matrix(const double **arg, double **res, long long int *iw, double *w, int mem);
+int pmjoint_filter_matrix_work(long long int *sz_arg, long long int *sz_res,
     long long int *sz_iw, long long int *sz_w);
 
 /* row by row, (23): (p[33]) -> (Ar[4]); 2 operations */
-int compensator_matrix(const double **arg, double **res, long long int *iw, double *w, int mem);
-int compensator_matrix_work(long long int *sz_arg, long long int *sz_res,
+int pmjoint_compensator_matrix(const double **arg, double **res, long long int *iw, double *w, int mem);
+int pmjoint_compensator_matrix_work(long long int *sz_arg, long long int *sz_res,
     long long int *sz_iw, long long int *sz_w);
 
 /* the controller's state one sample later, (14), (23): (y[1], s[8], u[1], v[1], h[16], p[33]) -> (s_next[8]); 62 operations */
-int sampled_update(const double **arg, double **res, long long int *iw, double *w, int mem);
-int sampled_update_work(long long int *sz_arg, long long int *sz_res,
+int pmjoint_sampled_update(const double **arg, double **res, long long int *iw, double *w, int mem);
+int pmjoint_sampled_update_work(long long int *sz_arg, long long int *sz_res,
     long long int *sz_iw, long long int *sz_w);
 
 /* Taylor coefficients of what closed_loop gives, (11), (14), (23), (29): (t[1], X[10], g[6], p[33]) -> (c[204]); 1917 operations */
-int taylor(const double **arg, double **res, long long int *iw, double *w, int mem);
-int taylor_work(long long int *sz_arg, long long int *sz_res,
+int pmjoint_taylor(const double **arg, double **res, long long int *iw, double *w, int mem);
+int pmjoint_taylor_work(long long int *sz_arg, long long int *sz_res,
     long long int *sz_iw, long long int *sz_w);
 
 /* nonlinear part of what closed_loop gives on a disc around t, as a bound: (t[1], X[10], g[6], p[33], R[1], P[10]) -> (rest[12]); 267 operations */
-int guard(const double **arg, double **res, long long int *iw, double *w, int mem);
-int guard_work(long long int *sz_arg, long long int *sz_res,
+int pmjoint_guard(const double **arg, double **res, long long int *iw, double *w, int mem);
+int pmjoint_guard_work(long long int *sz_arg, long long int *sz_res,
     long long int *sz_iw, long long int *sz_w);
 
 /* Taylor coefficients of what plant gives, (11): (t[1], x[2], w[3], p[33]) -> (c[33]); 216 operations */
-int plant_taylor(const double **arg, double **res, long long int *iw, double *w, int mem);
-int plant_taylor_work(long long int *sz_arg, long long int *sz_res,
+int pmjoint_plant_taylor(const double **arg, double **res, long long int *iw, double *w, int mem);
+int pmjoint_plant_taylor_work(long long int *sz_arg, long long int *sz_res,
     long long int *sz_iw, long long int *sz_w);
 
 /* nonlinear part of what plant gives on a disc around t, as a bound: (t[1], x[2], w[3], p[33], R[1], P[2]) -> (rest[3]); 43 operations */
-int plant_guard(const double **arg, double **res, long long int *iw, double *w, int mem);
-int plant_guard_work(long long int *sz_arg, long long int *sz_res,
+int pmjoint_plant_guard(const double **arg, double **res, long long int *iw, double *w, int mem);
+int pmjoint_plant_guard_work(long long int *sz_arg, long long int *sz_res,
     long long int *sz_iw, long long int *sz_w);
 
 /* one sample: v, w, plant_taylor under w, the next s, (10), (11), (14), (23), (29): (t[1], X[10], h[16], p[33]) -> (v[1], w[3], c[18], s_next[8]); 274 operations */
-int sample(const double **arg, double **res, long long int *iw, double *w, int mem);
-int sample_work(long long int *sz_arg, long long int *sz_res,
+int pmjoint_sample(const double **arg, double **res, long long int *iw, double *w, int mem);
+int pmjoint_sample_work(long long int *sz_arg, long long int *sz_res,
     long long int *sz_iw, long long int *sz_w);
 
 #endif

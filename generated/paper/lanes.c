@@ -4,7 +4,7 @@
  */
 #include "lanes.h"
 
-void actuation_lanes(const pmj_lanes *p, pmj_lanes *restrict limits)
+void pmj_actuation_lanes(const pmj_lanes *p, pmj_lanes *restrict limits)
 {
     limits[0] = pmj_all(0.0);
     limits[1] = pmj_all(1.0);
@@ -13,7 +13,7 @@ void actuation_lanes(const pmj_lanes *p, pmj_lanes *restrict limits)
     limits[3] = p[2];
 }
 
-void matrices_lanes(const pmj_lanes *p, pmj_lanes *restrict matrices)
+void pmj_matrices_lanes(const pmj_lanes *p, pmj_lanes *restrict matrices)
 {
     const pmj_lanes a0 = -p[9];
     matrices[0] = a0;
@@ -29,8 +29,8 @@ void matrices_lanes(const pmj_lanes *p, pmj_lanes *restrict matrices)
     matrices[7] = a10;
 }
 
-void taylor_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, const pmj_lanes *p,
-                  pmj_lanes *restrict c)
+void pmj_taylor_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, const pmj_lanes *p,
+                      pmj_lanes *restrict c)
 {
     c[0] = X[0];
     c[1] = X[1];
@@ -1376,8 +1376,8 @@ void taylor_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, co
     c[155] = a1337;
 }
 
-void guard_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, const pmj_lanes *p, const pmj_lanes *R,
-                 const pmj_lanes *P, pmj_lanes *restrict rest)
+void pmj_guard_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, const pmj_lanes *p,
+                     const pmj_lanes *R, const pmj_lanes *P, pmj_lanes *restrict rest)
 {
     rest[0] = pmj_all(0.0);
     pmj_lanes a1;
@@ -1484,8 +1484,8 @@ void guard_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, con
     rest[11] = a55;
 }
 
-void rates_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, const pmj_lanes *p,
-                 pmj_lanes *restrict rates)
+void pmj_rates_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, const pmj_lanes *p,
+                     pmj_lanes *restrict rates)
 {
     rates[0] = X[1];
     const pmj_lanes a1 = pmj_sin(X[1]);
@@ -1583,8 +1583,9 @@ void rates_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, con
     rates[11] = a90;
 }
 
-void arrive_lanes(const pmj_lanes *c, const pmj_lanes *h, pmj_lanes *restrict X, pmj_lanes *restrict slope,
-                  pmj_lanes *restrict ends, pmj_lanes *restrict v, pmj_lanes *restrict e, pmj_lanes *restrict square)
+void pmj_arrive_lanes(const pmj_lanes *c, const pmj_lanes *h, pmj_lanes *restrict X, pmj_lanes *restrict slope,
+                      pmj_lanes *restrict ends, pmj_lanes *restrict v, pmj_lanes *restrict e,
+                      pmj_lanes *restrict square)
 {
     const pmj_lanes a0 = c[144] * h[0];
     const pmj_lanes a1 = a0 + c[132];
@@ -2314,7 +2315,7 @@ void arrive_lanes(const pmj_lanes *c, const pmj_lanes *h, pmj_lanes *restrict X,
     square[0] = a724;
 }
 
-void bernstein_lanes(const pmj_lanes *a, pmj_lanes *restrict b)
+void pmj_bernstein_lanes(const pmj_lanes *a, pmj_lanes *restrict b)
 {
     b[0] = a[0];
     const pmj_lanes a1 = 0.08333333333333333 * a[1];
@@ -2420,7 +2421,8 @@ void bernstein_lanes(const pmj_lanes *a, pmj_lanes *restrict b)
     b[12] = a100;
 }
 
-void plant_lanes(const pmj_lanes *t, const pmj_lanes *x, const pmj_lanes *w, const pmj_lanes *p, pmj_lanes *restrict c)
+void pmj_plant_lanes(const pmj_lanes *t, const pmj_lanes *x, const pmj_lanes *w, const pmj_lanes *p,
+                     pmj_lanes *restrict c)
 {
     c[0] = x[0];
     c[1] = x[1];
@@ -2541,8 +2543,8 @@ void plant_lanes(const pmj_lanes *t, const pmj_lanes *x, const pmj_lanes *w, con
     c[17] = a113;
 }
 
-void plant_guard_lanes(const pmj_lanes *t, const pmj_lanes *x, const pmj_lanes *w, const pmj_lanes *p,
-                       const pmj_lanes *R, const pmj_lanes *P, pmj_lanes *restrict rest)
+void pmj_plant_guard_lanes(const pmj_lanes *t, const pmj_lanes *x, const pmj_lanes *w, const pmj_lanes *p,
+                           const pmj_lanes *R, const pmj_lanes *P, pmj_lanes *restrict rest)
 {
     (void)w;
     (void)p;
@@ -2604,8 +2606,8 @@ void plant_guard_lanes(const pmj_lanes *t, const pmj_lanes *x, const pmj_lanes *
     rest[2] = a52;
 }
 
-void plant_rates_lanes(const pmj_lanes *t, const pmj_lanes *x, const pmj_lanes *w, const pmj_lanes *p,
-                       pmj_lanes *restrict rates)
+void pmj_plant_rates_lanes(const pmj_lanes *t, const pmj_lanes *x, const pmj_lanes *w, const pmj_lanes *p,
+                           pmj_lanes *restrict rates)
 {
     rates[0] = x[1];
     const pmj_lanes a1 = pmj_sin(x[1]);
@@ -2623,8 +2625,8 @@ void plant_rates_lanes(const pmj_lanes *t, const pmj_lanes *x, const pmj_lanes *
     rates[2] = a11;
 }
 
-void sample_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *h, const pmj_lanes *p,
-                  pmj_lanes *restrict v, pmj_lanes *restrict w, pmj_lanes *restrict c, pmj_lanes *restrict s_next)
+void pmj_sample_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *h, const pmj_lanes *p,
+                      pmj_lanes *restrict v, pmj_lanes *restrict w, pmj_lanes *restrict c, pmj_lanes *restrict s_next)
 {
     const pmj_lanes a0 = p[3] + p[5];
     const pmj_lanes a1 = a0 - p[7];

@@ -111,7 +111,7 @@ static const casadi_int casadi_s9[3] = {14, 1, 1};
 static const casadi_int casadi_s10[3] = {9, 1, 1};
 static const casadi_int casadi_s11[3] = {26, 1, 1};
 
-/* reference:(t,p[21])->(y_r[3]) */
+/* pmjoint_reference:(t,p[21])->(y_r[3]) */
 static int casadi_f0(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a0, a1, a2, a3, a4;
   a0=2.9999999999999999e-01;
@@ -131,34 +131,34 @@ static int casadi_f0(const casadi_real** arg, casadi_real** res, casadi_int* iw,
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int reference(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
+CASADI_SYMBOL_EXPORT int pmjoint_reference(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
   return casadi_f0(arg, res, iw, w, mem);
 }
 
-CASADI_SYMBOL_EXPORT int reference_checkout(void) {
+CASADI_SYMBOL_EXPORT int pmjoint_reference_checkout(void) {
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT void reference_release(int mem) {
+CASADI_SYMBOL_EXPORT void pmjoint_reference_release(int mem) {
 }
 
-CASADI_SYMBOL_EXPORT void reference_incref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_reference_incref(void) {
 }
 
-CASADI_SYMBOL_EXPORT void reference_decref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_reference_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int reference_n_in(void) { return 2;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_reference_n_in(void) { return 2;}
 
-CASADI_SYMBOL_EXPORT casadi_int reference_n_out(void) { return 1;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_reference_n_out(void) { return 1;}
 
-CASADI_SYMBOL_EXPORT casadi_real reference_default_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT casadi_real pmjoint_reference_default_in(casadi_int i) {
   switch (i) {
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* reference_name_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_reference_name_in(casadi_int i) {
   switch (i) {
     case 0: return "t";
     case 1: return "p";
@@ -166,14 +166,14 @@ CASADI_SYMBOL_EXPORT const char* reference_name_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* reference_name_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_reference_name_out(casadi_int i) {
   switch (i) {
     case 0: return "y_r";
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* reference_sparsity_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_reference_sparsity_in(casadi_int i) {
   switch (i) {
     case 0: return casadi_s0;
     case 1: return casadi_s1;
@@ -181,14 +181,14 @@ CASADI_SYMBOL_EXPORT const casadi_int* reference_sparsity_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* reference_sparsity_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_reference_sparsity_out(casadi_int i) {
   switch (i) {
     case 0: return casadi_s2;
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT int reference_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_reference_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 2;
   if (sz_res) *sz_res = 1;
   if (sz_iw) *sz_iw = 0;
@@ -196,7 +196,7 @@ CASADI_SYMBOL_EXPORT int reference_work(casadi_int *sz_arg, casadi_int* sz_res, 
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int reference_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_reference_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 2*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 1*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);
@@ -204,7 +204,7 @@ CASADI_SYMBOL_EXPORT int reference_work_bytes(casadi_int *sz_arg, casadi_int* sz
   return 0;
 }
 
-/* law:(y,s[8],y_r[3],p[21])->(z[2],alpha,v) */
+/* pmjoint_law:(y,s[8],y_r[3],p[21])->(z[2],alpha,v) */
 static int casadi_f1(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a00, a01, a02, a03, a04, a05, a06, a07, a08, a09, a10, a11;
   casadi_real a12, a13, a14, a15, a16, a17, a18, a19, a20;
@@ -316,34 +316,34 @@ static int casadi_f1(const casadi_real** arg, casadi_real** res, casadi_int* iw,
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int law(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
+CASADI_SYMBOL_EXPORT int pmjoint_law(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
   return casadi_f1(arg, res, iw, w, mem);
 }
 
-CASADI_SYMBOL_EXPORT int law_checkout(void) {
+CASADI_SYMBOL_EXPORT int pmjoint_law_checkout(void) {
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT void law_release(int mem) {
+CASADI_SYMBOL_EXPORT void pmjoint_law_release(int mem) {
 }
 
-CASADI_SYMBOL_EXPORT void law_incref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_law_incref(void) {
 }
 
-CASADI_SYMBOL_EXPORT void law_decref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_law_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int law_n_in(void) { return 4;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_law_n_in(void) { return 4;}
 
-CASADI_SYMBOL_EXPORT casadi_int law_n_out(void) { return 3;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_law_n_out(void) { return 3;}
 
-CASADI_SYMBOL_EXPORT casadi_real law_default_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT casadi_real pmjoint_law_default_in(casadi_int i) {
   switch (i) {
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* law_name_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_law_name_in(casadi_int i) {
   switch (i) {
     case 0: return "y";
     case 1: return "s";
@@ -353,7 +353,7 @@ CASADI_SYMBOL_EXPORT const char* law_name_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* law_name_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_law_name_out(casadi_int i) {
   switch (i) {
     case 0: return "z";
     case 1: return "alpha";
@@ -362,7 +362,7 @@ CASADI_SYMBOL_EXPORT const char* law_name_out(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* law_sparsity_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_law_sparsity_in(casadi_int i) {
   switch (i) {
     case 0: return casadi_s0;
     case 1: return casadi_s3;
@@ -372,7 +372,7 @@ CASADI_SYMBOL_EXPORT const casadi_int* law_sparsity_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* law_sparsity_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_law_sparsity_out(casadi_int i) {
   switch (i) {
     case 0: return casadi_s4;
     case 1: return casadi_s0;
@@ -381,7 +381,7 @@ CASADI_SYMBOL_EXPORT const casadi_int* law_sparsity_out(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT int law_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_law_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 4;
   if (sz_res) *sz_res = 3;
   if (sz_iw) *sz_iw = 0;
@@ -389,7 +389,7 @@ CASADI_SYMBOL_EXPORT int law_work(casadi_int *sz_arg, casadi_int* sz_res, casadi
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int law_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_law_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 4*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 3*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);
@@ -397,7 +397,7 @@ CASADI_SYMBOL_EXPORT int law_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, 
   return 0;
 }
 
-/* partials:(y,s[8],y_r[3],p[21])->(dalpha[5]) */
+/* pmjoint_partials:(y,s[8],y_r[3],p[21])->(dalpha[5]) */
 static int casadi_f2(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a0, a1, a2, a3, a4, a5;
   a0=arg[3]? arg[3][2] : 0;
@@ -431,34 +431,34 @@ static int casadi_f2(const casadi_real** arg, casadi_real** res, casadi_int* iw,
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int partials(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
+CASADI_SYMBOL_EXPORT int pmjoint_partials(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
   return casadi_f2(arg, res, iw, w, mem);
 }
 
-CASADI_SYMBOL_EXPORT int partials_checkout(void) {
+CASADI_SYMBOL_EXPORT int pmjoint_partials_checkout(void) {
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT void partials_release(int mem) {
+CASADI_SYMBOL_EXPORT void pmjoint_partials_release(int mem) {
 }
 
-CASADI_SYMBOL_EXPORT void partials_incref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_partials_incref(void) {
 }
 
-CASADI_SYMBOL_EXPORT void partials_decref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_partials_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int partials_n_in(void) { return 4;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_partials_n_in(void) { return 4;}
 
-CASADI_SYMBOL_EXPORT casadi_int partials_n_out(void) { return 1;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_partials_n_out(void) { return 1;}
 
-CASADI_SYMBOL_EXPORT casadi_real partials_default_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT casadi_real pmjoint_partials_default_in(casadi_int i) {
   switch (i) {
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* partials_name_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_partials_name_in(casadi_int i) {
   switch (i) {
     case 0: return "y";
     case 1: return "s";
@@ -468,14 +468,14 @@ CASADI_SYMBOL_EXPORT const char* partials_name_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* partials_name_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_partials_name_out(casadi_int i) {
   switch (i) {
     case 0: return "dalpha";
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* partials_sparsity_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_partials_sparsity_in(casadi_int i) {
   switch (i) {
     case 0: return casadi_s0;
     case 1: return casadi_s3;
@@ -485,14 +485,14 @@ CASADI_SYMBOL_EXPORT const casadi_int* partials_sparsity_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* partials_sparsity_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_partials_sparsity_out(casadi_int i) {
   switch (i) {
     case 0: return casadi_s5;
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT int partials_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_partials_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 4;
   if (sz_res) *sz_res = 1;
   if (sz_iw) *sz_iw = 0;
@@ -500,7 +500,7 @@ CASADI_SYMBOL_EXPORT int partials_work(casadi_int *sz_arg, casadi_int* sz_res, c
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int partials_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_partials_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 4*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 1*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);
@@ -508,7 +508,7 @@ CASADI_SYMBOL_EXPORT int partials_work_bytes(casadi_int *sz_arg, casadi_int* sz_
   return 0;
 }
 
-/* filters:(y,s[8],u,p[21])->(xi_dot[3],Xi_dot[0],lambda_dot[3]) */
+/* pmjoint_filters:(y,s[8],u,p[21])->(xi_dot[3],Xi_dot[0],lambda_dot[3]) */
 static int casadi_f3(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a0, a1, a2, a3, a4, a5, a6, a7;
   a0=arg[3]? arg[3][12] : 0;
@@ -562,34 +562,34 @@ static int casadi_f3(const casadi_real** arg, casadi_real** res, casadi_int* iw,
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int filters(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
+CASADI_SYMBOL_EXPORT int pmjoint_filters(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
   return casadi_f3(arg, res, iw, w, mem);
 }
 
-CASADI_SYMBOL_EXPORT int filters_checkout(void) {
+CASADI_SYMBOL_EXPORT int pmjoint_filters_checkout(void) {
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT void filters_release(int mem) {
+CASADI_SYMBOL_EXPORT void pmjoint_filters_release(int mem) {
 }
 
-CASADI_SYMBOL_EXPORT void filters_incref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_filters_incref(void) {
 }
 
-CASADI_SYMBOL_EXPORT void filters_decref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_filters_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int filters_n_in(void) { return 4;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_filters_n_in(void) { return 4;}
 
-CASADI_SYMBOL_EXPORT casadi_int filters_n_out(void) { return 3;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_filters_n_out(void) { return 3;}
 
-CASADI_SYMBOL_EXPORT casadi_real filters_default_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT casadi_real pmjoint_filters_default_in(casadi_int i) {
   switch (i) {
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* filters_name_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_filters_name_in(casadi_int i) {
   switch (i) {
     case 0: return "y";
     case 1: return "s";
@@ -599,7 +599,7 @@ CASADI_SYMBOL_EXPORT const char* filters_name_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* filters_name_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_filters_name_out(casadi_int i) {
   switch (i) {
     case 0: return "xi_dot";
     case 1: return "Xi_dot";
@@ -608,7 +608,7 @@ CASADI_SYMBOL_EXPORT const char* filters_name_out(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* filters_sparsity_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_filters_sparsity_in(casadi_int i) {
   switch (i) {
     case 0: return casadi_s0;
     case 1: return casadi_s3;
@@ -618,7 +618,7 @@ CASADI_SYMBOL_EXPORT const casadi_int* filters_sparsity_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* filters_sparsity_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_filters_sparsity_out(casadi_int i) {
   switch (i) {
     case 0: return casadi_s2;
     case 1: return casadi_s6;
@@ -627,7 +627,7 @@ CASADI_SYMBOL_EXPORT const casadi_int* filters_sparsity_out(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT int filters_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_filters_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 4;
   if (sz_res) *sz_res = 3;
   if (sz_iw) *sz_iw = 0;
@@ -635,7 +635,7 @@ CASADI_SYMBOL_EXPORT int filters_work(casadi_int *sz_arg, casadi_int* sz_res, ca
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int filters_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_filters_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 4*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 3*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);
@@ -643,7 +643,7 @@ CASADI_SYMBOL_EXPORT int filters_work_bytes(casadi_int *sz_arg, casadi_int* sz_r
   return 0;
 }
 
-/* compensator:(y,s[8],du,p[21])->(r_dot[2]) */
+/* pmjoint_compensator:(y,s[8],du,p[21])->(r_dot[2]) */
 static int casadi_f4(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a0, a1, a2;
   a0=arg[1]? arg[1][7] : 0;
@@ -668,34 +668,34 @@ static int casadi_f4(const casadi_real** arg, casadi_real** res, casadi_int* iw,
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int compensator(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
+CASADI_SYMBOL_EXPORT int pmjoint_compensator(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
   return casadi_f4(arg, res, iw, w, mem);
 }
 
-CASADI_SYMBOL_EXPORT int compensator_checkout(void) {
+CASADI_SYMBOL_EXPORT int pmjoint_compensator_checkout(void) {
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT void compensator_release(int mem) {
+CASADI_SYMBOL_EXPORT void pmjoint_compensator_release(int mem) {
 }
 
-CASADI_SYMBOL_EXPORT void compensator_incref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_compensator_incref(void) {
 }
 
-CASADI_SYMBOL_EXPORT void compensator_decref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_compensator_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int compensator_n_in(void) { return 4;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_compensator_n_in(void) { return 4;}
 
-CASADI_SYMBOL_EXPORT casadi_int compensator_n_out(void) { return 1;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_compensator_n_out(void) { return 1;}
 
-CASADI_SYMBOL_EXPORT casadi_real compensator_default_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT casadi_real pmjoint_compensator_default_in(casadi_int i) {
   switch (i) {
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* compensator_name_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_compensator_name_in(casadi_int i) {
   switch (i) {
     case 0: return "y";
     case 1: return "s";
@@ -705,14 +705,14 @@ CASADI_SYMBOL_EXPORT const char* compensator_name_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* compensator_name_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_compensator_name_out(casadi_int i) {
   switch (i) {
     case 0: return "r_dot";
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* compensator_sparsity_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_compensator_sparsity_in(casadi_int i) {
   switch (i) {
     case 0: return casadi_s0;
     case 1: return casadi_s3;
@@ -722,14 +722,14 @@ CASADI_SYMBOL_EXPORT const casadi_int* compensator_sparsity_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* compensator_sparsity_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_compensator_sparsity_out(casadi_int i) {
   switch (i) {
     case 0: return casadi_s4;
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT int compensator_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_compensator_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 4;
   if (sz_res) *sz_res = 1;
   if (sz_iw) *sz_iw = 0;
@@ -737,7 +737,7 @@ CASADI_SYMBOL_EXPORT int compensator_work(casadi_int *sz_arg, casadi_int* sz_res
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int compensator_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_compensator_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 4*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 1*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);
@@ -745,7 +745,7 @@ CASADI_SYMBOL_EXPORT int compensator_work_bytes(casadi_int *sz_arg, casadi_int* 
   return 0;
 }
 
-/* estimate:(s[8],p[21])->(x_hat[3]) */
+/* pmjoint_estimate:(s[8],p[21])->(x_hat[3]) */
 static int casadi_f5(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a0, a1, a2, a3, a4, a5;
   a0=arg[1]? arg[1][1] : 0;
@@ -786,34 +786,34 @@ static int casadi_f5(const casadi_real** arg, casadi_real** res, casadi_int* iw,
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int estimate(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
+CASADI_SYMBOL_EXPORT int pmjoint_estimate(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
   return casadi_f5(arg, res, iw, w, mem);
 }
 
-CASADI_SYMBOL_EXPORT int estimate_checkout(void) {
+CASADI_SYMBOL_EXPORT int pmjoint_estimate_checkout(void) {
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT void estimate_release(int mem) {
+CASADI_SYMBOL_EXPORT void pmjoint_estimate_release(int mem) {
 }
 
-CASADI_SYMBOL_EXPORT void estimate_incref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_estimate_incref(void) {
 }
 
-CASADI_SYMBOL_EXPORT void estimate_decref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_estimate_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int estimate_n_in(void) { return 2;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_estimate_n_in(void) { return 2;}
 
-CASADI_SYMBOL_EXPORT casadi_int estimate_n_out(void) { return 1;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_estimate_n_out(void) { return 1;}
 
-CASADI_SYMBOL_EXPORT casadi_real estimate_default_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT casadi_real pmjoint_estimate_default_in(casadi_int i) {
   switch (i) {
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* estimate_name_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_estimate_name_in(casadi_int i) {
   switch (i) {
     case 0: return "s";
     case 1: return "p";
@@ -821,14 +821,14 @@ CASADI_SYMBOL_EXPORT const char* estimate_name_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* estimate_name_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_estimate_name_out(casadi_int i) {
   switch (i) {
     case 0: return "x_hat";
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* estimate_sparsity_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_estimate_sparsity_in(casadi_int i) {
   switch (i) {
     case 0: return casadi_s3;
     case 1: return casadi_s1;
@@ -836,14 +836,14 @@ CASADI_SYMBOL_EXPORT const casadi_int* estimate_sparsity_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* estimate_sparsity_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_estimate_sparsity_out(casadi_int i) {
   switch (i) {
     case 0: return casadi_s2;
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT int estimate_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_estimate_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 2;
   if (sz_res) *sz_res = 1;
   if (sz_iw) *sz_iw = 0;
@@ -851,7 +851,7 @@ CASADI_SYMBOL_EXPORT int estimate_work(casadi_int *sz_arg, casadi_int* sz_res, c
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int estimate_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_estimate_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 2*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 1*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);
@@ -859,7 +859,7 @@ CASADI_SYMBOL_EXPORT int estimate_work_bytes(casadi_int *sz_arg, casadi_int* sz_
   return 0;
 }
 
-/* disturbance:(t,x[3],w,p[21])->(D[3]) */
+/* pmjoint_disturbance:(t,x[3],w,p[21])->(D[3]) */
 static int casadi_f6(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a00, a01, a02, a03, a04, a05, a06, a07, a08, a09, a10, a11;
   a00=arg[1]? arg[1][0] : 0;
@@ -920,34 +920,34 @@ static int casadi_f6(const casadi_real** arg, casadi_real** res, casadi_int* iw,
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int disturbance(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
+CASADI_SYMBOL_EXPORT int pmjoint_disturbance(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
   return casadi_f6(arg, res, iw, w, mem);
 }
 
-CASADI_SYMBOL_EXPORT int disturbance_checkout(void) {
+CASADI_SYMBOL_EXPORT int pmjoint_disturbance_checkout(void) {
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT void disturbance_release(int mem) {
+CASADI_SYMBOL_EXPORT void pmjoint_disturbance_release(int mem) {
 }
 
-CASADI_SYMBOL_EXPORT void disturbance_incref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_disturbance_incref(void) {
 }
 
-CASADI_SYMBOL_EXPORT void disturbance_decref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_disturbance_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int disturbance_n_in(void) { return 4;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_disturbance_n_in(void) { return 4;}
 
-CASADI_SYMBOL_EXPORT casadi_int disturbance_n_out(void) { return 1;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_disturbance_n_out(void) { return 1;}
 
-CASADI_SYMBOL_EXPORT casadi_real disturbance_default_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT casadi_real pmjoint_disturbance_default_in(casadi_int i) {
   switch (i) {
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* disturbance_name_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_disturbance_name_in(casadi_int i) {
   switch (i) {
     case 0: return "t";
     case 1: return "x";
@@ -957,14 +957,14 @@ CASADI_SYMBOL_EXPORT const char* disturbance_name_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* disturbance_name_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_disturbance_name_out(casadi_int i) {
   switch (i) {
     case 0: return "D";
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* disturbance_sparsity_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_disturbance_sparsity_in(casadi_int i) {
   switch (i) {
     case 0: return casadi_s0;
     case 1: return casadi_s2;
@@ -974,14 +974,14 @@ CASADI_SYMBOL_EXPORT const casadi_int* disturbance_sparsity_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* disturbance_sparsity_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_disturbance_sparsity_out(casadi_int i) {
   switch (i) {
     case 0: return casadi_s2;
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT int disturbance_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_disturbance_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 4;
   if (sz_res) *sz_res = 1;
   if (sz_iw) *sz_iw = 0;
@@ -989,7 +989,7 @@ CASADI_SYMBOL_EXPORT int disturbance_work(casadi_int *sz_arg, casadi_int* sz_res
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int disturbance_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_disturbance_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 4*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 1*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);
@@ -997,7 +997,7 @@ CASADI_SYMBOL_EXPORT int disturbance_work_bytes(casadi_int *sz_arg, casadi_int* 
   return 0;
 }
 
-/* plant:(t,x[3],w,p[21])->(x_dot[3],e) */
+/* pmjoint_plant:(t,x[3],w,p[21])->(x_dot[3],e) */
 static int casadi_f7(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a0, a1, a2, a3, a4, a5, a6, a7, a8;
   a0=arg[1]? arg[1][1] : 0;
@@ -1047,34 +1047,34 @@ static int casadi_f7(const casadi_real** arg, casadi_real** res, casadi_int* iw,
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int plant(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
+CASADI_SYMBOL_EXPORT int pmjoint_plant(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
   return casadi_f7(arg, res, iw, w, mem);
 }
 
-CASADI_SYMBOL_EXPORT int plant_checkout(void) {
+CASADI_SYMBOL_EXPORT int pmjoint_plant_checkout(void) {
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT void plant_release(int mem) {
+CASADI_SYMBOL_EXPORT void pmjoint_plant_release(int mem) {
 }
 
-CASADI_SYMBOL_EXPORT void plant_incref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_plant_incref(void) {
 }
 
-CASADI_SYMBOL_EXPORT void plant_decref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_plant_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int plant_n_in(void) { return 4;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_plant_n_in(void) { return 4;}
 
-CASADI_SYMBOL_EXPORT casadi_int plant_n_out(void) { return 2;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_plant_n_out(void) { return 2;}
 
-CASADI_SYMBOL_EXPORT casadi_real plant_default_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT casadi_real pmjoint_plant_default_in(casadi_int i) {
   switch (i) {
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* plant_name_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_plant_name_in(casadi_int i) {
   switch (i) {
     case 0: return "t";
     case 1: return "x";
@@ -1084,7 +1084,7 @@ CASADI_SYMBOL_EXPORT const char* plant_name_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* plant_name_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_plant_name_out(casadi_int i) {
   switch (i) {
     case 0: return "x_dot";
     case 1: return "e";
@@ -1092,7 +1092,7 @@ CASADI_SYMBOL_EXPORT const char* plant_name_out(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* plant_sparsity_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_plant_sparsity_in(casadi_int i) {
   switch (i) {
     case 0: return casadi_s0;
     case 1: return casadi_s2;
@@ -1102,7 +1102,7 @@ CASADI_SYMBOL_EXPORT const casadi_int* plant_sparsity_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* plant_sparsity_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_plant_sparsity_out(casadi_int i) {
   switch (i) {
     case 0: return casadi_s2;
     case 1: return casadi_s0;
@@ -1110,7 +1110,7 @@ CASADI_SYMBOL_EXPORT const casadi_int* plant_sparsity_out(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT int plant_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_plant_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 4;
   if (sz_res) *sz_res = 2;
   if (sz_iw) *sz_iw = 0;
@@ -1118,7 +1118,7 @@ CASADI_SYMBOL_EXPORT int plant_work(casadi_int *sz_arg, casadi_int* sz_res, casa
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int plant_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_plant_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 4*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 2*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);
@@ -1126,7 +1126,7 @@ CASADI_SYMBOL_EXPORT int plant_work_bytes(casadi_int *sz_arg, casadi_int* sz_res
   return 0;
 }
 
-/* actuation:(p[21])->(limits[4]) */
+/* pmjoint_actuation:(p[21])->(limits[4]) */
 static int casadi_f8(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a0, a1;
   a0=0.;
@@ -1140,62 +1140,62 @@ static int casadi_f8(const casadi_real** arg, casadi_real** res, casadi_int* iw,
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int actuation(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
+CASADI_SYMBOL_EXPORT int pmjoint_actuation(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
   return casadi_f8(arg, res, iw, w, mem);
 }
 
-CASADI_SYMBOL_EXPORT int actuation_checkout(void) {
+CASADI_SYMBOL_EXPORT int pmjoint_actuation_checkout(void) {
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT void actuation_release(int mem) {
+CASADI_SYMBOL_EXPORT void pmjoint_actuation_release(int mem) {
 }
 
-CASADI_SYMBOL_EXPORT void actuation_incref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_actuation_incref(void) {
 }
 
-CASADI_SYMBOL_EXPORT void actuation_decref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_actuation_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int actuation_n_in(void) { return 1;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_actuation_n_in(void) { return 1;}
 
-CASADI_SYMBOL_EXPORT casadi_int actuation_n_out(void) { return 1;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_actuation_n_out(void) { return 1;}
 
-CASADI_SYMBOL_EXPORT casadi_real actuation_default_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT casadi_real pmjoint_actuation_default_in(casadi_int i) {
   switch (i) {
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* actuation_name_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_actuation_name_in(casadi_int i) {
   switch (i) {
     case 0: return "p";
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* actuation_name_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_actuation_name_out(casadi_int i) {
   switch (i) {
     case 0: return "limits";
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* actuation_sparsity_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_actuation_sparsity_in(casadi_int i) {
   switch (i) {
     case 0: return casadi_s1;
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* actuation_sparsity_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_actuation_sparsity_out(casadi_int i) {
   switch (i) {
     case 0: return casadi_s7;
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT int actuation_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_actuation_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 1;
   if (sz_res) *sz_res = 1;
   if (sz_iw) *sz_iw = 0;
@@ -1203,7 +1203,7 @@ CASADI_SYMBOL_EXPORT int actuation_work(casadi_int *sz_arg, casadi_int* sz_res, 
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int actuation_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_actuation_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 1*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 1*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);
@@ -1211,7 +1211,7 @@ CASADI_SYMBOL_EXPORT int actuation_work_bytes(casadi_int *sz_arg, casadi_int* sz
   return 0;
 }
 
-/* closed_loop:(t,X[11],g[2],p[21])->(X_dot[11],v,e) */
+/* pmjoint_closed_loop:(t,X[11],g[2],p[21])->(X_dot[11],v,e) */
 static int casadi_f9(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a00, a01, a02, a03, a04, a05, a06, a07, a08, a09, a10, a11;
   casadi_real a12, a13, a14, a15, a16, a17, a18, a19, a20, a21, a22, a23;
@@ -1401,34 +1401,34 @@ static int casadi_f9(const casadi_real** arg, casadi_real** res, casadi_int* iw,
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int closed_loop(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
+CASADI_SYMBOL_EXPORT int pmjoint_closed_loop(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
   return casadi_f9(arg, res, iw, w, mem);
 }
 
-CASADI_SYMBOL_EXPORT int closed_loop_checkout(void) {
+CASADI_SYMBOL_EXPORT int pmjoint_closed_loop_checkout(void) {
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT void closed_loop_release(int mem) {
+CASADI_SYMBOL_EXPORT void pmjoint_closed_loop_release(int mem) {
 }
 
-CASADI_SYMBOL_EXPORT void closed_loop_incref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_closed_loop_incref(void) {
 }
 
-CASADI_SYMBOL_EXPORT void closed_loop_decref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_closed_loop_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int closed_loop_n_in(void) { return 4;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_closed_loop_n_in(void) { return 4;}
 
-CASADI_SYMBOL_EXPORT casadi_int closed_loop_n_out(void) { return 3;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_closed_loop_n_out(void) { return 3;}
 
-CASADI_SYMBOL_EXPORT casadi_real closed_loop_default_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT casadi_real pmjoint_closed_loop_default_in(casadi_int i) {
   switch (i) {
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* closed_loop_name_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_closed_loop_name_in(casadi_int i) {
   switch (i) {
     case 0: return "t";
     case 1: return "X";
@@ -1438,7 +1438,7 @@ CASADI_SYMBOL_EXPORT const char* closed_loop_name_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* closed_loop_name_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_closed_loop_name_out(casadi_int i) {
   switch (i) {
     case 0: return "X_dot";
     case 1: return "v";
@@ -1447,7 +1447,7 @@ CASADI_SYMBOL_EXPORT const char* closed_loop_name_out(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* closed_loop_sparsity_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_closed_loop_sparsity_in(casadi_int i) {
   switch (i) {
     case 0: return casadi_s0;
     case 1: return casadi_s8;
@@ -1457,7 +1457,7 @@ CASADI_SYMBOL_EXPORT const casadi_int* closed_loop_sparsity_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* closed_loop_sparsity_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_closed_loop_sparsity_out(casadi_int i) {
   switch (i) {
     case 0: return casadi_s8;
     case 1: return casadi_s0;
@@ -1466,7 +1466,7 @@ CASADI_SYMBOL_EXPORT const casadi_int* closed_loop_sparsity_out(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT int closed_loop_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_closed_loop_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 4;
   if (sz_res) *sz_res = 3;
   if (sz_iw) *sz_iw = 0;
@@ -1474,7 +1474,7 @@ CASADI_SYMBOL_EXPORT int closed_loop_work(casadi_int *sz_arg, casadi_int* sz_res
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int closed_loop_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_closed_loop_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 4*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 3*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);
@@ -1482,7 +1482,7 @@ CASADI_SYMBOL_EXPORT int closed_loop_work_bytes(casadi_int *sz_arg, casadi_int* 
   return 0;
 }
 
-/* signals:(t,X[11],p[21])->(signals[14]) */
+/* pmjoint_signals:(t,X[11],p[21])->(signals[14]) */
 static int casadi_f10(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a00, a01, a02, a03, a04, a05, a06, a07, a08, a09, a10, a11;
   casadi_real a12, a13, a14, a15, a16, a17, a18, a19, a20, a21, a22, a23;
@@ -1666,34 +1666,34 @@ static int casadi_f10(const casadi_real** arg, casadi_real** res, casadi_int* iw
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int signals(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
+CASADI_SYMBOL_EXPORT int pmjoint_signals(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
   return casadi_f10(arg, res, iw, w, mem);
 }
 
-CASADI_SYMBOL_EXPORT int signals_checkout(void) {
+CASADI_SYMBOL_EXPORT int pmjoint_signals_checkout(void) {
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT void signals_release(int mem) {
+CASADI_SYMBOL_EXPORT void pmjoint_signals_release(int mem) {
 }
 
-CASADI_SYMBOL_EXPORT void signals_incref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_signals_incref(void) {
 }
 
-CASADI_SYMBOL_EXPORT void signals_decref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_signals_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int signals_n_in(void) { return 3;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_signals_n_in(void) { return 3;}
 
-CASADI_SYMBOL_EXPORT casadi_int signals_n_out(void) { return 1;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_signals_n_out(void) { return 1;}
 
-CASADI_SYMBOL_EXPORT casadi_real signals_default_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT casadi_real pmjoint_signals_default_in(casadi_int i) {
   switch (i) {
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* signals_name_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_signals_name_in(casadi_int i) {
   switch (i) {
     case 0: return "t";
     case 1: return "X";
@@ -1702,14 +1702,14 @@ CASADI_SYMBOL_EXPORT const char* signals_name_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* signals_name_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_signals_name_out(casadi_int i) {
   switch (i) {
     case 0: return "signals";
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* signals_sparsity_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_signals_sparsity_in(casadi_int i) {
   switch (i) {
     case 0: return casadi_s0;
     case 1: return casadi_s8;
@@ -1718,14 +1718,14 @@ CASADI_SYMBOL_EXPORT const casadi_int* signals_sparsity_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* signals_sparsity_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_signals_sparsity_out(casadi_int i) {
   switch (i) {
     case 0: return casadi_s9;
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT int signals_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_signals_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 3;
   if (sz_res) *sz_res = 1;
   if (sz_iw) *sz_iw = 0;
@@ -1733,7 +1733,7 @@ CASADI_SYMBOL_EXPORT int signals_work(casadi_int *sz_arg, casadi_int* sz_res, ca
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int signals_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_signals_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 3*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 1*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);
@@ -1741,7 +1741,7 @@ CASADI_SYMBOL_EXPORT int signals_work_bytes(casadi_int *sz_arg, casadi_int* sz_r
   return 0;
 }
 
-/* filter_matrix:(p[21])->(A0[9]) */
+/* pmjoint_filter_matrix:(p[21])->(A0[9]) */
 static int casadi_f11(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a0, a1, a2;
   a0=arg[0]? arg[0][12] : 0;
@@ -1764,62 +1764,62 @@ static int casadi_f11(const casadi_real** arg, casadi_real** res, casadi_int* iw
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int filter_matrix(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
+CASADI_SYMBOL_EXPORT int pmjoint_filter_matrix(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
   return casadi_f11(arg, res, iw, w, mem);
 }
 
-CASADI_SYMBOL_EXPORT int filter_matrix_checkout(void) {
+CASADI_SYMBOL_EXPORT int pmjoint_filter_matrix_checkout(void) {
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT void filter_matrix_release(int mem) {
+CASADI_SYMBOL_EXPORT void pmjoint_filter_matrix_release(int mem) {
 }
 
-CASADI_SYMBOL_EXPORT void filter_matrix_incref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_filter_matrix_incref(void) {
 }
 
-CASADI_SYMBOL_EXPORT void filter_matrix_decref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_filter_matrix_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int filter_matrix_n_in(void) { return 1;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_filter_matrix_n_in(void) { return 1;}
 
-CASADI_SYMBOL_EXPORT casadi_int filter_matrix_n_out(void) { return 1;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_filter_matrix_n_out(void) { return 1;}
 
-CASADI_SYMBOL_EXPORT casadi_real filter_matrix_default_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT casadi_real pmjoint_filter_matrix_default_in(casadi_int i) {
   switch (i) {
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* filter_matrix_name_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_filter_matrix_name_in(casadi_int i) {
   switch (i) {
     case 0: return "p";
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* filter_matrix_name_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_filter_matrix_name_out(casadi_int i) {
   switch (i) {
     case 0: return "A0";
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* filter_matrix_sparsity_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_filter_matrix_sparsity_in(casadi_int i) {
   switch (i) {
     case 0: return casadi_s1;
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* filter_matrix_sparsity_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_filter_matrix_sparsity_out(casadi_int i) {
   switch (i) {
     case 0: return casadi_s10;
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT int filter_matrix_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_filter_matrix_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 1;
   if (sz_res) *sz_res = 1;
   if (sz_iw) *sz_iw = 0;
@@ -1827,7 +1827,7 @@ CASADI_SYMBOL_EXPORT int filter_matrix_work(casadi_int *sz_arg, casadi_int* sz_r
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int filter_matrix_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_filter_matrix_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 1*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 1*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);
@@ -1835,7 +1835,7 @@ CASADI_SYMBOL_EXPORT int filter_matrix_work_bytes(casadi_int *sz_arg, casadi_int
   return 0;
 }
 
-/* compensator_matrix:(p[21])->(Ar[4]) */
+/* pmjoint_compensator_matrix:(p[21])->(Ar[4]) */
 static int casadi_f12(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a0;
   a0=arg[0]? arg[0][10] : 0;
@@ -1851,62 +1851,62 @@ static int casadi_f12(const casadi_real** arg, casadi_real** res, casadi_int* iw
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int compensator_matrix(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
+CASADI_SYMBOL_EXPORT int pmjoint_compensator_matrix(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
   return casadi_f12(arg, res, iw, w, mem);
 }
 
-CASADI_SYMBOL_EXPORT int compensator_matrix_checkout(void) {
+CASADI_SYMBOL_EXPORT int pmjoint_compensator_matrix_checkout(void) {
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT void compensator_matrix_release(int mem) {
+CASADI_SYMBOL_EXPORT void pmjoint_compensator_matrix_release(int mem) {
 }
 
-CASADI_SYMBOL_EXPORT void compensator_matrix_incref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_compensator_matrix_incref(void) {
 }
 
-CASADI_SYMBOL_EXPORT void compensator_matrix_decref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_compensator_matrix_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int compensator_matrix_n_in(void) { return 1;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_compensator_matrix_n_in(void) { return 1;}
 
-CASADI_SYMBOL_EXPORT casadi_int compensator_matrix_n_out(void) { return 1;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_compensator_matrix_n_out(void) { return 1;}
 
-CASADI_SYMBOL_EXPORT casadi_real compensator_matrix_default_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT casadi_real pmjoint_compensator_matrix_default_in(casadi_int i) {
   switch (i) {
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* compensator_matrix_name_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_compensator_matrix_name_in(casadi_int i) {
   switch (i) {
     case 0: return "p";
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* compensator_matrix_name_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_compensator_matrix_name_out(casadi_int i) {
   switch (i) {
     case 0: return "Ar";
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* compensator_matrix_sparsity_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_compensator_matrix_sparsity_in(casadi_int i) {
   switch (i) {
     case 0: return casadi_s1;
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* compensator_matrix_sparsity_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_compensator_matrix_sparsity_out(casadi_int i) {
   switch (i) {
     case 0: return casadi_s7;
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT int compensator_matrix_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_compensator_matrix_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 1;
   if (sz_res) *sz_res = 1;
   if (sz_iw) *sz_iw = 0;
@@ -1914,7 +1914,7 @@ CASADI_SYMBOL_EXPORT int compensator_matrix_work(casadi_int *sz_arg, casadi_int*
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int compensator_matrix_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_compensator_matrix_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 1*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 1*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);
@@ -1922,7 +1922,7 @@ CASADI_SYMBOL_EXPORT int compensator_matrix_work_bytes(casadi_int *sz_arg, casad
   return 0;
 }
 
-/* sampled_update:(y,s[8],u,v,h[26],p[21])->(s_next[8]) */
+/* pmjoint_sampled_update:(y,s[8],u,v,h[26],p[21])->(s_next[8]) */
 static int casadi_f13(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a00, a01, a02, a03, a04, a05, a06, a07, a08, a09, a10, a11;
   casadi_real a12, a13, a14, a15, a16;
@@ -2066,34 +2066,34 @@ static int casadi_f13(const casadi_real** arg, casadi_real** res, casadi_int* iw
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int sampled_update(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
+CASADI_SYMBOL_EXPORT int pmjoint_sampled_update(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem){
   return casadi_f13(arg, res, iw, w, mem);
 }
 
-CASADI_SYMBOL_EXPORT int sampled_update_checkout(void) {
+CASADI_SYMBOL_EXPORT int pmjoint_sampled_update_checkout(void) {
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT void sampled_update_release(int mem) {
+CASADI_SYMBOL_EXPORT void pmjoint_sampled_update_release(int mem) {
 }
 
-CASADI_SYMBOL_EXPORT void sampled_update_incref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_sampled_update_incref(void) {
 }
 
-CASADI_SYMBOL_EXPORT void sampled_update_decref(void) {
+CASADI_SYMBOL_EXPORT void pmjoint_sampled_update_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int sampled_update_n_in(void) { return 6;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_sampled_update_n_in(void) { return 6;}
 
-CASADI_SYMBOL_EXPORT casadi_int sampled_update_n_out(void) { return 1;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_sampled_update_n_out(void) { return 1;}
 
-CASADI_SYMBOL_EXPORT casadi_real sampled_update_default_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT casadi_real pmjoint_sampled_update_default_in(casadi_int i) {
   switch (i) {
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* sampled_update_name_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_sampled_update_name_in(casadi_int i) {
   switch (i) {
     case 0: return "y";
     case 1: return "s";
@@ -2105,14 +2105,14 @@ CASADI_SYMBOL_EXPORT const char* sampled_update_name_in(casadi_int i) {
   }
 }
 
-CASADI_SYMBOL_EXPORT const char* sampled_update_name_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const char* pmjoint_sampled_update_name_out(casadi_int i) {
   switch (i) {
     case 0: return "s_next";
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* sampled_update_sparsity_in(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_sampled_update_sparsity_in(casadi_int i) {
   switch (i) {
     case 0: return casadi_s0;
     case 1: return casadi_s3;
@@ -2124,14 +2124,14 @@ CASADI_SYMBOL_EXPORT const casadi_int* sampled_update_sparsity_in(casadi_int i) 
   }
 }
 
-CASADI_SYMBOL_EXPORT const casadi_int* sampled_update_sparsity_out(casadi_int i) {
+CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_sampled_update_sparsity_out(casadi_int i) {
   switch (i) {
     case 0: return casadi_s3;
     default: return 0;
   }
 }
 
-CASADI_SYMBOL_EXPORT int sampled_update_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_sampled_update_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 6;
   if (sz_res) *sz_res = 1;
   if (sz_iw) *sz_iw = 0;
@@ -2139,7 +2139,7 @@ CASADI_SYMBOL_EXPORT int sampled_update_work(casadi_int *sz_arg, casadi_int* sz_
   return 0;
 }
 
-CASADI_SYMBOL_EXPORT int sampled_update_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
+CASADI_SYMBOL_EXPORT int pmjoint_sampled_update_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
   if (sz_arg) *sz_arg = 6*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 1*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);

@@ -4,7 +4,7 @@
  */
 #include "lanes.h"
 
-void actuation_lanes(const pmj_lanes *p, pmj_lanes *restrict limits)
+void pmj_actuation_lanes(const pmj_lanes *p, pmj_lanes *restrict limits)
 {
     limits[0] = pmj_all(0.0);
     limits[1] = pmj_all(1.0);
@@ -13,7 +13,7 @@ void actuation_lanes(const pmj_lanes *p, pmj_lanes *restrict limits)
     limits[3] = p[5];
 }
 
-void matrices_lanes(const pmj_lanes *p, pmj_lanes *restrict matrices)
+void pmj_matrices_lanes(const pmj_lanes *p, pmj_lanes *restrict matrices)
 {
     const pmj_lanes a0 = -p[12];
     matrices[0] = a0;
@@ -35,8 +35,8 @@ void matrices_lanes(const pmj_lanes *p, pmj_lanes *restrict matrices)
     matrices[12] = a16;
 }
 
-void taylor_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, const pmj_lanes *p,
-                  pmj_lanes *restrict c)
+void pmj_taylor_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, const pmj_lanes *p,
+                      pmj_lanes *restrict c)
 {
     c[0] = X[0];
     c[1] = X[1];
@@ -1215,8 +1215,8 @@ void taylor_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, co
     c[168] = a1168;
 }
 
-void guard_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, const pmj_lanes *p, const pmj_lanes *R,
-                 const pmj_lanes *P, pmj_lanes *restrict rest)
+void pmj_guard_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, const pmj_lanes *p,
+                     const pmj_lanes *R, const pmj_lanes *P, pmj_lanes *restrict rest)
 {
     (void)X;
     (void)P;
@@ -1339,8 +1339,8 @@ void guard_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, con
     rest[12] = a56;
 }
 
-void rates_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, const pmj_lanes *p,
-                 pmj_lanes *restrict rates)
+void pmj_rates_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, const pmj_lanes *p,
+                     pmj_lanes *restrict rates)
 {
     const pmj_lanes a0 = 1.0 / p[19];
     const pmj_lanes a1 = p[18] + a0;
@@ -1490,8 +1490,9 @@ void rates_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, con
     rates[12] = a140;
 }
 
-void arrive_lanes(const pmj_lanes *c, const pmj_lanes *h, pmj_lanes *restrict X, pmj_lanes *restrict slope,
-                  pmj_lanes *restrict ends, pmj_lanes *restrict v, pmj_lanes *restrict e, pmj_lanes *restrict square)
+void pmj_arrive_lanes(const pmj_lanes *c, const pmj_lanes *h, pmj_lanes *restrict X, pmj_lanes *restrict slope,
+                      pmj_lanes *restrict ends, pmj_lanes *restrict v, pmj_lanes *restrict e,
+                      pmj_lanes *restrict square)
 {
     const pmj_lanes a0 = c[156] * h[0];
     const pmj_lanes a1 = a0 + c[143];
@@ -2269,7 +2270,7 @@ void arrive_lanes(const pmj_lanes *c, const pmj_lanes *h, pmj_lanes *restrict X,
     square[0] = a772;
 }
 
-void bernstein_lanes(const pmj_lanes *a, pmj_lanes *restrict b)
+void pmj_bernstein_lanes(const pmj_lanes *a, pmj_lanes *restrict b)
 {
     b[0] = a[0];
     const pmj_lanes a1 = 0.08333333333333333 * a[1];
@@ -2375,7 +2376,8 @@ void bernstein_lanes(const pmj_lanes *a, pmj_lanes *restrict b)
     b[12] = a100;
 }
 
-void plant_lanes(const pmj_lanes *t, const pmj_lanes *x, const pmj_lanes *w, const pmj_lanes *p, pmj_lanes *restrict c)
+void pmj_plant_lanes(const pmj_lanes *t, const pmj_lanes *x, const pmj_lanes *w, const pmj_lanes *p,
+                     pmj_lanes *restrict c)
 {
     c[0] = x[0];
     c[1] = x[1];
@@ -2485,8 +2487,8 @@ void plant_lanes(const pmj_lanes *t, const pmj_lanes *x, const pmj_lanes *w, con
     c[23] = a101;
 }
 
-void plant_guard_lanes(const pmj_lanes *t, const pmj_lanes *x, const pmj_lanes *w, const pmj_lanes *p,
-                       const pmj_lanes *R, const pmj_lanes *P, pmj_lanes *restrict rest)
+void pmj_plant_guard_lanes(const pmj_lanes *t, const pmj_lanes *x, const pmj_lanes *w, const pmj_lanes *p,
+                           const pmj_lanes *R, const pmj_lanes *P, pmj_lanes *restrict rest)
 {
     (void)x;
     (void)w;
@@ -2546,8 +2548,8 @@ void plant_guard_lanes(const pmj_lanes *t, const pmj_lanes *x, const pmj_lanes *
     rest[3] = a48;
 }
 
-void plant_rates_lanes(const pmj_lanes *t, const pmj_lanes *x, const pmj_lanes *w, const pmj_lanes *p,
-                       pmj_lanes *restrict rates)
+void pmj_plant_rates_lanes(const pmj_lanes *t, const pmj_lanes *x, const pmj_lanes *w, const pmj_lanes *p,
+                           pmj_lanes *restrict rates)
 {
     const pmj_lanes a0 = 1.0 / p[19];
     const pmj_lanes a1 = p[18] + a0;
@@ -2582,8 +2584,8 @@ void plant_rates_lanes(const pmj_lanes *t, const pmj_lanes *x, const pmj_lanes *
     rates[3] = a28;
 }
 
-void sample_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *h, const pmj_lanes *p,
-                  pmj_lanes *restrict v, pmj_lanes *restrict w, pmj_lanes *restrict c, pmj_lanes *restrict s_next)
+void pmj_sample_lanes(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *h, const pmj_lanes *p,
+                      pmj_lanes *restrict v, pmj_lanes *restrict w, pmj_lanes *restrict c, pmj_lanes *restrict s_next)
 {
     const pmj_lanes a0 = p[6] + p[8];
     const pmj_lanes a1 = a0 - p[10];

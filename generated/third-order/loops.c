@@ -5,7 +5,7 @@
 #include "sampled.h"
 
 /* taylor:(t[1],X[11],g[2],p[21])->(c[221]) */
-int taylor(const double **arg, double **res, long long int *iw, double *w, int mem)
+int pmjoint_taylor(const double **arg, double **res, long long int *iw, double *w, int mem)
 {
     (void)iw;
     (void)w;
@@ -1562,7 +1562,7 @@ int taylor(const double **arg, double **res, long long int *iw, double *w, int m
     return 0;
 }
 
-int taylor_work(long long int *sz_arg, long long int *sz_res, long long int *sz_iw, long long int *sz_w)
+int pmjoint_taylor_work(long long int *sz_arg, long long int *sz_res, long long int *sz_iw, long long int *sz_w)
 {
     *sz_arg = 4;
     *sz_res = 1;
@@ -1572,7 +1572,7 @@ int taylor_work(long long int *sz_arg, long long int *sz_res, long long int *sz_
 }
 
 /* guard:(t[1],X[11],g[2],p[21],R[1],P[11])->(rest[13]) */
-int guard(const double **arg, double **res, long long int *iw, double *w, int mem)
+int pmjoint_guard(const double **arg, double **res, long long int *iw, double *w, int mem)
 {
     (void)iw;
     (void)w;
@@ -1709,7 +1709,7 @@ int guard(const double **arg, double **res, long long int *iw, double *w, int me
     return 0;
 }
 
-int guard_work(long long int *sz_arg, long long int *sz_res, long long int *sz_iw, long long int *sz_w)
+int pmjoint_guard_work(long long int *sz_arg, long long int *sz_res, long long int *sz_iw, long long int *sz_w)
 {
     *sz_arg = 6;
     *sz_res = 1;
@@ -1719,7 +1719,7 @@ int guard_work(long long int *sz_arg, long long int *sz_res, long long int *sz_i
 }
 
 /* plant_taylor:(t[1],x[3],w[1],p[21])->(c[44]) */
-int plant_taylor(const double **arg, double **res, long long int *iw, double *w, int mem)
+int pmjoint_plant_taylor(const double **arg, double **res, long long int *iw, double *w, int mem)
 {
     (void)iw;
     (void)w;
@@ -1921,7 +1921,7 @@ int plant_taylor(const double **arg, double **res, long long int *iw, double *w,
     return 0;
 }
 
-int plant_taylor_work(long long int *sz_arg, long long int *sz_res, long long int *sz_iw, long long int *sz_w)
+int pmjoint_plant_taylor_work(long long int *sz_arg, long long int *sz_res, long long int *sz_iw, long long int *sz_w)
 {
     *sz_arg = 4;
     *sz_res = 1;
@@ -1931,7 +1931,7 @@ int plant_taylor_work(long long int *sz_arg, long long int *sz_res, long long in
 }
 
 /* plant_guard:(t[1],x[3],w[1],p[21],R[1],P[3])->(rest[4]) */
-int plant_guard(const double **arg, double **res, long long int *iw, double *w, int mem)
+int pmjoint_plant_guard(const double **arg, double **res, long long int *iw, double *w, int mem)
 {
     (void)iw;
     (void)w;
@@ -1992,7 +1992,7 @@ int plant_guard(const double **arg, double **res, long long int *iw, double *w, 
     return 0;
 }
 
-int plant_guard_work(long long int *sz_arg, long long int *sz_res, long long int *sz_iw, long long int *sz_w)
+int pmjoint_plant_guard_work(long long int *sz_arg, long long int *sz_res, long long int *sz_iw, long long int *sz_w)
 {
     *sz_arg = 6;
     *sz_res = 1;
@@ -2001,7 +2001,7 @@ int plant_guard_work(long long int *sz_arg, long long int *sz_res, long long int
     return 0;
 }
 
-int sample(const double **arg, double **res, long long int *iw, double *w, int mem)
+int pmjoint_sample(const double **arg, double **res, long long int *iw, double *w, int mem)
 {
     (void)iw;
     (void)w;
@@ -2010,7 +2010,7 @@ int sample(const double **arg, double **res, long long int *iw, double *w, int m
     return 0;
 }
 
-int sample_work(long long int *sz_arg, long long int *sz_res, long long int *sz_iw, long long int *sz_w)
+int pmjoint_sample_work(long long int *sz_arg, long long int *sz_res, long long int *sz_iw, long long int *sz_w)
 {
     *sz_arg = 4;
     *sz_res = 4;

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from pmjoint_codegen.check.bits import different_bits
 from pmjoint_codegen.check.inputs.points import batches
+from pmjoint_codegen.kernels.declarations import exported
 from pmjoint_codegen.kernels.evaluator import Evaluator
 from pmjoint_codegen.manifest import Function, Manifest
 
@@ -75,7 +76,7 @@ def program(manifest: Manifest) -> str:
 
 def _row(function: Function) -> str:
     sizes = ", ".join(str(size) for _, size in (*function.inputs, *function.outputs))
-    return f"  {{{function.name}, {len(function.inputs)}, {len(function.outputs)}, {{{sizes}}}}}"
+    return f"  {{{exported(function.name)}, {len(function.inputs)}, {len(function.outputs)}, {{{sizes}}}}}"
 
 
 def feed(evaluator: Evaluator) -> tuple[bytes, bytes]:

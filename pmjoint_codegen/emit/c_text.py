@@ -11,6 +11,7 @@ from collections.abc import Iterable
 
 import casadi as ca
 
+from pmjoint_codegen.kernels.declarations import exported
 from pmjoint_codegen.manifest import Function
 
 _CONVENTION = """\
@@ -27,7 +28,7 @@ def banner(lines: list[str]) -> str:
 
 
 def kernels_source(rows: Iterable[ca.Function], head: str) -> str:
-    """``kernels.c``: every row of the table, in order, as CasADi prints it.
+    """``kernels.c``: every row of the table, in order, as CasADi prints it under its name in C.
 
     Args:
         rows: the functions.
@@ -35,7 +36,16 @@ def kernels_source(rows: Iterable[ca.Function], head: str) -> str:
     """
     generator = ca.CodeGenerator("kernels", {"static_aux": True, "with_header": False})
     for function in rows:
-        generator.add(function)
+        symbols = function.sx_in()
+        generator.add(
+            ca.Function(
+                exported(function.name()),
+                symbols,
+                function.call(symbols),
+                function.name_in(),
+                function.name_out(),
+            )
+        )
     return f'{head}#include "kernels.h"\n\n{generator.dump()}'
 
 
@@ -50,10 +60,11 @@ def _declaration(function: Function) -> str:
     inputs, outputs = _vectors(function.inputs), _vectors(function.outputs)
     number = f", {function.equation}" if function.equation else ""
     comment = f"/* {function.about}{number}: ({inputs}) -> ({outputs}); {function.operations} operations */"
+    name = exported(function.name)
     return (
         f"{comment}\n"
-        f"int {function.name}(const double **arg, double **res, long long int *iw, double *w, int mem);\n"
-        f"int {function.name}_work(long long int *sz_arg, long long int *sz_res,\n"
+        f"int {name}(const double **arg, double **res, long long int *iw, double *w, int mem);\n"
+        f"int {name}_work(long long int *sz_arg, long long int *sz_res,\n"
         "    long long int *sz_iw, long long int *sz_w);"
     )
 

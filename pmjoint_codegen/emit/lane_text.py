@@ -45,4 +45,4 @@ def lanes_header(tapes: Sequence[Tape], sizes: Mapping[str, int | str], head: st
 
 
 def _signature(tape: Tape) -> str:
-    return signature(tape, f"void {tape.name}(", dialect().number)
+    return signature(tape, f"void pmj_{tape.name}(", dialect().number)

@@ -16,6 +16,7 @@ from dataclasses import replace
 from pmjoint_codegen.emit.compact import Compact
 from pmjoint_codegen.emit.compact_text import phases
 from pmjoint_codegen.emit.print_c import Dialect, definition, print_c, signature
+from pmjoint_codegen.kernels.declarations import exported
 from pmjoint_codegen.kernels.tape import Tape
 
 HEADER = "sampled.h"
@@ -100,15 +101,16 @@ def compact_kernel(tape: Tape, compact: Compact) -> str:
 
 def kernel(tape: Tape, body: Sequence[str]) -> str:
     """A function of CasADi's convention around a body, and its ``_work``."""
+    name = exported(tape.name)
     lines = "\n".join(f"    {line}" for line in ["(void)iw;", "(void)w;", "(void)mem;", *body])
     return f"""\
-int {tape.name}(const double **arg, double **res, long long int *iw, double *w, int mem)
+int {name}(const double **arg, double **res, long long int *iw, double *w, int mem)
 {{
 {lines}
     return 0;
 }}
 
-int {tape.name}_work(long long int *sz_arg, long long int *sz_res, long long int *sz_iw, long long int *sz_w)
+int {name}_work(long long int *sz_arg, long long int *sz_res, long long int *sz_iw, long long int *sz_w)
 {{
     *sz_arg = {len(tape.inputs)};
     *sz_res = {len(tape.outputs)};

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from pmjoint_codegen.compile.compiler import Compiler
 from pmjoint_codegen.compile.library import FLAGS, build
 from pmjoint_codegen.errors import BuildError, SimulationError, StaleError
-from pmjoint_codegen.kernels.declarations import MODULE, declarations, load_library, to_module
+from pmjoint_codegen.kernels.declarations import MODULE, declarations, exported, load_library, to_module
 from pmjoint_codegen.kernels.evaluator import (
     Array,
     Kernels,
@@ -68,7 +68,7 @@ class CompiledEvaluator(Kernels):
         description = find_function(self.manifest, name)
         arg = self.ffi.new("const double *[]", len(description.inputs))
         res = self.ffi.new("double *[]", len(description.outputs))
-        call = self.ffi.cast("pmj_kernel", getattr(self.lib, name))
+        call = self.ffi.cast("pmj_kernel", getattr(self.lib, exported(name)))
         # kernels.h: iw and w are unused and may be null.
         return BoundFunction(
             self.ffi.new("pmj_function *", {"call": call, "arg": arg, "res": res}), (arg, res), self.lib

@@ -23,6 +23,11 @@ MODULE = "declarations.py"
 _COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
 
 
+def exported(name: str) -> str:
+    """The name in C of a kernel: a linker's names are everybody's."""
+    return f"pmjoint_{name}"
+
+
 def declarations(kernels_header: str, runtime_header: str, names: Iterable[str]) -> str:
     """Collect the declarations to give to cffi.
 
@@ -35,10 +40,11 @@ def declarations(kernels_header: str, runtime_header: str, names: Iterable[str])
         ValueError: the header declares no such kernel.
     """
     declared = {re.split(r"[\s(]+", line)[1]: line for line in _statements(kernels_header)}
-    missing = [name for name in names if name not in declared]
+    wanted = {name: exported(name) for name in names}
+    missing = [name for name, symbol in wanted.items() if symbol not in declared]
     if missing:
         raise ValueError(f"kernels.h declares no {', '.join(missing)}")
-    return "\n".join([*_lines(runtime_header), *(declared[name] for name in names)])
+    return "\n".join([*_lines(runtime_header), *(declared[symbol] for symbol in wanted.values())])
 
 
 def to_module(text: str) -> str:

@@ -31,6 +31,7 @@ from pmjoint_codegen.emit import lane_text, scalar_text
 from pmjoint_codegen.emit.functions import build_functions, lane_functions
 from pmjoint_codegen.emit.print_c import steps
 from pmjoint_codegen.emit.tape import tape_of
+from pmjoint_codegen.kernels.declarations import exported
 from pmjoint_codegen.kernels.evaluator import Kernel, Kind
 from pmjoint_codegen.kernels.interpreted import InterpretedEvaluator
 from pmjoint_codegen.kernels.processor import usable_levels
@@ -227,7 +228,9 @@ def test_changes_of_the_functions_over_lanes_are_caught(
         if " = " in line
         for what, wrong in (*changed(line), *moved(line))
     ][:: max(len(lines) // (400 if "guard" in name else 40), 1)]
-    texts = ["\n".join(body).replace(f"{name}(", f"mutant_{i}(", 1) for i, (_, body) in enumerate(mutants)]
+    texts = [
+        "\n".join(body).replace(f"pmj_{name}(", f"pmj_mutant_{i}(", 1) for i, (_, body) in enumerate(mutants)
+    ]
     library = Lanes(compiler, cache, function, texts)
 
     def of_the_gate(mutant: Function) -> list[Batch]:
@@ -266,7 +269,7 @@ class Called:
                 (pointer * len(side))(*(array[row].ctypes.data_as(pointer) for array in side))
                 for side in (given, results)
             )
-            getattr(self.library, name)(arg, res, None, None, 0)
+            getattr(self.library, exported(name))(arg, res, None, None, 0)
         return results
 
 

@@ -112,7 +112,9 @@ def test_compiled_code_has_the_bits_of_the_unrolled_function(
     unrolled = compact.unrolled()
     source = f"#include <math.h>\n{HELPERS}\n{compact_kernel(tape_of(unrolled), compact)}\n"
     tmp_path.chmod(0o700)
-    kernel = ctypes.CDLL(str(build({"taylor.c": source.encode()}, compiler, tmp_path) / LIBRARY)).taylor
+    kernel = ctypes.CDLL(
+        str(build({"taylor.c": source.encode()}, compiler, tmp_path) / LIBRARY)
+    ).pmjoint_taylor
     pointer = ctypes.POINTER(ctypes.c_double)
     for point in points(loop):
         found = np.full(unrolled.numel_out(0), np.nan)

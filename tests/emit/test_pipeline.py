@@ -73,20 +73,25 @@ def test_manifest_survives_its_file(artifacts: Artifacts) -> None:
 
 def test_header_declares_every_kernel_of_the_table(artifacts: Artifacts, paper: Derivation) -> None:
     names = [row.name for row in (*kernel_table(paper), *LOOPS)]
-    declared = re.findall(r"^int (\w+)\(const double \*\*arg", artifacts.files["kernels.h"], re.MULTILINE)
+    declared = re.findall(
+        r"^int pmjoint_(\w+)\(const double \*\*arg", artifacts.files["kernels.h"], re.MULTILINE
+    )
     assert declared == names == [item.name for item in artifacts.manifest.functions]
     assert list(read_tapes(artifacts.files["kernels.tape"])) == names
     made = {row.name for row in LOOPS}
     for name in names:
         file = "loops.c" if name in made else "kernels.c"
-        assert re.search(rf"^(?:CASADI_SYMBOL_EXPORT )?int {name}\(", artifacts.files[file], re.M)
+        assert re.search(rf"^(?:CASADI_SYMBOL_EXPORT )?int pmjoint_{name}\(", artifacts.files[file], re.M)
 
 
 def test_kernels_c_is_what_casadi_prints(artifacts: Artifacts, paper: Derivation) -> None:
     """But for the banner and the header's name; each function may be printed alone, too."""
     generator = ca.CodeGenerator("kernels", {"static_aux": True, "with_header": False})
     for kernel in kernel_table(paper):
-        generator.add(build_function(kernel, paper))
+        function = build_function(kernel, paper)
+        symbols = function.sx_in()
+        labels = function.name_in(), function.name_out()
+        generator.add(ca.Function(f"pmjoint_{kernel.name}", symbols, function.call(symbols), *labels))
     head, text = artifacts.files["kernels.c"].split('#include "kernels.h"\n\n')
     assert text == generator.dump()
     assert re.fullmatch(r"/\*[^/]*\*/\n", head)

@@ -90,7 +90,7 @@ def test_every_operation_is_that_of_the_interpreter(tmp_path: Path) -> None:
     (tmp_path / "f.c").write_text(text)
     flags = ["-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror", "-fPIC", "-shared"]
     subprocess.run(["cc", *flags, "f.c", "-o", "f.so", "-lm"], cwd=tmp_path, check=True)
-    call, pointer = ctypes.CDLL(str(tmp_path / "f.so")).f, ctypes.POINTER(ctypes.c_double)
+    call, pointer = ctypes.CDLL(str(tmp_path / "f.so")).pmjoint_f, ctypes.POINTER(ctypes.c_double)
     for a in SPECIAL:
         for b in SPECIAL:
             found = np.empty(len(entries))

@@ -18,6 +18,7 @@ from pmjoint_derive.signals import partial_name
 
 ROOT = Path(__file__).resolve().parents[2]
 SHIPPED = sorted(path.stem for path in (ROOT / "models").glob("*.toml"))
+PREFIX = re.compile(r"pmj(oint)?_")
 DEFINED = re.compile(r"^(?:CASADI_SYMBOL_EXPORT )?(\w[\w ]*?)[ *]+(\w+)\([^;{}]*\)\s*\{", re.MULTILINE)
 # what CasADi's calling convention adds to each function
 COMPANION = re.compile(
@@ -34,7 +35,9 @@ def exported(folder: Path) -> set[str]:
         for kind, name in DEFINED.findall(file.read_text(encoding="utf-8"))
         if "static" not in kind.split() and not name.startswith("kernels_casadi_")
     }
-    return {name for name in found if COMPANION.sub("", name) not in found - {name}}
+    alone = {name for name in found if COMPANION.sub("", name) not in found - {name}}
+    assert all(PREFIX.match(name) for name in alone), "a linker's names are everybody's"
+    return {PREFIX.sub("", name) for name in alone}
 
 
 @pytest.mark.parametrize("name", SHIPPED)

@@ -162,8 +162,8 @@ def test_a_missing_or_incomplete_generated_file_is_stale(
     if compiler is not None:
         with pytest.raises(StaleError):
             compiled.load(tmp_path, manifest, compiler, tmp_path)
-        (tmp_path / "kernels.c").write_text("int law(void);\nint law(void) { return 0; }\n")
-        (tmp_path / "kernels.h").write_text("int law(void);\n")
+        (tmp_path / "kernels.c").write_text("int pmjoint_law(void);\nint pmjoint_law(void) { return 0; }\n")
+        (tmp_path / "kernels.h").write_text("int pmjoint_law(void);\n")
         for name in ("loops.c", "sampled.h"):
             with pytest.raises(StaleError, match=re.escape(name)):
                 compiled.load(tmp_path, manifest, compiler, tmp_path / "cache")
@@ -196,7 +196,8 @@ def test_what_cannot_be_loaded_here_is_refused_with_the_loaders_words(
 
 
 def test_declarations_survive_as_python_text() -> None:
-    kernels = "/* int gone(void); */\n#define X 1\nint law(int);\n int law_work(int);\nint plant(int\n b);\n"
+    kernels = "/* int gone(void); */\n#define X 1\nint pmjoint_law(int);\n int pmjoint_law_work(int);\n"
+    kernels += "int pmjoint_plant(int\n b);\n"
     loops = "#if 1\ntypedef struct { long long n; } thing; /* x */\n#endif\n"
     text = declarations(kernels, loops, ["plant", "law"])
     assert "gone" not in text

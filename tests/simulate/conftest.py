@@ -17,12 +17,12 @@ from pmjoint_codegen.manifest import Function, GuardRule, Manifest, Parameter, S
 
 ORDER = 8
 KERNELS_H = """
-int reference(const double **arg, double **res, long long int *iw, double *w, int mem);
-int actuation(const double **arg, double **res, long long int *iw, double *w, int mem);
-int signals(const double **arg, double **res, long long int *iw, double *w, int mem);
-int taylor(const double **arg, double **res, long long int *iw, double *w, int mem);
-int guard(const double **arg, double **res, long long int *iw, double *w, int mem);
-int closed_loop(const double **arg, double **res, long long int *iw, double *w, int mem);
+int pmjoint_reference(const double **arg, double **res, long long int *iw, double *w, int mem);
+int pmjoint_actuation(const double **arg, double **res, long long int *iw, double *w, int mem);
+int pmjoint_signals(const double **arg, double **res, long long int *iw, double *w, int mem);
+int pmjoint_taylor(const double **arg, double **res, long long int *iw, double *w, int mem);
+int pmjoint_guard(const double **arg, double **res, long long int *iw, double *w, int mem);
+int pmjoint_closed_loop(const double **arg, double **res, long long int *iw, double *w, int mem);
 """
 # x' = w = g0 + g1 v with v = p1 + p2 t + ... + p7 t^6, clipped at +-p0; y_r = 0. Polynomials of order 8 miss
 # nothing of it, so the guard is 0.
@@ -36,14 +36,14 @@ static double polynomial(const double *p, double t)
     for (int k = DEGREE; k >= 0; --k) { sum = sum * t + p[1 + k]; }
     return sum;
 }
-int reference(const double **arg, double **res, long long int *iw, double *w, int mem)
+int pmjoint_reference(const double **arg, double **res, long long int *iw, double *w, int mem)
 {
     (void)arg; (void)iw; (void)w; (void)mem;
     res[0][0] = 0.0;
     res[0][1] = 0.0;
     return 0;
 }
-int actuation(const double **arg, double **res, long long int *iw, double *w, int mem)
+int pmjoint_actuation(const double **arg, double **res, long long int *iw, double *w, int mem)
 {
     (void)iw; (void)w; (void)mem;
     res[0][0] = 0.0;
@@ -52,7 +52,7 @@ int actuation(const double **arg, double **res, long long int *iw, double *w, in
     res[0][3] = arg[0][0];
     return 0;
 }
-int signals(const double **arg, double **res, long long int *iw, double *w, int mem)
+int pmjoint_signals(const double **arg, double **res, long long int *iw, double *w, int mem)
 {
     const double v = polynomial(arg[2], arg[0][0]);
     const double limit = arg[2][0];
@@ -64,7 +64,7 @@ int signals(const double **arg, double **res, long long int *iw, double *w, int 
     res[0][4] = v < -limit ? -limit : v > limit ? limit : v;
     return 0;
 }
-int taylor(const double **arg, double **res, long long int *iw, double *w, int mem)
+int pmjoint_taylor(const double **arg, double **res, long long int *iw, double *w, int mem)
 {
     double v[ORDER + 1];
     (void)iw; (void)w; (void)mem;
@@ -86,13 +86,13 @@ int taylor(const double **arg, double **res, long long int *iw, double *w, int m
     }
     return 0;
 }
-int guard(const double **arg, double **res, long long int *iw, double *w, int mem)
+int pmjoint_guard(const double **arg, double **res, long long int *iw, double *w, int mem)
 {
     (void)arg; (void)iw; (void)w; (void)mem;
     res[0][0] = res[0][1] = res[0][2] = 0.0;
     return 0;
 }
-int closed_loop(const double **arg, double **res, long long int *iw, double *w, int mem)
+int pmjoint_closed_loop(const double **arg, double **res, long long int *iw, double *w, int mem)
 {
     const double v = polynomial(arg[3], arg[0][0]);
     (void)iw; (void)w; (void)mem;

@@ -68,7 +68,7 @@ class LaneLibrary:
 
         ffi = cffi.FFI()
         for name, count in arities.items():
-            ffi.cdef(f"void {name}({', '.join(['void *'] * count)});")
+            ffi.cdef(f"void pmj_{name}({', '.join(['void *'] * count)});")
         return cls(ffi, ffi.dlopen(str(file)), width)
 
     def call(self, name: str, arguments: Sequence[Array], sizes: Sequence[int]) -> tuple[Array, ...]:
@@ -82,7 +82,7 @@ class LaneLibrary:
         Returns:
             One array a result, shape (points, size).
         """
-        function, points = getattr(self.library, name), len(arguments[0])
+        function, points = getattr(self.library, f"pmj_{name}"), len(arguments[0])
         given = [self._vectors(max(array.shape[1], 1)) for array in arguments]
         taken = [self._vectors(max(size, 1)) for size in sizes]
         pointers = [self.ffi.cast("void *", array.ctypes.data) for array in (*given, *taken)]
@@ -150,7 +150,7 @@ def _probe(item: Row) -> str:
     operands = ("a", "b")[: item.arity]
     arguments = ", ".join([*(f"const pmj_lanes *{name}" for name in operands), "pmj_lanes *result"])
     value = item.lanes.format(*(f"*{name}" for name in operands))
-    return f"void probe_{item.name}({arguments})\n{{\n    *result = {value};\n}}"
+    return f"void pmj_probe_{item.name}({arguments})\n{{\n    *result = {value};\n}}"
 
 
 def compare(

@@ -285,7 +285,7 @@ static void advance(const pmj_sweep *sweep, const pmj_flow *flow, pmj_group *all
     const pmj_lanes end = pmj_select(all->h < remaining, all->runs.t + all->h, pmj_all(sweep->horizon));
     all->t_before = all->runs.t;
     all->runs.t = pmj_select(ready, end, all->runs.t);
-    arrive_lanes(c, &all->h, X, all->slope, all->ends, all->v, all->e, &all->square);
+    pmj_arrive_lanes(c, &all->h, X, all->slope, all->ends, all->v, all->e, &all->square);
     for (int i = 0; i < PMJ_NS; ++i) {
         all->X_before[i] = all->runs.X[i];
         all->runs.X[i] = pmj_select(ready, X[i], all->runs.X[i]);
@@ -305,7 +305,7 @@ void pmj_continuous_batch(const pmj_sweep *sweep, const pmj_results *results)
     }
     pmj_enter(&all);
     while (all.runs.busy > 0) {
-        taylor_lanes(&all.runs.t, all.runs.X, all.g, all.runs.p, all.c[1 - current]);
+        pmj_taylor_lanes(&all.runs.t, all.runs.X, all.g, all.runs.p, all.c[1 - current]);
         const pmj_mask ready = judge(sweep, results, &flow, &all, all.c[current], all.c[1 - current]);
         current = 1 - current;
         advance(sweep, &flow, &all, all.c[current], ready);

@@ -54,7 +54,7 @@ static void write_last(const pmj_sweep *sweep, const pmj_results *results, pmj_s
 /* What v is and does at the sample of each lane in `at`. */
 static void take(const pmj_sweep *sweep, pmj_sampled_group *all, pmj_mask at)
 {
-    sample_lanes(&all->runs.t, all->runs.X, all->h, all->runs.p, &all->v, all->w, all->c, all->next);
+    pmj_sample_lanes(&all->runs.t, all->runs.X, all->h, all->runs.p, &all->v, all->w, all->c, all->next);
     const pmj_mask left = ~((all->v > all->runs.low) & (all->v <= all->runs.high)) & at;
     if (pmj_any(left)) {
         note_modes(sweep, all, left);

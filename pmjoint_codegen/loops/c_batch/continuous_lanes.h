@@ -44,7 +44,7 @@ static inline pmj_flow pmj_closed_loop(void)
     static const int states[] = PMJ_LOOP_BENT_STATES_LIST;
     static const int rests[] = PMJ_LOOP_BENT_RESTS_LIST;
     const pmj_flow flow = {
-        CHANNELS, PMJ_NS, V, PMJ_ORDER, states, PMJ_LOOP_BENT_STATES, rests, PMJ_LOOP_BENT_RESTS, guard_lanes, rates_lanes,
+        CHANNELS, PMJ_NS, V, PMJ_ORDER, states, PMJ_LOOP_BENT_STATES, rests, PMJ_LOOP_BENT_RESTS, pmj_guard_lanes, pmj_rates_lanes,
     };
     return flow;
 }

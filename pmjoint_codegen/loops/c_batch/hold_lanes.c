@@ -45,7 +45,7 @@ static pmj_flow plant_flow(void)
     static const int rests[] = PMJ_PLANT_BENT_RESTS_LIST;
     const pmj_flow flow = {
         CHANNELS, PMJ_NX, -1, PMJ_HOLD_ORDER, states, PMJ_PLANT_BENT_STATES, rests, PMJ_PLANT_BENT_RESTS,
-        plant_guard_lanes, plant_rates_lanes,
+        pmj_plant_guard_lanes, pmj_plant_rates_lanes,
     };
     return flow;
 }
@@ -57,7 +57,7 @@ static pmj_lanes hold_miss(const pmj_sweep *sweep, const pmj_sampled_group *all,
     pmj_lanes rest[CHANNELS];
     pmj_lanes most = pmj_all(0.0);
     pmj_mask bad = {0};
-    plant_guard_lanes(&t, x, all->w, all->runs.p, &R, P, rest);
+    pmj_plant_guard_lanes(&t, x, all->w, all->runs.p, &R, P, rest);
     for (int i = 0; i < CHANNELS; ++i) {
         const pmj_lanes miss = i < PMJ_NX ? sweep->hold_rule.factors[disc] * rest[i] * length
                                           : sweep->hold_value_factors[disc] * rest[i];
@@ -206,7 +206,7 @@ pmj_lanes pmj_hold_lanes(const pmj_sweep *sweep, const pmj_results *results, pmj
     once = once & shown(sweep, all, once, left);
     if (PMJ_NK > 0 && pmj_any(on & ~once)) { /* where an argument is 0, the sample has neither side */
         pmj_lanes c[(PMJ_HOLD_ORDER + 1) * CHANNELS];
-        plant_lanes(&t, all->x, all->w, all->runs.p, c);
+        pmj_plant_lanes(&t, all->x, all->w, all->runs.p, c);
         for (int i = 0; i < (PMJ_HOLD_ORDER + 1) * CHANNELS; ++i) {
             all->c[i] = pmj_select(once, all->c[i], c[i]);
         }
@@ -257,7 +257,7 @@ pmj_lanes pmj_hold_lanes(const pmj_sweep *sweep, const pmj_results *results, pmj
             return e;
         }
         once = (pmj_mask){0};
-        plant_lanes(&t, all->x, all->w, all->runs.p, all->c);
+        pmj_plant_lanes(&t, all->x, all->w, all->runs.p, all->c);
         pmj_inverse_scales(all->c, CHANNELS, scales);
     }
 }

@@ -17,7 +17,7 @@ void pmj_matrices(long long runs, const double *p, double *matrices)
                 values[i][w] = p[run * PMJ_NP + i];
             }
         }
-        matrices_lanes(values, result);
+        pmj_matrices_lanes(values, result);
         for (int w = 0; w < PMJ_WIDTH && first + w < runs; ++w) {
             for (int i = 0; i < PMJ_NM; ++i) {
                 matrices[(first + w) * PMJ_NM + i] = result[i][w];

@@ -62,7 +62,7 @@ pmj_lanes pmj_mean_square(const pmj_lanes *a, int degree)
 static void bernstein(const pmj_lanes *a, int degree, pmj_lanes *b)
 {
     if (degree == PMJ_ORDER) {
-        bernstein_lanes(a, b);
+        pmj_bernstein_lanes(a, b);
         return;
     }
     double binomial = 1.0;

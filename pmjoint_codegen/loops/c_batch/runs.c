@@ -46,7 +46,7 @@ void pmj_load(const pmj_sweep *sweep, pmj_runs *runs, int w)
 void pmj_load_actuators(pmj_runs *runs)
 {
     pmj_lanes limits[4 * PMJ_NW];
-    actuation_lanes(runs->p, limits);
+    pmj_actuation_lanes(runs->p, limits);
     for (int w = 0; w < PMJ_WIDTH; ++w) {
         if (runs->fresh[w]) {
             double channels[4 * PMJ_NW];
