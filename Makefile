@@ -1,5 +1,5 @@
 # Each target does one thing; continuous integration calls the same ones.
-# Paths are relative throughout, so a checkout may stand in a folder whose name has spaces.
+# Paths are relative throughout, so a checkout may be in a folder whose name has spaces.
 
 PYTHON ?= python3
 MODEL  ?= paper
@@ -20,10 +20,10 @@ simulate: environment ## the model's closed loop: table, figures and data under 
 test: environment-dev ## the test suite (ARGS="-k taylor")
 	@$(run) pytest $(ARGS)
 
-regenerate: environment ## write generated/ anew from the model files
+regenerate: environment ## rewrite generated/ from the model files
 	@$(run) pmjoint_codegen regenerate $(ARGS)
 
-check: environment ## hold generated/ against the models: staleness, proofs, error bounds, trajectories, compilers
+check: environment ## check generated/ against the models: staleness, proofs, error bounds, trajectories, compilers
 	@$(run) pmjoint_codegen check $(ARGS)
 
 coverage: environment-dev ## branch coverage of the derivation and of what checks it; at least 95 %
@@ -35,22 +35,22 @@ lint: environment-dev ## style and types
 	@$(run) ruff format --check --quiet
 	@$(run) mypy --no-error-summary
 
-format: environment-dev ## put the source into the project's layout
+format: environment-dev ## format the source
 	@$(run) ruff format --quiet
 	@$(run) ruff check --quiet --fix
 
-bench: environment-bench ## ratios to public tools, side by side in one run; installs those tools
+bench: environment-bench ## benchmarks against public tools, side by side in one run; installs those tools
 	@$(run) benchmarks $(ARGS)
 
-bench-smoke: environment-dev ## every benchmark for a moment, with the tools that are there; measures nothing
+bench-smoke: environment-dev ## a short run of every benchmark with the installed tools; measures nothing
 	@$(run) benchmarks --quick
 
-docs: environment-dev ## draw docs/figures (make bench: its own) and write docs/audit.md anew
+docs: environment-dev ## draw docs/figures (make bench draws its own) and rewrite docs/audit.md
 	@$(run) docs.draw
 	@$(run) pmjoint_codegen audit --format markdown --out docs/audit.md
 
-# UPGRADE=--upgrade takes the newest versions that pyproject.toml allows; without it, pins stay where they can.
-# Extras stay in the locks: an old pip takes `coverage[toml]` for another requirement than `coverage==...`.
+# UPGRADE=--upgrade takes the newest versions that pyproject.toml allows; without it, pins stay where possible.
+# Extras stay in the locks: an old pip treats `coverage[toml]` as a different requirement from `coverage==...`.
 pin = UV_CUSTOM_COMPILE_COMMAND="make lock" $(run) uv pip compile --quiet --universal --python-version 3.11 \
 	--generate-hashes --no-emit-index-url --no-strip-extras $(UPGRADE)
 compile = $(pin) --group editable --extra derive pyproject.toml
