@@ -5,7 +5,7 @@
     run = ClosedLoop.load("paper").simulate(horizon=20.0, parameters={"c1": 20.0})
     run.t, run["x1"], run.summary
 
-Importing the package imports nothing else: a public name is looked up where it lives when it is first used.
+Importing the package imports nothing else: a public name is imported on first use.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ __all__ = [
 
 
 def _home(name: str) -> str | None:
-    """Name the module in which a public name lives, or None for a name that is not public."""
+    """Name the module that defines a public name, or None for a name that is not public."""
     if name == "ClosedLoop":
         return "pmjoint_codegen.closed_loop"
     if name == "Run":
@@ -60,7 +60,7 @@ def __getattr__(name: str) -> object:
     if home is None:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value: object = getattr(import_module(home), name)
-    globals()[name] = value  # the next look-up does not come here
+    globals()[name] = value  # later look-ups bypass this function
     return value
 
 

@@ -30,23 +30,23 @@ Stage = Callable[[str, float], None]  # name, part done
 
 
 def _to_stderr(line: str) -> None:
-    if sys.stderr is not None:  # `print` takes None for standard output
+    if sys.stderr is not None:  # `print` would take None as standard output
         print(line, file=sys.stderr)
 
 
 def _silent(_line: str) -> None:
-    """A copy has nothing new to say."""
+    """Print nothing: a copy has nothing new to report."""
 
 
 @dataclass(frozen=True)
 class Source:
-    """What a closed loop is loaded from: what a copy in another process is made of.
+    """What a closed loop is loaded from; a copy in another process is made from it.
 
     Attributes:
         file: the model file, an absolute path.
-        document: its contents, as read once: the file may have changed since, or been a pipe.
+        document: its contents, read once: the file may have changed since, or been a pipe.
         evaluator, reference, disturbance: as for `ClosedLoop.load`.
-        environment: for compiler and cache folder; None: of the process that loads.
+        environment: for compiler and cache folder; None: that of the loading process.
     """
 
     file: Path
@@ -61,8 +61,8 @@ class Source:
 class ClosedLoop:
     """A model with its kernels, ready to run.
 
-    It can be pickled and copied: the copy is loaded anew from the same model and settings, and takes the
-    build from the cache.
+    It can be pickled and copied: the copy is reloaded from the same model and settings, and reuses the
+    build in the cache.
 
     Attributes:
         evaluator: of the kernels, compiled or interpreted.
@@ -86,17 +86,17 @@ class ClosedLoop:
 
         Args:
             model: name, or path of a model file.
-            evaluator: ``compiled``, ``interpreted``, or None: compiled where a compiler is found.
+            evaluator: ``compiled``, ``interpreted``, or None: compiled if a compiler is found.
             reference: another y_r, a function of t and parameters.
-            disturbance: another disturbance, one expression a state.
+            disturbance: another disturbance, one expression per state.
             environment: for compiler and cache folder; the process's own by default.
-            notify: told, in one line, what the user should know.
-            stage: told what takes time, by name, and the part of it that is done.
+            notify: called with a one-line message for the user.
+            stage: called with the name of a slow stage and the fraction of it completed.
 
         Raises:
             ModelError: the model cannot be found, read or derived.
             StaleError: a generated file was edited by hand.
-            MissingToolError: no compiler although ``compiled`` is asked for, or an extra is not installed.
+            MissingToolError: ``compiled`` was requested without a compiler, or an extra is not installed.
             BuildError: the compiler failed.
             UsageError: an unknown evaluator.
         """
@@ -124,22 +124,22 @@ class ClosedLoop:
     def simulate(
         self, *, progress: Callable[[float], None] | None = None, **asked: Unpack[RunOptions]
     ) -> Run:
-        """Integrate the closed loop; what is not given is as the model file says.
+        """Integrate the closed loop; defaults come from the model file.
 
         Args:
             horizon: s.
             parameters: overrides of parameters and gains, by name, in the units of the model file; ``J`` sets
-                what the controller believes and, unless ``J_plant`` is given too, what the plant has.
-            x0: initial states: of a joint theta, theta_dot and, where pressures lag, q1 and q2, given or left
-                out together; of any other plant its own. The controller starts at 0.
+                the controller's value and, unless ``J_plant`` is given too, the plant's.
+            x0: initial states: for a joint theta, theta_dot and, where pressures lag, q1 and q2, which may be
+                omitted together; for any other plant its own. The controller starts at 0.
             output_step: s, at most the horizon.
             controller: ``continuous``, or ``sampled`` as on a microcontroller.
             sample_time: s, of the sampled controller, at most the horizon.
             compensator: False: r = 0, plain clipping.
             tolerance: local error, relative to max(1, |value|); by default 1e-10.
-            max_step: s; no step of the integration is longer.
+            max_step: longest integration step, s.
             divergence: a state beyond it ends the run; by default 1e4, more for pressures or a distant start.
-            progress: told the fraction done now and then.
+            progress: called periodically with the fraction completed.
 
         Raises:
             UsageError: a setting is unknown, of the wrong length, or out of range.
@@ -158,11 +158,11 @@ class ClosedLoop:
         *,
         parameters: Mapping[str, float] | None = None,
     ) -> Array:
-        """Evaluate v of (29); leading dimensions broadcast. For one state after another, `law` is faster.
+        """Evaluate v of (29); leading dimensions broadcast. For single states in sequence, `law` is faster.
 
         Args:
-            state: controller states s = (xi, Xi, lambda, r), shape (..., ns); a whole closed-loop state X,
-                shape (..., nX), is taken as well, and its s used.
+            state: controller states s = (xi, Xi, lambda, r), shape (..., ns); or a whole closed-loop state X,
+                shape (..., nX), of which s is used.
             y: measured output, shape (...).
             reference: y_r and its derivatives up to order rho, shape (..., rho + 1).
             parameters: overrides, by name.
@@ -181,7 +181,7 @@ class ClosedLoop:
         return self.evaluator.call("law", output, s, reference, p, results=("v",))[0][..., 0]
 
     def law(self, *, parameters: Mapping[str, float] | None = None) -> Law:
-        """Make v of (29) ready for one state after another: ``law(state, y, reference)`` gives a number.
+        """Prepare v of (29) for single states in sequence: ``law(state, y, reference)`` gives a number.
 
         Args:
             parameters: overrides, by name.
@@ -199,14 +199,14 @@ class ClosedLoop:
         return Simulator(self.evaluator)
 
     def __reduce__(self) -> tuple[type[ClosedLoop], tuple[PreparingEvaluator]]:
-        """Pickle and copy without what is prepared for runs: it belongs to this process."""
+        """Pickle and copy without data prepared for runs: it belongs to this process."""
         return ClosedLoop, (self.evaluator,)
 
 
 def evaluator_of(
     source: Source, notify: Notify = _silent, stage: Stage = lambda name, done: None
 ) -> PreparingEvaluator:
-    """Load the kernels of a model that has been read; raises what `ClosedLoop.load` raises."""
+    """Load the kernels of a model that has been read; raises the errors of `ClosedLoop.load`."""
     from pmjoint_codegen.provision import provide_document
 
     known = os.environ if source.environment is None else source.environment
@@ -242,7 +242,7 @@ def _evaluator(
             "no C compiler was found (CC, cc, gcc, clang)", remedy=f"install one: {INSTALL}"
         )
     if kind is None:
-        notify(f"no C compiler was found, so the kernels run interpreted; for the fast way: {INSTALL}")
+        notify(f"no C compiler was found, so the kernels run interpreted, slower; to compile them: {INSTALL}")
     from pmjoint_codegen.kernels import interpreted
 
     return interpreted.load(provided.folder, provided.manifest)

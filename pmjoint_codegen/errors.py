@@ -2,16 +2,16 @@
 
     PmjointError                 where, what and remedy; ``str()`` is one clear line
       UsageError        exit 2   bad option, unknown ``--set`` name, unwritable ``--out``
-        ResourceError   exit 3   the machine gave out: a full disk, a quota, a failing device
+        ResourceError   exit 3   a resource failed: a full disk, a quota, a failing device
       ModelError        exit 2   model file: missing, not UTF-8, unknown key, bad expression, no such plant
-      StaleError        exit 1   ``generated/`` is not what the model says, or was edited by hand
-        OtherVersionError exit 1 it was written by another version of this package
+      StaleError        exit 1   ``generated/`` does not follow from the model, or was edited by hand
+        OtherVersionError exit 1 written by another version of this package
       CheckFailed       exit 1   a check found a difference
-      MissingToolError  exit 3   no compiler where one is demanded, or an absent extra; the remedy installs it
-      BuildError        exit 3   the compiler failed; ``output`` holds all that it said
+      MissingToolError  exit 3   a required compiler or extra is absent; the remedy installs it
+      BuildError        exit 3   the compiler failed; ``output`` holds all its output
       SimulationError   exit 3   a run failed; ``run`` holds the trajectory so far and its status
 
-Only the command line turns an error into an exit code; everything below it raises.
+Only the command line turns an error into an exit code; all other code raises.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _LONGEST_QUOTE = 60  # characters of foreign text that a message repeats
 
 
 def quoted(value: object) -> str:
-    """Show a value of the user's in a message: text in quotes, cut where it is long."""
+    """Show a user's value in a message: text in quotes, cut if it is long."""
     if isinstance(value, int) and not isinstance(value, bool) and value.bit_length() > 200:
         return "a whole number of more than 60 digits"  # which Python may refuse to print
     shown = repr(value[: _LONGEST_QUOTE + 1]) if isinstance(value, str) else str(value)
@@ -49,20 +49,20 @@ def quoted(value: object) -> str:
 
 
 def did_you_mean(asked: str, known: Iterable[str], shown: Callable[[str], str] = repr) -> str:
-    """Ask whether the known name closest to a wrong one was meant, a space after it; empty where none is."""
-    from difflib import get_close_matches  # slow to import, and of use to a wrong name alone
+    """Suggest the known name closest to a wrong one, with a space after it; empty if none is close."""
+    from difflib import get_close_matches  # slow to import, and used for wrong names only
 
     close = get_close_matches(asked[:300], list(known), n=1)
     return f"did you mean {shown(close[0])}? " if close else ""
 
 
 def installing(requirement: str) -> str:
-    """Give the line that installs a package for the interpreter that runs, whatever `pip` the shell finds."""
+    """Give the line that installs a package for the running interpreter, whichever `pip` the shell finds."""
     return f"{shlex.quote(sys.executable or 'python3')} -m pip install '{requirement}'"
 
 
 def _one_line(text: str) -> str:
-    """Fold whitespace and escape what does not print: a message stays one line and steers no terminal."""
+    """Fold whitespace and escape what does not print: a message is one line and cannot steer a terminal."""
     folded = " ".join(text.split())
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in folded)
 
@@ -70,7 +70,7 @@ def _one_line(text: str) -> str:
 class PmjointError(Exception):
     """What went wrong, where, and what the user can do about it.
 
-    ``str()`` gives ``where: what; remedy``, on one line, leaving out what is empty.
+    ``str()`` gives ``where: what; remedy`` on one line, without empty parts.
     """
 
     exit_code: ClassVar[int] = 3
@@ -89,7 +89,7 @@ class PmjointError(Exception):
         return f"{place}{self.what}{advice}"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle whole: a worker process hands its error to the parent."""
+        """Pickle all attributes: a worker process passes its error to the parent."""
         return _restore, (type(self), self.__dict__)
 
 
@@ -106,7 +106,7 @@ class ModelError(PmjointError):
 
 
 class StaleError(PmjointError):
-    """Generated files do not follow from the model any more, or were edited by hand."""
+    """Generated files no longer follow from the model, or were edited by hand."""
 
     exit_code = 1
 
@@ -135,9 +135,9 @@ class BuildError(PmjointError):
 
 
 class ResourceError(UsageError):
-    """The request is sound, but the machine gave out under it: a full disk, a quota, a failing device.
+    """The request is valid, but a resource failed: a full disk, a quota, a failing device.
 
-    A `UsageError` to code that catches what cannot be written; a failed run to whoever reads the exit code.
+    Code that catches unwritable files sees a `UsageError`; the exit code is that of a failed run.
     """
 
     exit_code = 3

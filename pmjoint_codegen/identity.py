@@ -1,8 +1,8 @@
-"""What makes two models the same: hashes over the parsed model file, not over its text.
+"""When two models are the same: hashes over the parsed model file, not over its text.
 
-Comments, layout and ``15`` against ``15.0`` do not matter. The *model* hash covers everything; ``model.json``
-holds it. The *structure* hash covers only what shapes the kernels; their banners show it. Another value of a
-parameter or gain changes no kernel, so that compiled code is used again.
+Comments, layout and ``15`` versus ``15.0`` do not matter. The *model* hash covers everything; ``model.json``
+holds it. The *structure* hash covers only what shapes the kernels; their banners show it. A new value of a
+parameter or gain changes no kernel, so compiled code is reused.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ def canonical_hash(value: Any) -> str:
 
 
 def model_hash(document: Document) -> str:
-    """Hash of everything that a model file says."""
+    """Hash of everything in a model file."""
     return canonical_hash(document)
 
 
-_REMARKS = {"disturbance_bound", "range"}  # said of the plant, not part of it
+_REMARKS = {"disturbance_bound", "range"}  # statements about the plant, not part of it
 
 
 def structure(document: Document) -> dict[str, Any]:
-    """The part of a model file that shapes its kernels: expressions, names in their order, and sizes."""
+    """The part of a model file that shapes its kernels: expressions, names in order, and sizes."""
     plant = dict(document.get("plant", {}))
     for key in _REMARKS:
         plant.pop(key, None)

@@ -1,7 +1,7 @@
-"""``model.json``: everything that the runtime knows of a generated model.
+"""``model.json``: everything that the runtime knows about a generated model.
 
 The toolchain writes it, the runtime reads it; neither needs the other. All records are frozen; tuples keep
-the order in which the kernels take and give their vectors.
+the order of the kernels' input and output vectors.
 """
 
 from __future__ import annotations
@@ -48,12 +48,12 @@ class Parameter:
 
     Attributes:
         name: as on the command line.
-        value: default, as the kernels take it: of a joint in SI units.
+        value: default, as the kernels take it: in SI units for a joint.
         unit: physical unit, as in the model file.
         about: one line for the reader.
         kind: ``plant``, ``gain``, ``switch`` or ``own``: the simulated plant's own value, such as
-            ``J_plant``, of a parameter that the controller uses too. It equals that one where nobody sets it.
-        scale: how many SI units `unit` is, as a decimal; "1" where values are given as the kernels take them.
+            ``J_plant``, of a parameter that the controller uses too. It equals that one unless set.
+        scale: how many SI units `unit` is, as a decimal; "1" if kernels take values as given.
     """
 
     name: str
@@ -87,11 +87,11 @@ class Function:
 
 @dataclass(frozen=True)
 class GuardRule:
-    """How far a step's polynomials are compared with the right-hand side, and what that leaves open.
+    """Where a step's polynomials are compared with the right-hand side, and the bound on the remainder.
 
     Attributes:
         order: N of the polynomials.
-        inside: points n_j inside the step, as parts of it; its end is compared as well.
+        inside: points n_j inside the step, as fractions of it; its end is compared as well.
         lebesgue: L, factor on the largest defect found at these points.
         remainder: W of the remainder ``W / (s^N prod_j (s - n_j)) s/(s - 1)``, with the end among the n_j.
     """
@@ -108,7 +108,7 @@ class Simulation:
 
     Attributes:
         reference: y_r as a function of t.
-        disturbance: one expression a state.
+        disturbance: one expression per state.
         x0: initial states, those of `Manifest.start`.
         horizon: s.
         output_step: s.
@@ -127,13 +127,13 @@ class Simulation:
 
 @dataclass(frozen=True)
 class Start:
-    """What a run starts from, and the plant's states there.
+    """The initial values of a run, and the plant's states there.
 
     Attributes:
-        variables: the states that x0 gives, in order: those of the plant or, of a joint, the physical ones.
+        variables: the states in x0, in order: those of the plant or, for a joint, the physical ones.
         required: how many of them must be given; the others start at 0.
-        terms: the plant's states, one expression each of the variables and of parameters, in Python's
-            notation. They follow the plant's own parameters, so that x0 means the same whatever those are.
+        terms: the plant's states, each an expression of the variables and of parameters, in Python's
+            notation. They use the plant's own parameters, so x0 means the same for all of their values.
     """
 
     variables: tuple[Variable, ...]
@@ -159,7 +159,7 @@ class Start:
         if self.terms == self.names:
             return x0
         columns = {**parameters, **dict(zip(self.names, x0.T, strict=True))}
-        with np.errstate(all="ignore"):  # what is not finite is refused, or marked, by who asks
+        with np.errstate(all="ignore"):  # the caller refuses or marks non-finite values
             found = (np.asarray(evaluate(tree, columns), dtype=np.float64) for tree in self._trees)
             return np.column_stack([np.broadcast_to(values, len(x0)) for values in found])
 
@@ -172,7 +172,7 @@ class Manifest:
         name: folder under ``generated/``.
         title: one line for people.
         source: where model and numbers come from.
-        model_hash: of all that the model file says.
+        model_hash: of everything in the model file.
         versions: of the tools that shape the text.
         n: order of the design's plant.
         m: number of its zeros.
@@ -185,13 +185,13 @@ class Manifest:
         leading: expression of b_m.
         disturbance_bound: D_max, or None.
         kinks: arguments of abs and sign in the plant's rates, inner ones first; each has its zeros located.
-        windows: whether one look at the plant's guard serves many holds.
-        guards: the rule of the steps of each Taylor kernel, by its name.
+        windows: whether one evaluation of the plant's guard serves many holds.
+        guards: the rule for steps of each Taylor kernel, by its name.
         states: entries of X.
-        start: what x0 gives, and the plant's states there.
+        start: the meaning of x0, and the plant's states there.
         blocks: index range of x, xi, Xi, lambda, r in X.
         parameters: entries of p.
-        rules: what values of the parameters obey beyond the rules of every design.
+        rules: constraints on the parameters beyond those of every design.
         signals: entries of the ``signals`` kernel.
         partials: names of the ``partials`` kernel's entries.
         functions: all kernels.
@@ -240,7 +240,7 @@ class Manifest:
 
     @cached_property
     def scales(self) -> Mapping[str, str]:
-        """Scales of the parameters that the model file states in other than SI units, by name."""
+        """Scales of the parameters that the model file states in non-SI units, by name."""
         return {item.name: item.scale for item in self.parameters if item.scale != SI}
 
     def written(self, values: Mapping[str, float]) -> dict[str, float]:
@@ -254,7 +254,7 @@ class Manifest:
         return {name: name.removesuffix(OWN_SUFFIX) for name in twins}
 
     def stated(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Values by name without the plant's own where they are those that the controller goes by."""
+        """Values by name, without the plant's own where they equal the controller's."""
         own = self.own
         return {
             name: value for name, value in values.items() if name not in own or value != values[own[name]]
@@ -288,7 +288,7 @@ class Manifest:
         """The file's text, with a hash over itself."""
         contents = {"schema": SCHEMA, **asdict(self), "contents_hash": ""}
         for item in contents["parameters"]:
-            if item["scale"] == SI:  # said where it says something
+            if item["scale"] == SI:  # written only if it says something
                 del item["scale"]
         text = json.dumps(contents, indent=1, ensure_ascii=False) + "\n"
         return _with_hash(text, "", sha256(text.encode()))

@@ -1,4 +1,4 @@
-"""The operations that kernels are made of, one row each; whatever handles operations reads this table.
+"""The operations that kernels consist of, one row each; all code that handles operations reads this table.
 
 A column that needs CasADi, SymPy or mpmath is a function of the module that holds its building blocks: a
 recurrence of `emit.recurrences`, a ball of `emit.balls`, a rounding of `check.oracles.rounding`. So the table
@@ -29,19 +29,19 @@ class Operation:
         scalar: C on doubles, ``{0}`` and ``{1}`` its operands. A printer types the literals in it.
         lanes: C on vectors of doubles.
         apply: what it is on numbers of any kind; None where a library's function of its name computes it.
-        recurrence: gives the Taylor recurrence; None where there is none, as loops never see the operation.
-        ball: gives the bound on a disc of the complex plane; None where there is none.
+        recurrence: gives the Taylor recurrence; None if there is none, as loops never see the operation.
+        ball: gives the bound on a disc of the complex plane; None if there is none.
         rounding: gives the value with a bound on its error.
         written: whether a model file may call it.
-        sympy: name of SymPy's class, empty where expressions have none.
-        numpy: what NumPy 1 calls it, where that is another name.
+        sympy: name of SymPy's class, empty if expressions have none.
+        numpy: its name in NumPy 1, if different.
         exact: whether lanes give the same bits as IEEE 754 on doubles, without a library.
-        entire: whether it has no singularity in the complex plane and grows like a polynomial at most along
-            the real line; steps over such operations alone are compared at their end only.
+        entire: whether it has no singularity in the complex plane and grows at most like a polynomial on the
+            real line; steps over such operations alone are compared at their end only.
         feature: argument at which a function that is flat or steep elsewhere is of order one.
         expands: whether SymPy expands its argument into real and imaginary parts, at any cost.
-        rises: whether it increases everywhere, so that its image of an interval lies between its ends.
-        enclosure: its image of an interval, of the interval context and the interval, where mpmath has none.
+        rises: whether it increases everywhere, so its image of an interval lies between the end values.
+        enclosure: gives its image of an interval, from interval context and interval; None if mpmath does.
     """
 
     name: str
@@ -370,15 +370,15 @@ def by_name() -> dict[str, Operation]:
 
 
 def by_sympy() -> dict[str, Operation]:
-    """Every function that SymPy has a class for, by that class's name."""
+    """Every function with a SymPy class, by that class's name."""
     return {item.sympy: item for item in OPERATIONS if item.sympy}
 
 
 def functions() -> tuple[str, ...]:
-    """The functions that a model file may call; abs, sign, min and max come on top in a disturbance."""
+    """The functions that a model file may call; a disturbance may also call abs, sign, min and max."""
     return tuple(item.name for item in OPERATIONS if item.written)
 
 
 def remedy() -> str:
-    """What a message says where an operation is none of these."""
+    """Text of a message about an operation that is none of these."""
     return f"use + - * / **, {', '.join(functions())}"

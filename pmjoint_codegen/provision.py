@@ -1,8 +1,8 @@
-"""Which kernels serve a model: the committed ones when they are current, else ones derived into the cache.
+"""Which kernels serve a model: the committed ones if current, else kernels derived into the cache.
 
-The common case touches neither SymPy nor CasADi: two hashes are compared, and ``generated/<name>/`` is used
-as it stands. A model file that differs from what ``generated/`` was made from is derived again, as is one
-with another reference or disturbance on the command line; ``generated/`` is never written here.
+The common case needs neither SymPy nor CasADi: two hashes are compared, and ``generated/<name>/`` is used
+as it is. A model is rederived if its file differs from what ``generated/`` was made from, or if the command
+line gives another reference or disturbance. This module never writes ``generated/``.
 """
 
 from __future__ import annotations
@@ -60,15 +60,15 @@ def provide(
     Args:
         model: name or path.
         reference: another y_r, a function of t and parameters.
-        disturbance: another disturbance, one expression a state.
+        disturbance: another disturbance, one expression per state.
         environment: for the cache folder.
-        notify: called with one line on what takes time or what the user should know.
-        stage: called with the stage of a derivation, where there is one.
+        notify: called with one line about slow work or a fact that the user should know.
+        stage: called with the stage of a derivation, if there is one.
         lanes: whether a sweep needs its own C, ``lanes.c``; a single run does without.
 
     Raises:
-        ModelError: for a model that cannot be found, read or derived; a fault in what was given in place of
-            the file's names the option.
+        ModelError: for a model that cannot be found, read or derived; an error in an override names the
+            option.
         StaleError: when a committed file was edited by hand.
         MissingToolError: when something must be derived and the toolchain is not installed.
     """
@@ -96,10 +96,10 @@ def provide_document(
     stage: Stage = lambda name, done: None,
     lanes: bool = False,
 ) -> Provided:
-    """`provide` for a model file that has been read: a pipe gives its contents once.
+    """`provide` for a model file that has been read: a pipe can be read only once.
 
     Args:
-        path: of the file; its generated folder is looked for from there.
+        path: of the file; the generated folder is searched for from there.
         document: its contents.
         reference: as for `provide`, as are the errors.
         disturbance: the same.
@@ -148,7 +148,7 @@ def _committed(path: Path, document: Mapping[str, Any], notify: Notify) -> Provi
 
 
 def _altered(file: Path, recorded: str) -> bool:
-    """Whether a generated file is gone, or not what was written."""
+    """Whether a generated file is missing or altered."""
     return not file.is_file() or sha256_file(file) != recorded
 
 
@@ -166,14 +166,14 @@ def _changed(
 
 
 def _check_text(option: str, expressions: Sequence[str]) -> None:
-    """Refuse bytes that are no UTF-8: Python hands them over as surrogates, which nothing can write."""
+    """Refuse bytes that are not UTF-8: Python turns them into surrogates, which cannot be written."""
     for text in expressions:
         if any("\ud800" <= character <= "\udfff" for character in text):
             raise ModelError(f"{quoted(text)} is not UTF-8", where=option, remedy="allowed: an expression")
 
 
 def _of_option(error: ModelError, reference: str | None, disturbance: Sequence[str] | None) -> ModelError:
-    """The error in an expression that was given in place of the file's, with the option for its place."""
+    """The error in an expression that overrides the file's, with the option as its place."""
     options = {
         "simulation.reference": ("--reference", reference),
         "plant.disturbance": ("--disturbance", disturbance),
@@ -184,12 +184,12 @@ def _of_option(error: ModelError, reference: str | None, disturbance: Sequence[s
     option, given = options.get(key, ("", None))
     if given is None:
         return error
-    one = given == disturbance and len(given) == 1  # which a joint's plant holds in several entries
+    one = given == disturbance and len(given) == 1  # which a joint's plant has in several entries
     return ModelError(error.what, where=option if one else f"{option}{comma}{detail}", remedy=error.remedy)
 
 
 def _disturbed(document: Mapping[str, Any], disturbance: Sequence[str]) -> dict[str, Any]:
-    """The physics of a model under another disturbance: one expression a state, or the torque on a joint."""
+    """The physics of a model under another disturbance: one expression per state, or a joint's torque."""
     if "joint" not in document:
         return {"plant": {**document.get("plant", {}), "disturbance": list(disturbance)}}
     if len(disturbance) != 1:
@@ -218,7 +218,7 @@ def _derived(
         whole = not any(_altered(folder / file, recorded) for file, recorded in manifest.files.items())
         if whole and (LANES in manifest.files or not lanes):
             return Provided(manifest, folder)
-    stage("loading what derives", 0.0)
+    stage("loading the toolchain", 0.0)
     try:
         from pmjoint_codegen.emit.pipeline import generate
         from pmjoint_codegen.modelfile import model_of
@@ -235,8 +235,8 @@ def _derived(
 
 
 def _toolchain_key() -> str:
-    """Changes whenever the tools or the sources that shape generated text do."""
-    from importlib import metadata  # slow to import, and of no use to a model that needs no derivation
+    """A text that changes whenever the tools or sources that shape generated text change."""
+    from importlib import metadata  # slow to import, and needed for a derivation only
 
     package = Path(__file__).resolve().parent
     derivation = package.parent / "pmjoint_derive"

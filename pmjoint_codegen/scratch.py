@@ -1,8 +1,8 @@
-"""Files and folders to work in for a moment, which go away whatever ends the process.
+"""Temporary files and folders that are removed however the process ends.
 
 They are removed at the end of a block, also by Ctrl-C and SIGTERM. A killed process removes nothing. So each
-name tells the machine and the process that it belongs to, and whoever makes the next one removes those whose
-process is gone.
+name contains the machine and the process that it belongs to, and the next call removes those whose process is
+gone.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
-ABANDONED_S: Final = 24 * 3600.0  # nothing that works leaves a file alone for a day
+ABANDONED_S: Final = 24 * 3600.0  # no working process leaves a file unchanged for a day
 _OWNER: Final = re.compile(r"-([0-9a-f]{8})-(\d{1,9})-[^-]*$")
 
 
@@ -40,7 +40,7 @@ def scratch(kind: str, parent: Path | None = None) -> Iterator[Path]:
 
 
 def owned(kind: str) -> str:
-    """Beginning of a name that tells which process it belongs to; anything without a hyphen may follow."""
+    """Prefix of a name that identifies its process; anything without a hyphen may follow."""
     return f"{kind}-{_machine()}-{os.getpid()}-"
 
 
@@ -53,7 +53,7 @@ def clear(place: Path, kind: str) -> None:
 
 
 def _machine() -> str:
-    """Tell machines apart that share a disk, and containers that count processes of their own."""
+    """Distinguish machines that share a disk, and containers with their own process numbers."""
     try:
         space = str(os.stat("/proc/self/ns/pid").st_ino)
     except OSError:
@@ -62,7 +62,7 @@ def _machine() -> str:
 
 
 def _abandoned(path: Path) -> bool:
-    """Whether a thing is this user's and its process is gone: by its number, or elsewhere by its age."""
+    """Whether an entry is this user's and its process is gone: by its number, or on other machines by age."""
     try:
         found = path.lstat()
     except OSError:
@@ -76,7 +76,7 @@ def _abandoned(path: Path) -> bool:
 
 
 def _lives(process: int) -> bool:
-    """Whether a process of this number runs here."""
+    """Whether a process with this number runs here."""
     try:
         os.kill(process, 0)
     except ProcessLookupError:

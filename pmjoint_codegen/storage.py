@@ -2,11 +2,11 @@
 
 A file is written beside its place under another name and renamed onto it. A folder is staged beside its
 place; the old one is renamed away and the new one onto its place. A process killed at any moment leaves the
-old folder, the new one or, between the two renames, none: never a mixture. The next `replace_folder` clears
-up.
+old folder, the new one or, between the two renames, none: never a mixture. The next `replace_folder` removes
+the leftovers.
 
-What cannot be written is the user's to fix: every function raises `UsageError` with the path and a remedy,
-of the kind `ResourceError` where not the path but the machine is at fault, as when a disk is full.
+If something cannot be written, every function raises `UsageError` with the path and a remedy. It is a
+`ResourceError` if the machine rather than the path is at fault, as when a disk is full.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from typing import BinaryIO
 from pmjoint_codegen.errors import ResourceError, UsageError
 from pmjoint_codegen.scratch import clear, owned
 
-_EXHAUSTED = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})  # no fault of the path's
-_STAGED = ".pmjoint-new"  # beginning of the name of a file until it is whole
+_EXHAUSTED = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})  # not the path's fault
+_STAGED = ".pmjoint-new"  # prefix of a file's name until the file is whole
 _FOLDER = "pmjoint"  # in the hidden name of a folder until it is whole, or when it is replaced
 
 
@@ -35,12 +35,12 @@ def sha256(data: bytes) -> str:
 
 
 def sha256_view(data: memoryview) -> str:
-    """Hexadecimal SHA-256 of what a view shows, without a copy."""
+    """Hexadecimal SHA-256 of the contents of a view, without a copy."""
     return hashlib.sha256(data).hexdigest()
 
 
 def sha256_file(path: Path) -> str:
-    """Hexadecimal SHA-256 of a file's content; raises `OSError` where it cannot be read."""
+    """Hexadecimal SHA-256 of a file's content; raises `OSError` if it cannot be read."""
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
@@ -48,7 +48,7 @@ def sha256_file(path: Path) -> str:
 def ensure_folder(path: Path) -> None:
     """Make a folder with its parents and prove that files can be made in it.
 
-    Called before long work, so that a bad ``--out`` is said at once.
+    Called before long work, so that a bad ``--out`` is reported at once.
 
     Raises:
         UsageError: the folder cannot be made, is a file, or is not writable.
@@ -61,7 +61,7 @@ def ensure_folder(path: Path) -> None:
 
 
 def make_private(path: Path) -> None:
-    """Make a folder with its parents, those that are new for this user alone, whatever the umask.
+    """Make a folder with its parents; new ones are for this user only, whatever the umask.
 
     Raises:
         OSError: it cannot be made, or a file is in the way.
@@ -72,7 +72,7 @@ def make_private(path: Path) -> None:
 
 
 def ensure_file(path: Path) -> None:
-    """Prove that a file can be written at its place, before long work; what stands there stays as it is.
+    """Prove that a file can be written at its place, before long work; an existing file stays as it is.
 
     Raises:
         UsageError: its folder is missing or not writable, or the path is a folder.
@@ -82,7 +82,7 @@ def ensure_file(path: Path) -> None:
         if target.is_dir():
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
         if _special(path):
-            return  # opening it could wait for a reader, or be seen by one
+            return  # opening it could block until there is a reader, or be seen by one
         probe = _staged(target.parent)
         probe.touch(exist_ok=False)
         probe.unlink()
@@ -90,15 +90,15 @@ def ensure_file(path: Path) -> None:
 
 @contextmanager
 def writing(path: Path) -> Iterator[BinaryIO]:
-    """Open a file for writing that takes its place, atomically, when the block ends without an exception.
+    """Open a file for writing; it appears atomically when the block ends without an exception.
 
-    A device or a named pipe is written in place: renaming onto it would take it from everyone who uses it.
+    A device or a named pipe is written in place: renaming onto it would remove it for all its users.
 
     Raises:
-        UsageError: the file cannot be written; whatever stood there before still stands.
+        UsageError: the file cannot be written; an existing file is unchanged.
     """
     with explained(path):
-        if _special(path):  # asked of the path itself: what /dev/stdout stands for may have no other name
+        if _special(path):  # test the path itself: the target of /dev/stdout may have no other name
             with path.open("wb") as stream:
                 yield stream
             return
@@ -113,7 +113,7 @@ def writing(path: Path) -> Iterator[BinaryIO]:
 
 
 def settle(folder: Path) -> None:
-    """Write a folder's files and names down to the disk, so that a power cut later on finds it filled.
+    """Flush a folder's files and names to the disk, so that it survives a later power cut.
 
     Raises:
         OSError: a file cannot be written.
@@ -127,27 +127,27 @@ def settle(folder: Path) -> None:
 
 
 def write_bytes(path: Path, data: bytes) -> None:
-    """Write a whole file atomically; raises `UsageError` where that is impossible."""
+    """Write a whole file atomically; raises `UsageError` if that is impossible."""
     with writing(path) as stream:
         stream.write(data)
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a whole UTF-8 file atomically, line ends as they are; raises `UsageError` where it cannot."""
+    """Write a whole UTF-8 file atomically, line ends unchanged; raises `UsageError` if it cannot."""
     write_bytes(path, text.encode("utf-8"))
 
 
 def replace_folder(path: Path, files: Mapping[str, bytes], *, private: bool = False) -> None:
-    """Make a folder hold exactly these files (name -> content), all at once; other files in it are gone.
+    """Make a folder hold exactly these files (name -> content), all at once; other files in it are removed.
 
     Args:
         path: the folder; a symbolic link is followed unless `private`.
         files: what it holds afterwards.
         private: only this user may write the folder, whatever the umask, and a symbolic link in its place is
-            removed, not followed. A folder that holds these files stays: others may be reading it.
+            removed, not followed. A folder that already holds these files stays: others may be reading it.
 
     Raises:
-        UsageError: the folder cannot be written; whatever stood there before still stands.
+        UsageError: the folder cannot be written; an existing folder is unchanged.
     """
     with explained(path):
         if private:
@@ -158,14 +158,14 @@ def replace_folder(path: Path, files: Mapping[str, bytes], *, private: bool = Fa
         if path.exists() and not path.is_dir():
             raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR))
         with _locked(path.parent):
-            for leftover in path.parent.glob(f".{path.name}.{_FOLDER}-*"):  # of processes that were killed
+            for leftover in path.parent.glob(f".{path.name}.{_FOLDER}-*"):  # from killed processes
                 shutil.rmtree(leftover, ignore_errors=True)
             if not (private and _holds(path, files)):
                 _put(path, files, 0o700 if private else 0o777)
 
 
 def drop_link(path: Path) -> None:
-    """Remove a symbolic link that stands where a folder of the cache belongs; what it points to stays.
+    """Remove a symbolic link in the place of a cache folder; its target stays.
 
     Raises:
         UsageError: the link cannot be removed.
@@ -176,12 +176,12 @@ def drop_link(path: Path) -> None:
 
 
 def _special(path: Path) -> bool:
-    """Whether something other than a regular file or a folder stands at a path."""
+    """Whether a path is something other than a regular file or a folder."""
     return path.exists() and not path.is_file() and not path.is_dir()
 
 
 def _staged(folder: Path) -> Path:
-    """Name a hidden file in a folder for this process, and remove what killed ones left there."""
+    """Name a hidden file in a folder for this process, and remove leftovers of killed ones."""
     clear(folder, _STAGED)
     return folder / f"{owned(_STAGED)}{uuid.uuid4().hex}"
 
@@ -208,10 +208,10 @@ def lock(handle: int, *, wait: bool) -> bool:
 
     Args:
         handle: of the folder.
-        wait: for another process that has the lock.
+        wait: whether to wait for another process that has the lock.
 
     Returns:
-        False where another process has it; True also where there are no locks, as on some networks.
+        False if another process has it; True also where there are no locks, as on some network drives.
     """
     with suppress(ImportError):
         import fcntl  # absent outside POSIX
@@ -242,13 +242,13 @@ def _holds(folder: Path, files: Mapping[str, bytes]) -> bool:
 
 
 def _put(path: Path, files: Mapping[str, bytes], mode: int) -> None:
-    """Under the lock: fill a new folder and put it in its place; where that fails, the old one stays."""
+    """Under the lock: fill a new folder and put it in its place; if that fails, the old one stays."""
     staged, old = (path.with_name(f".{path.name}.{_FOLDER}-{uuid.uuid4().hex}") for _ in range(2))
     try:
         staged.mkdir(mode)
         for name, data in files.items():
             (staged / name).write_bytes(data)
-        settle(staged)  # a power cut after the renames finds it filled
+        settle(staged)  # it survives a power cut after the renames
         if path.exists():
             path.rename(old)
         staged.rename(path)

@@ -1,8 +1,8 @@
-"""What numbers a design may have, whether they stand in a model file or are set for one run.
+"""Which numbers a design may have, in a model file or set for one run.
 
 The rules are the assumptions of the design: positive gains (23), (25), (29), a Hurwitz filter matrix
 ``A0 = A - k e1'`` (14), a positive actuator limit (10) and an input coefficient ``b_m`` other than zero (11).
-What one model adds, such as a joint's positive inertia, comes with its manifest as `Rule` over expressions.
+Rules of one model, such as a joint's positive inertia, come with its manifest as `Rule` over expressions.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from pmjoint_codegen.operations import by_name
 
 SI = "1"  # the scale of a parameter that is stated in SI units, or in units that its author keeps consistent
 COMPENSATOR = "compensator"  # the switch between (23) and plain clipping
-SETTLED = 0.02  # part of |e(0)| within which e has settled once it stays there
+SETTLED = 0.02  # fraction of |e(0)|: e has settled once it stays within it
 OWN_SUFFIX = "_plant"  # of the simulated plant's own value of a parameter that the controller uses too
 
 Numbers = npt.NDArray[np.float64]
@@ -50,8 +50,8 @@ class GainKind:
         name: key of the list, and what its parameters' names begin with.
         latex: the same in the paper's notation.
         about: what an entry is; its number follows.
-        of_filters: one entry a state, all together such that A0 is Hurwitz (14); else one positive entry a
-            step.
+        of_filters: one entry per state, together such that A0 is Hurwitz (14); else one positive entry
+            per step.
     """
 
     name: str
@@ -74,15 +74,15 @@ GAINS = (
 
 @dataclass(frozen=True)
 class Rule:
-    """What one model's parameters obey, whoever sets them: its manifest holds it, so that a run can test it.
+    """A rule for one model's parameters, whoever sets them; the manifest holds it, so a run can test it.
 
     Attributes:
-        name: the parameter or coefficient that a message begins with.
+        name: the parameter or coefficient at the start of a message.
         kind: of the terms, which are always ``finite``: one that is ``positive`` or ``nonzero``, or a
             polynomial's coefficients, highest power first, which is ``hurwitz``: all its roots lie in the
             open left half plane.
         terms: expressions of parameters, in Python's notation.
-        what: what is wrong where the rule is broken; empty where the value says so.
+        what: what is wrong if the rule is broken; empty if the value shows it.
         allowed: what is allowed.
     """
 
@@ -102,7 +102,7 @@ class Rule:
 
     @cached_property
     def names(self) -> frozenset[str]:
-        """Parameters that the rule is about, and functions."""
+        """Parameters in the rule, and functions."""
         return frozenset(
             node.id for tree in self.trees for node in ast.walk(tree) if isinstance(node, ast.Name)
         )
@@ -128,10 +128,10 @@ def check_values(
         rho: relative degree.
         limit: name of the parameter that limits the actuator.
         leading: name of the parameter that is b_m; None where b_m is an expression, which the caller checks.
-        where: file or option that a message begins with.
+        where: file or option at the start of a message.
         error: kind of error to raise: `ModelError` for a file, `UsageError` for a command.
-        key: turns a name into what the reader knows it by, such as ``design.c, entry 1``.
-        scales: of names that are stated in other than SI units, so that a message shows what was written.
+        key: turns a name into the reader's name for it, such as ``design.c, entry 1``.
+        scales: of names that are stated in non-SI units, so that a message shows what was written.
 
     Raises:
         PmjointError: of the kind `error`, for the first rule that a value breaks.
@@ -173,7 +173,7 @@ def check_rules(
         values: name -> number.
         rules: of the model.
         error: kind of error to raise.
-        scales: of names that are stated in other than SI units, so that a message shows what was written.
+        scales: of names that are stated in non-SI units, so that a message shows what was written.
 
     Raises:
         PmjointError: of the kind `error`, for the first rule that is broken.
@@ -188,11 +188,11 @@ def check_rules(
 
 
 def obeys(rule: Rule, columns: Mapping[str, Numbers]) -> Mask:
-    """Which of many designs keep a rule; a term without finite value keeps none.
+    """Which of many designs satisfy a rule; a term without a finite value violates it.
 
     Args:
         rule: of the model.
-        columns: name -> numbers, one a design.
+        columns: name -> numbers, one per design.
     """
     terms = np.column_stack(_terms(rule, columns))
     good: Mask = np.all(np.isfinite(terms), axis=1)
@@ -206,7 +206,7 @@ def obeys(rule: Rule, columns: Mapping[str, Numbers]) -> Mask:
 
 
 def _broken(rule: Rule, found: Sequence[float]) -> str:
-    """Say how a rule is broken, with the value that breaks it."""
+    """Describe how a rule is broken, with the value that breaks it."""
     if not all(math.isfinite(value) for value in found):
         return "has no finite value at these parameters"
     if rule.kind == "hurwitz":
@@ -216,17 +216,17 @@ def _broken(rule: Rule, found: Sequence[float]) -> str:
 
 def _terms(rule: Rule, columns: Mapping[str, Numbers]) -> list[Numbers]:
     size = len(next(iter(columns.values())))
-    with np.errstate(all="ignore"):  # what is not finite breaks the rule
+    with np.errstate(all="ignore"):  # a non-finite value breaks the rule
         found = (np.asarray(evaluate(tree, columns), dtype=np.float64) for tree in rule.trees)
         return [np.broadcast_to(term, size) for term in found]
 
 
 def evaluate(node: ast.expr, columns: Mapping[str, Numbers]) -> Any:
-    """Evaluate the syntax that expressions of a model are made of, and nothing else.
+    """Evaluate the syntax of a model's expressions, and nothing else.
 
     Args:
         node: syntax of an expression of parameters.
-        columns: name -> numbers, one a design.
+        columns: name -> numbers, one per design.
 
     Raises:
         ValueError: for any other syntax.
@@ -246,10 +246,10 @@ def evaluate(node: ast.expr, columns: Mapping[str, Numbers]) -> Any:
 
 
 def to_si(value: float, scale: str) -> float:
-    """A number in SI units from one in a model file's own unit, rounded once: 14.7 mm is 0.0147 m.
+    """Convert a number in a model file's own unit to SI units, rounded once: 14.7 mm is 0.0147 m.
 
     Args:
-        value: as it is written.
+        value: as written.
         scale: how many SI units the unit is, as a decimal.
     """
     if scale == SI or not math.isfinite(value):
@@ -260,7 +260,7 @@ def to_si(value: float, scale: str) -> float:
 
 
 def from_si(value: float, scale: str) -> float:
-    """The shortest number in a model file's own unit that `to_si` takes to `value`, or the nearest."""
+    """The shortest number in a model file's own unit that `to_si` maps to `value`, or the nearest."""
     if scale == SI or not math.isfinite(value):
         return value
     from decimal import Decimal
@@ -281,7 +281,7 @@ def all_to_si(values: Numbers, scale: str) -> Numbers:
 
 
 def of_plant(values: Mapping[str, float], name: str) -> float:
-    """What the simulated plant has for a parameter, whatever the controller believes."""
+    """The simulated plant's value of a parameter, whatever the controller's value is."""
     return values.get(f"{name}{OWN_SUFFIX}", values[name])
 
 
@@ -316,13 +316,13 @@ def is_hurwitz(coefficients: Sequence[float]) -> bool:
             return False
         padded = [*lower[1:], *[0] * (len(upper) - len(lower))]
         row = [lower[0] * a - upper[0] * b for a, b in zip(upper[1:], padded, strict=True)]
-        divisor = math.gcd(*row) or 1  # positive, so it changes no sign; keeps the integers short
+        divisor = math.gcd(*row) or 1  # positive: changes no sign; keeps the integers short
         upper, lower = lower, [entry // divisor for entry in row]
     return True
 
 
 def hurwitz_rows(polynomials: Numbers) -> Mask:
-    """`is_hurwitz` of many polynomials, shape (designs, coefficients); equal ones are looked at once."""
+    """`is_hurwitz` of many polynomials, shape (designs, coefficients); equal ones are tested once."""
     rows, which = np.unique(polynomials, axis=0, return_inverse=True)
     verdicts = np.array([is_hurwitz(row) for row in rows.tolist()], dtype=bool)
     return verdicts[which.reshape(-1)]
@@ -341,7 +341,7 @@ def roots_text(coefficients: Sequence[float]) -> str:
         try:
             roots = np.sort_complex(np.roots(np.asarray(coefficients, dtype=float)))
         except np.linalg.LinAlgError:  # coefficients near the largest float
-            return "beyond what floating point can tell"
+            return "that overflow floating point"
     shown = [complex(root) + 0 for root in roots]  # + 0 drops the sign of a negative zero
     return ", ".join(f"{root:.6g}" if root.imag else f"{root.real:.6g}" for root in shown)
 

@@ -1,8 +1,8 @@
-"""Where things are: model files, generated folders, the cache. Nothing here reads or writes a model.
+"""The places of model files, generated folders and the cache. Nothing here reads or writes a model.
 
-A model is named (``paper``) or given as a path (``my/joint.toml``). Names are looked for in ``models/`` under
+A model is given by name (``paper``) or path (``my/joint.toml``). Names are searched for in ``models/`` under
 the current directory, then in ``models/`` of the checkout that the package is imported from, then among the
-models that the installed package carries.
+models of the installed package.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ def find_model(model: str | os.PathLike[str], *, cwd: Path | None = None) -> Pat
     """Find a model's TOML file.
 
     Args:
-        model: a name such as ``paper``, or a path: what ends in ``.toml`` or holds a separator.
+        model: a name such as ``paper``, or a path: it ends in ``.toml`` or contains a separator.
         cwd: directory that relative paths start from; by default the current one, with relative results.
 
     Raises:
-        ModelError: there is no such file; the message names the models that exist and the closest one.
+        ModelError: there is no such file; the message names the existing models and the closest one.
     """
     here = cwd or Path()
     text = os.fspath(model)
@@ -44,12 +44,12 @@ def find_model(model: str | os.PathLike[str], *, cwd: Path | None = None) -> Pat
 
 
 def known_models(cwd: Path | None = None) -> tuple[str, ...]:
-    """Names of all models that can be named from here, in alphabetical order."""
+    """All model names that are valid here, in alphabetical order."""
     return tuple(sorted({file.stem for folder in model_folders(cwd) for file in folder.glob("[!.]*.toml")}))
 
 
 def model_folders(cwd: Path | None = None) -> tuple[Path, ...]:
-    """Folders in which a model's name is looked for, first one first; only those that exist."""
+    """Folders in which a model's name is searched for, in order; only those that exist."""
     package = Path(__file__).resolve().parent
     checkout = package.parent
     candidates = [(cwd or Path()) / MODELS]
@@ -64,7 +64,7 @@ def model_folders(cwd: Path | None = None) -> tuple[Path, ...]:
 
 
 def called(model_file: Path) -> str:
-    """How a command line calls a model file: by its stem where that finds it, else by its path, quoted."""
+    """A model file's name on a command line: its stem if that finds it, else its path, quoted."""
     found = (folder / model_file.name for folder in model_folders() if (folder / model_file.name).is_file())
     first = next(found, None)
     named = first is not None and first.resolve() == model_file.resolve()
@@ -79,7 +79,7 @@ def is_stream(file: Path) -> bool:
 def generated_root(model_file: Path) -> Path:
     """Folder that holds ``<name>/`` for this model: beside its ``models/`` folder, else beside the file.
 
-    What comes from a pipe has it in the current directory.
+    A model from a pipe has it in the current directory.
     """
     if is_stream(model_file):
         return Path(GENERATED)
@@ -90,11 +90,11 @@ def generated_root(model_file: Path) -> Path:
 
 
 def cache_dir(env: Mapping[str, str], notify: Callable[[str], None] | None = None) -> Path:
-    """Folder for compiled kernels and derived models, made if need be.
+    """Folder for compiled kernels and derived models, created if needed.
 
-    ``$PMJOINT_CACHE``, else ``$XDG_CACHE_HOME/pmjoint``, else ``~/.cache/pmjoint``. Where that is unusable,
-    or others could plant code in it, it is a folder under the temporary one that belongs to this
-    user alone, and `notify` is told in one line.
+    ``$PMJOINT_CACHE``, else ``$XDG_CACHE_HOME/pmjoint``, else ``~/.cache/pmjoint``. If that is unusable,
+    or others could plant code in it, it is a private folder of this user under the temporary one, and
+    `notify` is called with one line.
     """
     wanted, reason = cache_place(env)
     if wanted is not None and reason is None:
@@ -106,7 +106,7 @@ def cache_dir(env: Mapping[str, str], notify: Callable[[str], None] | None = Non
 
 
 def cache_place(env: Mapping[str, str]) -> tuple[Path | None, str | None]:
-    """The folder that the environment asks for, made if need be, and why it is not used, if it is not."""
+    """The folder that the environment specifies, created if needed, and why it is not used, if it is not."""
     wanted = _wanted_cache(env)
     return wanted, "no home folder is known" if wanted is None else _flaw(wanted)
 
@@ -117,7 +117,7 @@ def _is_path(text: str) -> bool:
 
 
 def _existing(file: Path, here: Path) -> Path:
-    """Give the file back if it is there; otherwise say what stands beside it."""
+    """Return the file if it exists; otherwise list what is beside it."""
     if os.path.isfile(file) or is_stream(file):
         return file
     if os.path.isdir(file):
@@ -127,7 +127,7 @@ def _existing(file: Path, here: Path) -> Path:
 
 
 def _shown(path: Path) -> str:
-    """Show a path in a message, its middle cut out where it is very long."""
+    """Show a path in a message, its middle cut out if it is very long."""
     text = str(path)
     return text if len(text) <= 300 else f"{text[:150]}...{text[-100:]}"
 
@@ -156,10 +156,10 @@ def _wanted_cache(env: Mapping[str, str]) -> Path | None:
 
 
 def distrusted(folder: Path) -> str | None:
-    """Say why code from a folder must not be loaded; None where only this user can have put it there.
+    """State why code from a folder must not be loaded; None if only this user can have put it there.
 
     The folder must be the user's own and writable by nobody else. Each parent must belong to the user or
-    root, and be writable by nobody else unless it is sticky: who may write a parent may exchange the folder.
+    root, and be writable by nobody else unless it is sticky: write access to a parent can replace the folder.
     """
     place = Path(os.path.realpath(folder))
     for level in (place, *place.parents):
@@ -173,7 +173,7 @@ def distrusted(folder: Path) -> str | None:
 
 
 def _flaw(folder: Path) -> str | None:
-    """Make the folder; say why it cannot serve as a cache, if it cannot."""
+    """Make the folder; state why it cannot serve as a cache, if it cannot."""
     try:
         make_private(folder)
         if reason := distrusted(folder):
@@ -184,7 +184,7 @@ def _flaw(folder: Path) -> str | None:
 
 
 def _private_temporary() -> Path:
-    """Give a temporary folder of this user's alone: libraries are loaded from it, so no other may write."""
+    """Give a private temporary folder of this user: libraries are loaded from it, so no other may write."""
     folder = Path(tempfile.gettempdir()) / f"pmjoint-{os.getuid()}"
     try:
         folder.mkdir(mode=0o700, exist_ok=True)

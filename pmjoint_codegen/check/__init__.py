@@ -1,1 +1,1 @@
-"""Why anyone may trust the generated code: gates that check it against the derivation, and can fail."""
+"""The grounds for trusting the generated code: gates that check it against the derivation, and can fail."""

@@ -1,4 +1,4 @@
-"""Two computations of one function, compared bit for bit: what the gates `interpreter` and `lanes` share."""
+"""Compares two computations of one function bit for bit, for the gates `interpreter` and `lanes`."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from pmjoint_codegen.manifest import Function
 
 @dataclass(frozen=True)
 class Answers:
-    """What both sides make of some points.
+    """The results of both sides at some points.
 
     Attributes:
-        function: that was evaluated.
+        function: the one evaluated.
         batch: the points.
         expected: results of the reference, one array each, shape (points, size).
-        found: results of what is checked, of the same shapes.
+        found: results of the checked side, of the same shapes.
     """
 
     function: Function
@@ -36,7 +36,7 @@ def judge(answers: Iterable[Answers], of: str) -> GateResult:
 
     Args:
         answers: of both sides.
-        of: how many functions there are, in words.
+        of: the number of functions, in words.
     """
     points = values = differing = 0
     first: Difference | None = None

@@ -1,8 +1,8 @@
 """A small C program that calls every kernel on given points, for tools that watch a program run.
 
-It reads raw doubles and writes raw doubles. Every argument and result stands in a block of its own of exactly
-the right size, fresh from malloc for each point: one element too far is a memory error, and a result that was
-not written is an uninitialised value.
+It reads raw doubles and writes raw doubles. Every argument and result has its own block of exactly the right
+size, allocated by malloc for each point: an access past the end is a memory error, and an unwritten result is
+an uninitialised value.
 """
 
 from __future__ import annotations
@@ -80,10 +80,10 @@ def _row(function: Function) -> str:
 
 
 def feed(evaluator: Evaluator) -> tuple[bytes, bytes]:
-    """What to give the program, and what it must answer.
+    """The input of the program, and its expected output.
 
     Args:
-        evaluator: whose results are the expected ones.
+        evaluator: gives the expected results.
     """
     questions: list[Array] = []
     answers: list[Array] = []

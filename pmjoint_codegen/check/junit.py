@@ -9,7 +9,7 @@ from pmjoint_codegen.check.result import GateResult, Verdict
 
 
 def junit(results: Mapping[str, Sequence[GateResult]]) -> str:
-    """One suite a model, one case a gate.
+    """One suite per model, one case per gate.
 
     Args:
         results: model name -> its gates' results.
@@ -52,5 +52,5 @@ def _case(suite: ElementTree.Element, model: str, gate: GateResult) -> None:
 
 
 def _printable(text: str) -> str:
-    """Text without the control characters that XML cannot hold."""
+    """Text without the control characters that XML forbids."""
     return "".join(c if c in "\n\t" or c.isprintable() else "?" for c in text)

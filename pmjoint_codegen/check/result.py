@@ -1,4 +1,4 @@
-"""What a gate hands back."""
+"""The result of a gate."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from enum import StrEnum
 
 
 class Verdict(StrEnum):
-    """How a gate ended; a gate that could not look is never ``passed``."""
+    """How a gate ended; a gate that could not run is never ``passed``."""
 
     PASSED = "passed"
     FAILED = "failed"
@@ -24,9 +24,9 @@ class Difference:
         entry: which of its results.
         point: the arguments, as text that can be pasted.
         expected: value of the reference.
-        found: value of what is checked.
+        found: value of the checked side.
         error: distance of the two.
-        bound: what it may be at most.
+        bound: largest allowed error.
     """
 
     kernel: str
@@ -38,7 +38,7 @@ class Difference:
     bound: str
 
     def __str__(self) -> str:
-        """Everything, one line an item."""
+        """All fields, one line per item."""
         rows = {
             "where": f"{self.kernel}, {self.entry}",
             "point": self.point,
@@ -55,16 +55,16 @@ class GateResult:
 
     Attributes:
         verdict: passed, failed or not run.
-        figure: what was measured, or None where there is nothing to measure.
-        bound: what the figure may be at most.
-        detail: one line: what the figure is, or why the gate failed or could not run.
+        figure: the measured value, or None if there is nothing to measure.
+        bound: largest allowed figure.
+        detail: one line: the meaning of the figure, or why the gate failed or could not run.
         difference: the first difference, when there is one.
         findings: everything else worth reading, one line each.
         name: of the gate, from the table: `table.run_gate` adds it.
-        seconds: time it took, likewise.
+        seconds: its duration, likewise.
 
     Raises:
-        ValueError: the verdict is passed and the figure is not within its bound, as nan is not.
+        ValueError: the verdict is passed and the figure is not within its bound; nan never is.
     """
 
     verdict: Verdict
@@ -77,13 +77,13 @@ class GateResult:
     seconds: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse to pass what was not measured to be within its bound, whoever makes the result."""
+        """Refuse to pass a figure outside its bound, whoever makes the result."""
         if self.verdict is Verdict.PASSED and not within(self.figure, self.bound):
             raise ValueError(f"cannot pass: {self.figure} is not within {self.bound}")
 
 
 def within(figure: float | None, bound: float | None) -> bool:
-    """Whether a figure is a number, and at most its bound where it has one; nan is neither."""
+    """Whether a figure is a number, and at most its bound if it has one; nan is neither."""
     if figure is None:
         return True
     return not math.isnan(figure) and (bound is None or figure <= bound)
@@ -92,7 +92,7 @@ def within(figure: float | None, bound: float | None) -> bool:
 def passed(
     detail: str, figure: float | None = None, bound: float | None = None, *findings: str
 ) -> GateResult:
-    """A gate that found nothing; it fails all the same where its figure is nan or beyond its bound."""
+    """A gate that found nothing; it still fails if its figure is nan or beyond its bound."""
     if not within(figure, bound):
         why = f"{figure} is not within {'any bound' if bound is None else bound}: {detail}"
         return failed(why, figure, bound, findings=findings)
@@ -111,5 +111,5 @@ def failed(
 
 
 def not_run(reason: str) -> GateResult:
-    """A gate that could not look."""
+    """A gate that could not run."""
     return GateResult(Verdict.NOT_RUN, None, None, reason)

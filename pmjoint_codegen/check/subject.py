@@ -1,4 +1,4 @@
-"""What the gates look at: one model, its derivation made anew, and its generated folder as it stands."""
+"""The subject of the gates: one model, a fresh derivation of it, and its generated folder as it is."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ Notify = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Subject:
-    """One model under check. Everything that costs time is made when a gate first asks for it.
+    """One model under check. Slow data are computed when a gate first needs them.
 
     Attributes:
         file: the model file.
         document: its contents.
-        model: the same, as the derivation takes it.
-        folder: ``generated/<name>/``, as it stands.
-        environment: where compiler and cache are found.
-        notify: called with one line that the user should know.
+        model: the same, as input of the derivation.
+        folder: ``generated/<name>/``, as it is.
+        environment: for compiler and cache.
+        notify: called with a one-line message for the user.
         stage: called with the stage of the derivation.
     """
 
@@ -49,17 +49,17 @@ class Subject:
 
     @cached_property
     def derivation(self) -> Derivation:
-        """The symbolic reference, derived anew."""
+        """The symbolic reference, freshly derived."""
         return derive(self.model, self.stage)
 
     @cached_property
     def manifest(self) -> Manifest:
-        """What the generated folder says of itself; raises `StaleError` when it cannot be trusted."""
+        """The manifest of the generated folder; raises `StaleError` if it cannot be trusted."""
         return Manifest.read(self.folder)
 
     @cached_property
     def table(self) -> Mapping[str, Kernel]:
-        """Meaning of every kernel but the Taylor ones, in symbols."""
+        """Meaning of every kernel except the Taylor ones, in symbols."""
         return {kernel.name: kernel for kernel in kernel_table(self.derivation)}
 
     @cached_property

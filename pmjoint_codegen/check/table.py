@@ -1,15 +1,15 @@
-"""The flat table of gates, and what runs them.
+"""The flat table of gates, and the functions that run them.
 
-    gate                      what it checks against what
-    current                   generated/<name>/ against what the model and the tools give now
+    gate                      checked side against reference
+    current                   generated/<name>/ against fresh output of the model and the tools
     proof                     the certificate's identities against zero, with symbolic gains
     interpreter               CasADi's interpreter against compiled C, bit for bit
     lanes                     functions over lanes, as compiled for sweeps, against their tapes, bit for bit
     symbolic                  compiled C against the derivation at 60 digits, within a derived error bound
-    guards                    what the step control's kernels bound against the derivation at complex points
+    guards                    bounds of the step control's kernels against the derivation at complex points
     derivatives               emitted partial derivatives against algorithmic differentiation of alpha
     trajectory.golden         the default run against the reviewed one
-    trajectory.invariants     runs against what theory says of every run
+    trajectory.invariants     runs against invariants of the theory
     trajectory.certificate    V along the run against (35)
     trajectory.independent    the default run and drawn ones against heyoka on the derivation's expressions
     compilers.gcc, .clang     the generated C against all warnings
@@ -18,8 +18,8 @@
     compilers.objects         the object files against allocation, static mutable state and recursion
     compilers.cppcheck        the generated C against cppcheck
 
-Each gate is a function from `Subject` to `GateResult`. A name stands for its gate, or for all gates that it
-begins: ``trajectory`` for four.
+Each gate is a function from `Subject` to `GateResult`. A name selects its gate, or all gates whose names
+begin with it: ``trajectory`` selects four.
 """
 
 from __future__ import annotations
@@ -57,9 +57,9 @@ class Gate:
 
     Attributes:
         name: of the gate.
-        check: what it does.
-        needs_generated: whether it looks into ``generated/<name>/``.
-        outside: whether it waits for other programs, so that it can run beside the others.
+        check: the function.
+        needs_generated: whether it reads ``generated/<name>/``.
+        outside: whether it waits for other programs, so it can run in parallel with the others.
     """
 
     name: str
@@ -90,10 +90,10 @@ GATES: Final = (
 
 
 def select(names: Sequence[str]) -> tuple[Gate, ...]:
-    """The gates that some names stand for, in the order of the table; all of them for no name.
+    """The gates that some names select, in the order of the table; all of them for no name.
 
     Raises:
-        UsageError: a name stands for no gate.
+        UsageError: a name selects no gate.
     """
     for name in names:
         if not any(_stands_for(name, gate) for gate in GATES):
@@ -104,7 +104,7 @@ def select(names: Sequence[str]) -> tuple[Gate, ...]:
 
 
 def _guess(name: str) -> str:
-    """Ask whether the gate, or beginning of several, that a wrong name comes closest to was meant."""
+    """Suggest the gate, or common prefix of several, closest to a wrong name."""
     meant = {gate.name.rpartition(".")[-1]: gate.name for gate in GATES}
     meant |= {word: word for gate in GATES for word in (gate.name, gate.name.partition(".")[0])}
     return did_you_mean(name, meant, meant.__getitem__)
@@ -117,15 +117,15 @@ def _stands_for(name: str, gate: Gate) -> bool:
 def run_gates(
     subject: Subject, gates: Sequence[Gate] = GATES, stage: Stage = unwatched
 ) -> Iterator[GateResult]:
-    """Run gates on one model, giving each result in the table's order as soon as it is there.
+    """Run gates on one model; yield each result in the table's order as soon as it exists.
 
-    Gates that mostly wait for compilers run in a second thread meanwhile. What interrupts the gates keeps
-    those that have not begun from beginning.
+    Gates that mostly wait for compilers run in a second thread meanwhile. After an interruption no further
+    gate starts.
 
     Args:
         subject: the model.
         gates: which.
-        stage: called with the gate at work.
+        stage: called with the current gate.
     """
     obstacle = _obstacle(subject) if any(gate.needs_generated for gate in gates) else ""
     if not obstacle and any(gate.outside for gate in gates):
@@ -144,12 +144,12 @@ def run_gates(
 
 
 def _prepare(subject: Subject) -> None:
-    """Make what both threads use before they start."""
+    """Compute the data common to both threads before they start."""
     _ = subject.manifest, subject.compiler, subject.interpreted
 
 
 def _obstacle(subject: Subject) -> str:
-    """Why ``generated/<name>/`` cannot be looked at, or nothing."""
+    """Why ``generated/<name>/`` cannot be read, or nothing."""
     try:
         _ = subject.manifest, subject.tapes
     except (StaleError, OSError, ValueError, IndexError) as error:
@@ -158,15 +158,15 @@ def _obstacle(subject: Subject) -> str:
 
 
 def run_gate(subject: Subject, gate: Gate, obstacle: str = "") -> GateResult:
-    """Run one gate; an error of the model's makes it fail, with the error as the reason.
+    """Run one gate; an error of the model makes it fail, with the error as the reason.
 
-    So does what a gate trips over in the results of bad code, such as a run without a row: the other gates
-    and the report are then still made.
+    So does any exception caused by results of faulty code, such as a run without a row: the other gates and
+    the report are still completed.
 
     Args:
         subject: the model.
         gate: the gate.
-        obstacle: why generated files cannot be looked at, if so.
+        obstacle: why generated files cannot be read, if so.
     """
     begun = time.perf_counter()
     if obstacle and gate.needs_generated:

@@ -1,4 +1,4 @@
-"""Trajectories as gates compare them: states and v at some instants, and when u met its limits."""
+"""Trajectories for comparison by gates: states and v at some instants, and when u met its limits."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from pmjoint_codegen.simulate.settings import make_settings
 
 Array = npt.NDArray[np.float64]
 
-ACCURACY = 1e-9  # what a trajectory must agree to, relative to max(1, |value|); the same for instants, s
+ACCURACY = 1e-9  # required agreement of a trajectory, relative to max(1, |value|); the same for instants, s
 TOLERANCE = 1e-13  # local error of the runs: small enough for the accuracy above over the whole horizon
-ROWS = 201  # instants that are kept, at most
+ROWS = 201  # instants kept, at most
 
 Switches = tuple[tuple[float, int], ...]
 
@@ -41,12 +41,12 @@ class Trajectory:
 def default_run(
     evaluator: Evaluator, parameters: dict[str, float] | None = None, output_step: float | None = None
 ) -> Run:
-    """The model's own run, as exactly as the integrator can.
+    """The model's own run, as exact as the integrator allows.
 
     Args:
         evaluator: of the model's kernels.
         parameters: other values of some parameters, as the kernels take them.
-        output_step: another than the model's, s.
+        output_step: an override of the model's, s.
     """
     settings = make_settings(
         evaluator.manifest,
@@ -58,7 +58,7 @@ def default_run(
 
 
 def trajectory_of(done: Run) -> Trajectory:
-    """What a golden file keeps of a run."""
+    """The part of a run that a golden file keeps."""
     rows = kept_rows(len(done.t))
     names = tuple(item.name for item in done.manifest.states)
     values = np.column_stack([done.states, done["v"]])
@@ -66,19 +66,19 @@ def trajectory_of(done: Run) -> Trajectory:
 
 
 def kept_rows(count: int) -> list[int]:
-    """Which of a run's output rows are kept: evenly many, and the last one."""
+    """The output rows of a run that are kept: evenly spaced, and the last one."""
     every = max(1, -(-(count - 1) // (ROWS - 1)))
     return sorted({*range(0, count, every), count - 1})
 
 
 def compare(expected: Trajectory, found: Trajectory, against: str, scales: Array | None = None) -> GateResult:
-    """Hold one trajectory against another, switching instants included.
+    """Check one trajectory against another, switching instants included.
 
     Args:
         expected: the reference.
-        found: what the integrator gave.
-        against: what the reference is, for people.
-        scales: what each entry is compared relative to, shape (rows, columns); max(1, |value|) by default.
+        found: the integrator's result.
+        against: name of the reference, for messages.
+        scales: scale of each entry's error, shape (rows, columns); max(1, |value|) by default.
     """
     if expected.names != found.names or not np.array_equal(expected.t, found.t):
         return failed(

@@ -1,1 +1,1 @@
-"""The command line: one module a command, each of which imports what is heavy only when it runs."""
+"""The command line: one module per command. Each imports heavy libraries only when it runs."""

@@ -1,4 +1,4 @@
-"""``pmjoint audit``: the paper's printed equations against what follows from its model."""
+"""``pmjoint audit``: check the paper's printed equations against what follows from its model."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 
 FORMATS = ("table", "markdown", "json")
 
-_ABOUT = """Hold every printed equation of the paper against what follows from its model.
+_ABOUT = """Check every printed equation of the paper against what follows from its model.
 
 Each of (1)-(37), and each claim made in words, gets a verdict: follows, definition, assumption, follows
 with a correction, does not follow. Verdicts are computed: differences expand to zero, remainders are sums
-of squares, and claims about the closed loop are tried on it.
+of squares, and claims about the closed loop are tested on it.
 """
 
 _EXAMPLES = """\b
@@ -42,13 +42,13 @@ Examples
 @click.option("--json", "json_wanted", is_flag=True, help="Print one JSON document, as --format json does.")
 @click.option("--out", type=Place(dir_okay=False), help="Write to a file instead.")
 def command(form: str | None, json_wanted: bool, out: Path | None) -> None:
-    """Run ``pmjoint audit``: click hands over what it has read."""
+    """Run ``pmjoint audit``: click passes the parsed arguments."""
     if json_wanted and form not in (None, "json"):
         raise click.UsageError(f"--json and --format {form} exclude each other")
     if out is not None:
         from pmjoint_codegen.storage import ensure_file
 
-        ensure_file(out)  # before the audit, which takes its time
+        ensure_file(out)  # before the audit, which takes a while
     text = _written(_findings(), "json" if json_wanted else form or "table")
     if out is None:
         result(text.rstrip("\n"))
@@ -70,7 +70,7 @@ def _findings() -> tuple[Finding, ...]:
             raise MissingToolError(f"{error.name} is needed to audit", where="audit", remedy=remedy) from None
         try:
             return audit(lambda done: progress.stage("examining claims", done), message)
-        except ArithmeticError as error:  # a claim whose ground is missing: another model under that name
+        except ArithmeticError as error:  # a claim lacks its basis: another model has that name
             from pmjoint_codegen.errors import ModelError
             from pmjoint_codegen.workspace import find_model
 

@@ -1,4 +1,4 @@
-"""``pmjoint check``: the generated code against the symbolic reference, gate by gate."""
+"""``pmjoint check``: check the generated code against the symbolic reference, gate by gate."""
 
 from __future__ import annotations
 
@@ -22,9 +22,8 @@ if TYPE_CHECKING:
 
 _ABOUT = """Check generated/<name>/ of each MODEL (of all models if none is named).
 
-Every gate says what it measured and what that may be at most. The exit code is 1 if any gate failed; a
-gate whose tool is missing says so and is not counted as passed, and where no gate could look at anything,
-the exit code is 3.
+Every gate prints what it measured and the bound on it. The exit code is 1 if any gate failed. A gate whose
+tool is missing says so and does not count as passed. If no gate could check anything, the exit code is 3.
 """
 
 _EXAMPLES = """\b
@@ -32,7 +31,7 @@ Examples
   pmjoint check                             every model, every gate
   pmjoint check paper --gate symbolic       one gate
   pmjoint check --junit check.xml           for continuous integration
-  pmjoint check paper --update-golden       keep the present trajectory as the reviewed one
+  pmjoint check paper --update-golden       make the present trajectory the reviewed one
 """
 
 
@@ -43,19 +42,19 @@ Examples
     "names",
     multiple=True,
     metavar="NAME",
-    help="Run this gate only; repeatable. `trajectory` stands for all it begins.",
+    help="Run this gate only; repeatable. `trajectory` selects every gate that begins so.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
 @click.option("--junit", "report", type=Place(dir_okay=False), help="Write a JUnit file.")
 @click.option(
     "--update-golden",
     is_flag=True,
-    help="Write golden/<model>.csv anew before checking; review the difference.",
+    help="Rewrite golden/<model>.csv before checking; review the difference.",
 )
 def command(
     models: tuple[str, ...], names: tuple[str, ...], as_json: bool, report: Path | None, update_golden: bool
 ) -> int:
-    """Run ``pmjoint check``: click hands over what it has read."""
+    """Run ``pmjoint check``: click passes the parsed arguments."""
     with activity("checking") as shown:
         shown.stage("loading the gates", 0.0)
         from pmjoint_codegen.check.table import select
@@ -85,7 +84,7 @@ def _conclude(found: Sequence[GateResult]) -> int:
     """Give the exit code.
 
     Raises:
-        PmjointError: no gate could look at anything.
+        PmjointError: no gate could check anything.
     """
     if all(gate.verdict == "not run" for gate in found):
         names: dict[str, dict[str, None]] = {}  # reason -> gates, each once, in their order
@@ -97,13 +96,13 @@ def _conclude(found: Sequence[GateResult]) -> int:
 
 
 class _Relay:
-    """Hands stages on to the activity shown at the time, so that none is where a result is printed."""
+    """Passes stages to the activity shown at the time, so that no activity runs while a result is printed."""
 
     def __init__(self) -> None:
         self.shown: Shown | None = None
 
     def __call__(self, name: str, done: float) -> None:
-        """Take note of the stage at work."""
+        """Record the current stage."""
         if self.shown is not None:
             self.shown.stage(name, done)
 
@@ -140,14 +139,14 @@ def _checked(subject: Subject, gates: Sequence[Gate], relay: _Relay, *, quiet: b
 
 
 def lines(found: GateResult) -> Iterator[str]:
-    """One line for a gate; for one that failed, everything that helps to see why."""
+    """One line per gate; for a failed gate, everything that helps to see why."""
     measured = (
         f"{found.figure:.3g} <= {found.bound:g}"
         if found.figure is not None and found.bound is not None
         else ""
     )
     if found.figure == found.bound == 0:
-        measured = "0"  # a count of faults: there is nothing that it may be instead
+        measured = "0"  # a count of faults: only 0 is allowed
     if found.verdict == "failed":
         measured = measured.replace("<=", "against")
     yield f"  {found.name:23s} {found.verdict.value:8s} {measured:20s} {found.detail} ({found.seconds:.1f} s)"

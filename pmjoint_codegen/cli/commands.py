@@ -1,6 +1,6 @@
-"""The table of commands, and a click group that imports a command's module only when it is asked for.
+"""The table of commands, and a click group that imports a command's module only when needed.
 
-Help lists every command with its line from the table, so that ``pmjoint --help`` imports none of them either.
+Help lists every command with its line from the table, so ``pmjoint --help`` imports none of them either.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ COMMANDS = (
     Entry(
         "tune",
         "pmjoint_codegen.cli.tune",
-        "Choose gains that do best within limits.",
+        "Choose the best gains within limits.",
     ),
     Entry("derive", "pmjoint_codegen.cli.derive", "Print the derivation of a model, equation by equation."),
     Entry(
@@ -50,18 +50,18 @@ COMMANDS = (
     Entry(
         "check",
         "pmjoint_codegen.cli.check",
-        "Hold generated code against the derivation, gate by gate.",
+        "Check generated code against the derivation, gate by gate.",
     ),
     Entry(
         "audit",
         "pmjoint_codegen.cli.audit",
-        "Hold the paper's equations against what follows from its model.",
+        "Check the paper's equations against what follows from its model.",
     ),
     Entry("new", "pmjoint_codegen.cli.new", "Write a commented model file that simulates at once."),
     Entry(
         "doctor",
         "pmjoint_codegen.cli.doctor",
-        "Say what this machine has (compiler, tools) and what that means.",
+        "Show this machine's compiler and tools, and what that means.",
     ),
 )
 
@@ -89,7 +89,7 @@ class CommandGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Find the command that the arguments name, or say which there are."""
+        """Find the command that the arguments name, or list the commands."""
         if args and args[0] not in self.entries and not args[0].startswith("-"):
             ctx.fail(f"no command {args[0]!r}; there are {', '.join(self.entries)}")
         return super().resolve_command(ctx, args)

@@ -12,9 +12,9 @@ FORMATS = ("text", "latex", "markdown", "json")
 
 _ABOUT = """Print the derivation of MODEL, equation by equation.
 
-From the plant follow the filters, the compensator, each error, virtual control and partial derivative,
-the law v, and the Lyapunov function V with its rate: named steps, each with its number in the paper, its
-meaning and its unit.
+The derivation leads from the plant to the filters, the compensator, each error, virtual control and partial
+derivative, the law v, and the Lyapunov function V with its rate. Each named step has its number in the
+paper, its meaning and its unit.
 """
 
 _EXAMPLES = """\b
@@ -33,13 +33,13 @@ Examples
     type=click.Choice(FORMATS),
     default="text",
     show_default=True,
-    help="text copies into code; latex is a whole document (article, amsmath); markdown renders on GitHub "
-    "and GitLab; json is one document.",
+    help="text can be pasted into code; latex is a whole document (article, amsmath); markdown renders on "
+    "GitHub and GitLab; json is one document.",
 )
 def command(model: str, form: str) -> None:
-    """Run ``pmjoint derive``: click hands over what it has read."""
+    """Run ``pmjoint derive``: click passes the parsed arguments."""
     with activity(f"deriving {model}") as shown:
-        shown.stage("loading what derives", 0.0)
+        shown.stage("loading the toolchain", 0.0)
         from pmjoint_codegen.modelfile import model_of
         from pmjoint_codegen.modelfile.reader import read_document
         from pmjoint_codegen.report.latex import latex_report

@@ -1,4 +1,4 @@
-"""``pmjoint diff``: what a change of a model changes, since a revision of git."""
+"""``pmjoint diff``: what has changed in a model since a revision of git."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
 _ABOUT = """Show what differs between MODEL in a revision of git and in the working tree.
 
-Named equations, values of the model file, operations of the kernels, bytes of the generated files, and
-figures of the golden trajectory. Each side is its generated folder; where that does not follow from the
-model file beside it, the model file is derived, and the output says so. Nothing is checked out or written.
+Compares named equations, values of the model file, operations of the kernels, bytes of the generated files,
+and figures of the golden trajectory. Each side is read from its generated folder. Where that folder does not
+follow from the model file, the model is rederived, and the output says so. Nothing is checked out or written.
 """
 
 _EXAMPLES = """\b
@@ -36,9 +36,9 @@ Examples
 @click.option("--rev", "revision", default="HEAD", show_default=True, help="The revision to compare with.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
 def command(model: str, revision: str, as_json: bool) -> None:
-    """Run ``pmjoint diff``: click hands over what it has read."""
+    """Run ``pmjoint diff``: click passes the parsed arguments."""
     with activity(f"comparing {model}") as shown:
-        shown.stage("loading what compares", 0.0)
+        shown.stage("loading the comparison", 0.0)
         from pmjoint_codegen.review.difference import difference
 
         found = difference(model, revision, shown.stage)
@@ -49,7 +49,7 @@ def command(model: str, revision: str, as_json: bool) -> None:
 
 
 def lines(found: Difference) -> Iterator[str]:
-    """Tell of all that differs, a paragraph each for equations, values, generated code and golden figures."""
+    """List all differences, a paragraph each for equations, values, generated code and golden figures."""
     names = dict.fromkeys((found.before.name, found.after.name))
     yield " -> ".join(names)
     yield f"  before  {found.before.source}"
@@ -97,7 +97,7 @@ def _golden_lines(found: Difference) -> Iterator[str]:
 
 
 def _figures(item: Change) -> tuple[str, str, str]:
-    """Print before and after with the digits that tell them apart."""
+    """Print before and after with enough digits to distinguish them."""
     short = [
         f"{value:.6g}" if isinstance(value, float) else _text(value) for value in (item.before, item.after)
     ]

@@ -1,4 +1,4 @@
-"""``pmjoint doctor``: what of the machine is found, and what that means for the user."""
+"""``pmjoint doctor``: what was found on the machine, and what that means for the user."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ _PACKAGES = {
     "click": ("reads the command line", "nothing runs without it"),
     "matplotlib": ("draws figures", "without it, use --no-figures"),
     "rich": ("draws progress bars", "without it there are none"),
-    "scipy": ("holds the tools of sweeps", "not needed by a single run"),
+    "scipy": ("supplies numerical tools for sweeps", "not needed by a single run"),
     "sympy": ("derives", "without it, only the committed models run, as they are"),
     "casadi": (
-        "generates C, and runs kernels where no compiler is",
+        "generates C, and runs kernels where there is no compiler",
         "without it, only the committed models run, compiled",
     ),
-    "pint": ("converts units of [joint]", "without it, they must be those of the SI"),
+    "pint": ("converts units of [joint]", "without it, they must be SI units"),
     "pydantic": ("validates model files", "without it, only the committed models run, as they are"),
 }
-_OPTIONAL = {  # what it does, and what brings it
+_OPTIONAL = {  # what it does, and what installs it
     "xarray": ("`pmjoint sweep`: labels its datasets", "pmjoint-codegen[sweep]"),
     "zarr": ("`pmjoint sweep`: writes its datasets", "pmjoint-codegen[sweep]"),
     "h5netcdf": ("`pmjoint sweep --format netcdf`", "pmjoint-codegen[sweep]"),
@@ -49,9 +49,9 @@ _OPTIONAL = {  # what it does, and what brings it
     "heyoka": ("`pmjoint check`: the independent solver", "heyoka"),
 }
 _PROGRAMS = {
-    "gcc": ("compiles kernels; one of two compilers that generated C is tried with", "apt-get install gcc"),
+    "gcc": ("compiles kernels; one of two compilers that generated C is tested with", "apt-get install gcc"),
     "clang": (
-        "compiles kernels; one of two compilers that generated C is tried with",
+        "compiles kernels; one of two compilers that generated C is tested with",
         "apt-get install clang",
     ),
     "cppcheck": ("static analysis of generated C", "apt-get install cppcheck"),
@@ -79,13 +79,13 @@ class Finding:
     meaning: str
 
 
-_ABOUT = """Say what of this machine is found (compiler, packages, optional programs) and what that means."""
+_ABOUT = """Show what this machine has (compiler, packages, optional programs) and what that means."""
 
 
 @click.command(help=_ABOUT)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
 def command(as_json: bool) -> None:
-    """Run ``pmjoint doctor``: click hands over what it has read."""
+    """Run ``pmjoint doctor``: click passes the parsed arguments."""
     findings = list(examine(os.environ))
     if as_json:
         document({"version": __version__, "findings": [asdict(finding) for finding in findings]})
@@ -112,7 +112,7 @@ def examine(environment: Mapping[str, str]) -> Iterator[Finding]:
 
 
 def as_text(findings: list[Finding]) -> str:
-    """Give the findings as a table, group by group."""
+    """Format the findings as a table, group by group."""
     lines = [
         f"pmjoint {__version__} on {platform.system()} {platform.machine()}, {os.cpu_count()} processors"
     ]
@@ -131,7 +131,7 @@ def _compiler(environment: Mapping[str, str]) -> Finding:
 
     compiler = find_compiler(environment, message)
     if compiler is None:
-        meaning = f"kernels run interpreted, same results, far slower; the fast way: {INSTALL}"
+        meaning = f"kernels run interpreted, same results, far slower; to compile them: {INSTALL}"
         return Finding("C compiler", "machine", "absent", "", meaning)
     found = _first_line([*compiler.command, "--version"]) or "of unknown version"
     command_line = " ".join(compiler.command)
@@ -146,7 +146,7 @@ def _compiler(environment: Mapping[str, str]) -> Finding:
 
 
 def _compiler_fault(compiler: Compiler) -> str:
-    """What keeps a compiler from making a library, in one line: wrong flags, no headers; or nothing."""
+    """Why a compiler cannot build a library, in one line: wrong flags, no headers; empty if it can."""
     from pmjoint_codegen.compile.library import build
     from pmjoint_codegen.errors import BuildError
     from pmjoint_codegen.scratch import scratch
@@ -178,7 +178,7 @@ def _cache(environment: Mapping[str, str]) -> Iterator[Finding]:
 
 
 def _mend_cache(wanted: Path | None) -> str:
-    """What makes a cache folder one that can be trusted."""
+    """How to make a cache folder trustworthy."""
     if wanted is None:
         return "set PMJOINT_CACHE to a folder of your own"
     return (
@@ -215,7 +215,7 @@ def _program(name: str, purpose: str, remedy: str, environment: Mapping[str, str
 
 
 def _first_line(command_line: list[str]) -> str:
-    """Give the first line that a program prints, or nothing where it cannot be run."""
+    """Give the first line that a program prints, or nothing if it cannot be run."""
     try:
         done = subprocess.run(
             command_line,
@@ -232,7 +232,7 @@ def _first_line(command_line: list[str]) -> str:
 
 
 def pinned() -> dict[str, str]:
-    """Give what this package asks of others by name, such as ``==3.8.2`` for casadi."""
+    """Give the versions that this package requires of others, such as ``==3.8.2`` for casadi."""
     pattern = re.compile(r"\s*([A-Za-z0-9_.-]+)\s*([^;\[]*)")
     matches = (pattern.match(line) for line in _requirements())
     return {match.group(1).lower(): match.group(2).strip() for match in matches if match}

@@ -1,4 +1,4 @@
-"""The ``pmjoint`` command, and the one place where an error becomes a line and an exit code.
+"""The ``pmjoint`` command, and the one place that turns an error into a line and an exit code.
 
     0    done
     1    a check found a difference
@@ -8,11 +8,11 @@
     130  interrupted from the keyboard
     143  terminated (SIGTERM)
 
-Messages go to standard error; where that is closed or full they are lost, and the code stays. A standard
-output that nobody reads, a closed pipe or a closed descriptor, is no error; one that cannot be written is 3.
+Messages go to standard error. Where that is closed or full they are lost, and the exit code stays. A standard
+output that nobody reads (a closed pipe or descriptor) is no error; one that cannot be written gives 3.
 ``PMJOINT_TRACEBACK=1`` shows where an error came from.
 
-This module imports next to nothing. So Ctrl-C finds `main` in charge, whatever it still has to import.
+This module imports next to nothing. So `main` handles Ctrl-C even while other modules are being imported.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import sys
 
 from pmjoint_codegen.cli import streams
 
-TYPE_CHECKING = False  # as in `typing`, which takes its time to import
+TYPE_CHECKING = False  # as in `typing`, which is slow to import
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -44,13 +44,13 @@ Start with
 \b
 Exit codes
   0 done                    1 a check found a difference
-  2 bad usage or model      3 a run failed, or the machine gave out
+  2 bad usage or model      3 a run failed, or a resource ran out
   130, 143, 129             ended by Ctrl-C, SIGTERM, a closed terminal
 """
 
 _LONGEST = 1000  # characters of a message
 
-_BRINGS = {  # module -> what brings it
+_BRINGS = {  # module -> what installs it
     **dict.fromkeys(("sympy", "mpmath", "casadi", "pint", "pydantic"), "pmjoint-codegen[derive]"),
     **dict.fromkeys(("xarray", "zarr", "pandas", "pyarrow", "h5netcdf"), "pmjoint-codegen[sweep]"),
     "_cffi_backend": "cffi",
@@ -60,7 +60,7 @@ _BRINGS = {  # module -> what brings it
 
 
 class Terminated(KeyboardInterrupt):
-    """The system asks the process to end: whatever cleans up behind Ctrl-C cleans up behind this.
+    """The system ends the process. What cleans up after Ctrl-C also cleans up after this.
 
     Attributes:
         signal: its number.
@@ -92,12 +92,12 @@ def _listen() -> None:
         raise Terminated(number)
 
     for number in (signal.SIGTERM, signal.SIGHUP):
-        if signal.getsignal(number) is signal.SIG_DFL:  # else the caller, such as nohup, wants it ignored
+        if signal.getsignal(number) is signal.SIG_DFL:  # else the caller, such as nohup, ignores it
             signal.signal(number, stop)
 
 
 def _stop_listening() -> None:
-    """From here on the interpreter only ends: no exception could be handled any more."""
+    """Restore the default signals: the interpreter is about to end and can handle no more exceptions."""
     import signal
 
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
@@ -112,13 +112,13 @@ def run(arguments: Sequence[str]) -> int:
         arguments: what follows ``pmjoint``.
 
     Returns:
-        the exit code. No exception leaves this function but those that end an interpreter.
+        the exit code. Only exceptions that end an interpreter leave this function.
     """
     try:
         return _with_click(list(arguments))
     except KeyboardInterrupt as stop:
         return _stopped(stop)
-    except Exception as error:  # the boundary: nothing but a line and a code goes on from here
+    except Exception as error:  # the boundary: every error becomes a line and a code here
         behind = _interruption(error)
         return _report(error) if behind is None else _stopped(behind)
 
@@ -145,7 +145,7 @@ def _with_click(arguments: list[str]) -> int:
 
 def _invoke(arguments: list[str]) -> int:
     group = program()
-    if "_PMJOINT_COMPLETE" in os.environ:  # the shell asks for completions
+    if "_PMJOINT_COMPLETE" in os.environ:  # the shell requests completions
         group.main(arguments, prog_name="pmjoint")
     with group.make_context("pmjoint", arguments) as context:
         code = group.invoke(context)
@@ -186,7 +186,7 @@ def _version(ctx: click.Context, _option: click.Parameter, wanted: bool) -> None
 
 
 def _interruption(error: BaseException | None) -> KeyboardInterrupt | None:
-    """The interruption behind an error: a library turns one that hits its import into an error of its own."""
+    """The interruption behind an error: a library may turn one during its import into an error of its own."""
     seen: set[int] = set()
     while error is not None and id(error) not in seen:
         if isinstance(error, KeyboardInterrupt):
@@ -197,7 +197,7 @@ def _interruption(error: BaseException | None) -> KeyboardInterrupt | None:
 
 
 def _stopped(stop: KeyboardInterrupt) -> int:
-    """Say that the command was stopped, and give the code that shells give."""
+    """Print that the command was stopped, and give the exit code that shells use."""
     number = stop.signal if isinstance(stop, Terminated) else 2  # SIGINT
     words = {2: "interrupted", 1: "the terminal was closed"}.get(number, "terminated")
     try:
@@ -209,7 +209,7 @@ def _stopped(stop: KeyboardInterrupt) -> int:
 
 
 def _usage_line(misuse: click.ClickException) -> str:
-    """Say in one line what is wrong with a command line and where its help is."""
+    """State in one line what is wrong with a command line and where its help is."""
     import click
 
     context = misuse.ctx if isinstance(misuse, click.UsageError) else None
@@ -219,12 +219,12 @@ def _usage_line(misuse: click.ClickException) -> str:
 
 
 def _cut(line: str) -> str:
-    """Cut the middle out of a line that repeats what is far too long to read."""
+    """Cut the middle out of a line that repeats overlong input."""
     return line if len(line) <= _LONGEST else f"{line[: _LONGEST // 2]} ... {line[-_LONGEST // 2 :]}"
 
 
 def _report(error: Exception) -> int:
-    """Print an error as one line, after the compiler's words if it has any, and give its exit code."""
+    """Print an error as one line, after the compiler's output if there is any, and give its exit code."""
     from pmjoint_codegen.cli.terminal import message
     from pmjoint_codegen.errors import BuildError, PmjointError, installing
 
@@ -250,6 +250,6 @@ def _report(error: Exception) -> int:
     kind = type(error).__name__
     what = " ".join(str(error).split())
     message(
-        f"pmjoint: unexpected {kind}: {what}; a bug: please report it with what PMJOINT_TRACEBACK=1 shows"
+        f"pmjoint: unexpected {kind}: {what}; a bug: please report it with the output of PMJOINT_TRACEBACK=1"
     )
     return 3

@@ -40,7 +40,7 @@ Examples
     help="Folder [default: models].",
 )
 def command(name: str, kind: str | None, out: Path) -> None:
-    """Run ``pmjoint new``: click hands over what it has read."""
+    """Run ``pmjoint new``: click passes the parsed arguments."""
     path = create(name, kind or "joint", out)
     result(f"{path}\nnext: pmjoint simulate {shlex.quote(str(path))}")
 
@@ -51,10 +51,10 @@ def create(name: str, kind: str, folder: Path) -> Path:
     Args:
         name: of the model; it also names its folder under ``generated/``.
         kind: ``joint`` or ``plant``.
-        folder: made if need be.
+        folder: created if needed.
 
     Raises:
-        UsageError: a name that is none, a file that exists, a folder that cannot be written.
+        UsageError: an invalid name, a file that exists, a folder that cannot be written.
     """
     from pmjoint_codegen.errors import UsageError, quoted
     from pmjoint_codegen.modelfile.names import MODEL_NAME
@@ -62,12 +62,10 @@ def create(name: str, kind: str, folder: Path) -> Path:
 
     if not re.fullmatch(MODEL_NAME, name):
         remedy = "allowed: letters, digits, - and _, beginning with a letter or digit, 64 at most"
-        raise UsageError(f"{quoted(name)} is no name for a model", remedy=remedy)
+        raise UsageError(f"{quoted(name)} is not a valid model name", remedy=remedy)
     path = folder / f"{name}.toml"
     if path.exists() or path.is_symlink():
-        raise UsageError(
-            "is there already", where=str(path), remedy="choose another name, or delete it first"
-        )
+        raise UsageError("exists already", where=str(path), remedy="choose another name, or delete it first")
     ensure_folder(folder)
     template = (TEMPLATES / f"{kind}.toml").read_text(encoding="utf-8")
     write_text(path, template.replace('"NAME"', f'"{name}"', 1))

@@ -1,4 +1,4 @@
-"""Kinds of values that options take, and what several commands do with theirs."""
+"""Value types of options, and what several commands share."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from pmjoint_codegen.simulate.settings import RunOptions
 
-    _Kind = click.ParamType[Any]  # generic in newer releases of click, to the type checker alone
+    _Kind = click.ParamType[Any]  # generic in newer releases of click, for the type checker only
 else:
     _Kind = click.ParamType
 
@@ -39,34 +39,34 @@ class Assignment(_Kind):
 
 
 class Place(click.Path):
-    """A path to write to, as a `Path`; an empty one, as an unset shell variable leaves, is a mistake."""
+    """A path to write to, as a `Path`; an empty one, as from an unset shell variable, is a mistake."""
 
     def __init__(self, *, dir_okay: bool = True) -> None:
-        """Take what click takes: whether a folder may stand there."""
+        """Take click's setting: whether the path may be a folder."""
         super().__init__(dir_okay=dir_okay, path_type=Path)
 
     def convert(
         self, value: str | os.PathLike[str], param: click.Parameter | None, ctx: click.Context | None
     ) -> Any:
-        """Refuse the empty path, which would be the current folder, or a default unsaid."""
+        """Refuse the empty path, which would mean the current folder or a silent default."""
         if os.fspath(value) == "":
-            self.fail("is empty; give a path, or leave the option out", param, ctx)
+            self.fail("is empty; give a path, or omit the option", param, ctx)
         return super().convert(value, param, ctx)
 
 
 class ModelName(_Kind):
-    """A model by name or path, which the shell completes."""
+    """A model by name or path, with shell completion."""
 
     name = "model"
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """Take it as it is: the command finds the file, or says which there are."""
+        """Take it as it is: the command finds the file, or lists the known models."""
         return str(value)
 
     def shell_complete(
         self, ctx: click.Context, param: click.Parameter, incomplete: str
     ) -> list[CompletionItem]:
-        """Give names of models and model files that begin so; where none does, the shell looks for files."""
+        """Give matching names of models and model files; if none match, the shell completes file names."""
         from click.shell_completion import CompletionItem
 
         from pmjoint_codegen.workspace import known_models
@@ -103,7 +103,7 @@ def number_of(text: str, kind: _Kind, param: click.Parameter | None, ctx: click.
 def assignments(
     ctx: click.Context, param: click.Parameter, pairs: tuple[tuple[str, float], ...]
 ) -> dict[str, float]:
-    """Gather assignments; a name that is set twice is a mistake, whichever value was meant."""
+    """Gather assignments; a name that is set twice is a mistake."""
     table: dict[str, float] = {}
     for name, value in pairs:
         if name in table:
@@ -113,29 +113,29 @@ def assignments(
 
 
 def tell_idle_sample_time(asked: RunOptions) -> None:
-    """Say that a sample time was given to the controller that has none."""
+    """Warn that a sample time was given to a controller that has none."""
     if asked["sample_time"] is not None and asked["controller"] != "sampled":
-        message("pmjoint: --sample-time does nothing without --controller sampled")
+        message("pmjoint: --sample-time has no effect without --controller sampled")
 
 
 def processors() -> int:
-    """Processors that this process may use."""
+    """Number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-# One option for each keyword of a run, by the keyword; a command words its help anew where it means more.
+# One option per keyword of a run. A command replaces the help text where its option means more.
 _OF_A_RUN: Final[Mapping[str, tuple[str, Mapping[str, Any]]]] = {
     "parameters": ("--set", {"type": Assignment(), "multiple": True, "callback": assignments}),
     "x0": ("--x0", {"type": Numbers(), "help": "Initial plant states."}),
     "reference": ("--reference", {"metavar": "EXPR", "help": "Another y_r, a function of t and parameters."}),
     "disturbance": (
         "--disturbance",
-        {"metavar": "EXPR", "multiple": True, "help": "Another disturbance; repeat it, one a state."},
+        {"metavar": "EXPR", "multiple": True, "help": "Another disturbance; repeat it, one per state."},
     ),
     "horizon": ("--horizon", {"type": float, "metavar": "S", "help": "Length of every run in seconds."}),
     "output_step": (
         "--output-step",
-        {"type": float, "metavar": "S", "help": "Distance of output instants in seconds."},
+        {"type": float, "metavar": "S", "help": "Time between output instants in seconds."},
     ),
     "controller": (
         "--controller",
@@ -144,7 +144,7 @@ _OF_A_RUN: Final[Mapping[str, tuple[str, Mapping[str, Any]]]] = {
             "default": "continuous",
             "show_default": True,
             "help": "continuous: as in the paper; sampled: as on a microcontroller, "
-            "v held over the sample time.",
+            "with v constant between samples.",
         },
     ),
     "sample_time": (
@@ -161,18 +161,18 @@ _OF_A_RUN: Final[Mapping[str, tuple[str, Mapping[str, Any]]]] = {
     ),
     "tolerance": (
         "--tolerance",
-        {"type": float, "metavar": "TOL", "show_default": True, "help": "Local error."},
+        {"type": float, "metavar": "TOL", "show_default": True, "help": "Local error tolerance."},
     ),
     "max_step": (
         "--max-step",
-        {"type": float, "metavar": "S", "help": "No integration step is longer than this, in seconds."},
+        {"type": float, "metavar": "S", "help": "Longest integration step in seconds."},
     ),
     "divergence": (
         "--divergence",
         {
             "type": float,
             "metavar": "X",
-            "help": "A state beyond it ends a run "
+            "help": "A state beyond this limit ends a run "
             "[default: 1e4, more for pressures in Pa or a distant start].",
         },
     ),
@@ -183,8 +183,8 @@ def run_options(**changes: Mapping[str, Any]) -> Callable[[Callable[..., Any]], 
     """Give a command options of a run.
 
     Args:
-        changes: keyword -> what its option has in this command, such as a default, in place of the common
-            one's; ``--help`` lists the options in this order.
+        changes: keyword -> settings of its option in this command, such as a default, that replace the common
+            ones; ``--help`` lists the options in this order.
     """
 
     def decorate(command: Callable[..., Any]) -> Callable[..., Any]:

@@ -1,4 +1,4 @@
-"""``pmjoint regenerate``: write ``generated/<model>/``, or say what is stale and why."""
+"""``pmjoint regenerate``: write ``generated/<model>/``, or report what is stale and why."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 _ABOUT = """Write generated/<name>/ of each MODEL (of all models if none is named).
 
-A folder is replaced as a whole, and only if it would change. What changed is told in mathematics: which
-named equations are new, gone or different.
+A folder is replaced as a whole, and only if it would change. The output lists the named equations that are
+new, gone or different.
 """
 
 _EXAMPLES = """\b
@@ -33,9 +33,9 @@ Examples
 @click.option("--check", is_flag=True, help="Write nothing; exit with 1 if anything is stale.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
 def command(models: tuple[str, ...], check: bool, as_json: bool) -> int:
-    """Run ``pmjoint regenerate``: click hands over what it has read."""
+    """Run ``pmjoint regenerate``: click passes the parsed arguments."""
     with activity("regenerating") as shown:
-        shown.stage("loading what derives", 0.0)
+        shown.stage("loading the toolchain", 0.0)
         from pmjoint_codegen.emit.regenerate import regenerate
 
         reports = regenerate(models, check=check, stage=shown.stage)
@@ -48,7 +48,7 @@ def command(models: tuple[str, ...], check: bool, as_json: bool) -> int:
 
 
 def report_lines(report: Report, width: int = 0) -> Iterator[str]:
-    """Tell of one model, its name in a column: verdict, reasons, changed equations, and what to do."""
+    """Describe one model, its name in a column: verdict, reasons, changed equations, and what to do."""
     comparison = report.comparison
     done = f"  written to {report.folder}" if report.written else ""
     yield f"{report.name:<{width}}  {comparison.verdict.value}{done}"
@@ -57,7 +57,7 @@ def report_lines(report: Report, width: int = 0) -> Iterator[str]:
     for change in comparison.changes:
         yield from (f"    {line}" for line in change.equation_lines())
     if report.stale and not report.written:
-        yield f"    to mend it: {report.remedy}"
+        yield f"    to fix it: {report.remedy}"
 
 
 def _record(report: Report) -> dict[str, object]:

@@ -23,8 +23,8 @@ _DETAIL_ROWS = 500  # of the saturated transient in the figures
 
 _ABOUT = """Integrate the closed loop of MODEL.
 
-Writes trajectory.csv, summary.json and figures into a folder and prints a short table. What is not given
-is as the model file says. A run that fails still writes what it has, and exits with 3.
+Writes trajectory.csv, summary.json and figures into a folder and prints a short table. Defaults come from
+the model file. A run that fails still writes what it has, and exits with 3.
 """
 
 _EXAMPLES = """\b
@@ -41,8 +41,8 @@ Examples
 @click.argument("model", type=ModelName())
 @run_options(
     parameters={
-        "help": "Another value for a parameter (d1, u_max, ...) or gain (c1, e1, ck1, k1, ...); d1_plant is"
-        " the plant's alone, which the controller does not know; repeatable."
+        "help": "Another value for a parameter (d1, u_max, ...) or gain (c1, e1, ck1, k1, ...); d1_plant sets"
+        " it for the plant only, unknown to the controller; repeatable."
     },
     x0={"help": "Initial plant states; filters and compensator start at 0."},
     reference={},
@@ -59,7 +59,7 @@ Examples
 @click.option(
     "--evaluator",
     type=click.Choice(["compiled", "interpreted"]),
-    help="How kernels run; by default compiled where a C compiler is found.",
+    help="How kernels run; by default compiled if a C compiler is found.",
 )
 @click.option("--out", type=Place(), metavar="DIR", help="Results folder [default: runs/<model>].")
 @click.option("--no-figures", is_flag=True, help="Draw no figures.")
@@ -76,7 +76,7 @@ def command(
     wants_json: bool,
     **asked: Unpack[RunOptions],
 ) -> int:
-    """Run ``pmjoint simulate``: click hands over what it has read."""
+    """Run ``pmjoint simulate``: click passes the parsed arguments."""
     from pmjoint_codegen.storage import ensure_folder
 
     tell_idle_sample_time(asked)
@@ -92,8 +92,8 @@ def command(
         if not no_figures:
             files += _draw(loop, run, asked, folder, notes)
         elif any(folder.glob("figure*_*.png")):
-            message(f"pmjoint: the figures in {folder} are of an earlier run")
-    finally:  # figures that fail take no result with them
+            message(f"pmjoint: the figures in {folder} are from an earlier run")
+    finally:  # report the result even if the figures fail
         if wants_json:
             document({**run.summary, "files": files})
         else:
@@ -104,7 +104,7 @@ def command(
 
 
 def _load(model: str, evaluator: str | None, reference: str | None, disturbance: Sequence[str]) -> ClosedLoop:
-    """Load the model's kernels, deriving and compiling what is not there yet."""
+    """Load the model's kernels, deriving and compiling what is missing."""
     from pmjoint_codegen.closed_loop import ClosedLoop
 
     with activity(f"preparing {model}") as shown:
@@ -119,7 +119,7 @@ def _load(model: str, evaluator: str | None, reference: str | None, disturbance:
 
 
 def _run(loop: ClosedLoop, asked: RunOptions) -> tuple[Run, SimulationError | None]:
-    """Simulate; a run that ended early comes with the error that says so."""
+    """Simulate; a run that ended early comes with its error."""
     with activity("simulating") as progress:
         try:
             return loop.simulate(**asked, progress=progress), None
@@ -146,7 +146,7 @@ def write_results(run: Run, folder: Path) -> tuple[Path, ...]:
 def _draw(
     loop: ClosedLoop, run: Run, asked: RunOptions, folder: Path, notes: Sequence[str]
 ) -> tuple[Path, ...]:
-    """Draw the figures, the saturated transient from a second, short run on a fine grid."""
+    """Draw the figures; the saturated transient comes from a second, short run on a fine grid."""
     from pmjoint_codegen.simulate.figures import write_figures
     from pmjoint_codegen.simulate.sheets import transient_window
 

@@ -1,4 +1,4 @@
-"""The standard streams of the process where they are closed, full, or read by nobody."""
+"""Handles standard streams of the process that are closed, full, or read by nobody."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def open_missing() -> None:
-    """Open nothing for what the caller has closed: the next file would be standard output to a compiler."""
+    """Open the null device for closed streams: else a compiler would write its output to the next file."""
     for stream in (0, 1, 2):
         try:
             os.fstat(stream)
@@ -21,7 +21,7 @@ def open_missing() -> None:
 
 
 def settle() -> None:
-    """Write out what is buffered; where that fails, as on a full disk, it has been said already."""
+    """Flush what is buffered; a failure, as on a full disk, has been reported already."""
     for stream in (sys.stdout, sys.stderr):
         try:
             if stream is not None:
@@ -31,20 +31,20 @@ def settle() -> None:
 
 
 def discard(stream: TextIO) -> None:
-    """Send what is still buffered nowhere, so that the interpreter's last flush does not fail as well."""
+    """Discard what is still buffered, so that the interpreter's last flush does not fail as well."""
     sink = os.open(os.devnull, os.O_WRONLY)
     os.dup2(sink, stream.fileno())
     os.close(sink)
 
 
 def reader_left() -> bool:
-    """Whether standard output is a pipe that nobody reads any more; what is buffered for it is dropped."""
+    """Whether standard output is a pipe without a reader; what is buffered for it is dropped."""
     import select
 
     asked = select.poll()
     try:
         asked.register(sys.stdout.fileno(), 0)
-    except (AttributeError, ValueError):  # closed, or no file at all
+    except (AttributeError, ValueError):  # closed, or not a file
         return False
     left = any(event & select.POLLERR for _, event in asked.poll(0))
     if left:

@@ -1,4 +1,4 @@
-"""A run in a short table: how it ended, when u was saturated, peaks, settling, error, files."""
+"""A short table of a run: how it ended, when u was saturated, peaks, settling, error, files."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from pmjoint_codegen.cli.terminal import table
 if TYPE_CHECKING:
     from pmjoint_codegen.simulate.run import Run
 
-_SHOWN = 8  # switches in the table; summary.json holds all of them
-_BEYOND = "beyond floating point"  # of a run that failed
-_SEEN = "at the output instants"  # of what is no state: between them it may be more
+_SHOWN = 8  # switches in the table; summary.json has all of them
+_BEYOND = "overflow"  # of a run that failed
+_SEEN = "at the output instants"  # for quantities that are no states: in between they may be larger
 _PASCALS = 1e5  # in a bar
 _MODES = {-1: "at -{limit}", 0: "inside its limits", 1: "at {limit}"}
 
@@ -23,9 +23,9 @@ def summary_table(run: Run, notes: Sequence[str], files: Sequence[Path]) -> str:
     """Give the table.
 
     Args:
-        run: what to tell of.
-        notes: changes that the run itself does not know to be changes.
-        files: what was written, all of it in one folder.
+        run: the run to describe.
+        notes: changes that the run itself cannot recognise as such.
+        files: the files written, all in one folder.
     """
     told = (_head(run, notes), _saturation(run), _peaks(run), _tracking(run), _disturbance(run))
     rows = [*(row for part in told for row in part), *_pressures(run), *_files(files)]
@@ -73,7 +73,7 @@ def _tracking(run: Run) -> Iterator[tuple[str, ...]]:
     summary = run.summary
     unit = next((item.unit for item in run.manifest.signals if item.name == "y"), "")
     if run.summary["status"] == "done" and not summary["held"]:
-        yield "lost", "u is at its limit and |e| is largest at the end: the reference is left for good"
+        yield "diverging", "u is at its limit and |e| is largest at the end: tracking is lost for good"
     yield "settling", _settling(summary["settling_s"], float(run["e"][0]), float(run.t[-1]), unit)
     for label, key, of in (("ISE", "ise", "^2 s"), ("max |e|", "max_abs_e", ""), ("final e", "final_e", "")):
         value = summary[key]
@@ -81,7 +81,7 @@ def _tracking(run: Run) -> Iterator[tuple[str, ...]]:
 
 
 def _settling(settled: float | None, initial: float, end: float, unit: str) -> str:
-    """Name the band in y's unit: 2 % of a small start may be less than what the disturbance leaves of e."""
+    """Give the band in y's unit: 2 % of a small initial e may be less than the disturbance's effect on e."""
     if settled is None or not math.isfinite(initial):
         return "e starts at 0" if initial == 0.0 else _BEYOND
     band = f"{0.02 * abs(initial):.6g} {unit}, 2 % of the initial |e|"
@@ -91,7 +91,7 @@ def _settling(settled: float | None, initial: float, end: float, unit: str) -> s
 
 
 def _disturbance(run: Run) -> Iterator[tuple[str, ...]]:
-    """Say how large each component of D (12) was and what it is; |D| only where a bound of the proof asks."""
+    """Describe each component of D (12) and its size; |D| only where the proof needs a bound on it."""
     summary, bound = run.summary, run.manifest.disturbance_bound
     if bound is not None:
         largest = summary["disturbance_max"]
@@ -110,7 +110,7 @@ def _disturbance(run: Run) -> Iterator[tuple[str, ...]]:
 
 
 def _what(run: Run) -> str:
-    """Say what D is: physics that the design neglects, and the model mismatch."""
+    """Name the parts of D: physics that the design neglects, and the model mismatch."""
     stated = run.manifest.stated(run.settings.parameters)
     own = [name for name in stated if name in run.manifest.own]
     first = "neglected physics" if run.summary["pressures"] else "the model's disturbance"
@@ -118,7 +118,7 @@ def _what(run: Run) -> str:
 
 
 def _pressures(run: Run) -> Iterator[tuple[str, ...]]:
-    """Say where the muscle pressures went, and plainly when a command went beyond what there is."""
+    """Give the range of the muscle pressures, and report commands outside the limits."""
     muscles = run.summary["pressures"] or {}
     for label, (name, item) in zip(("pressures", ""), muscles.items(), strict=False):
         least, greatest, limit = (item[key] / _PASCALS for key in ("min", "max", "P_max"))
@@ -128,7 +128,7 @@ def _pressures(run: Run) -> Iterator[tuple[str, ...]]:
             low, high = (value / _PASCALS for value in item["commanded"])
             yield (
                 "",
-                f"{name} is clipped: {low:.4g} to {high:.4g} bar was commanded; what is missing is part of D",
+                f"{name} is clipped: {low:.4g} to {high:.4g} bar was commanded; the clipped part adds to D",
             )
 
 

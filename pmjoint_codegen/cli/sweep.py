@@ -1,4 +1,4 @@
-"""``pmjoint sweep``: many runs over grids and samples; one dataset, and the figures that it calls for."""
+"""``pmjoint sweep``: many runs over grids and samples; one dataset, and figures of it."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ _SHOWN = 3  # damaged files that a message names
 
 _ABOUT = """Simulate MODEL many times over: on a grid, with random values, or both.
 
-Writes one dataset, sweep.zarr, and figures into a folder. A sweep that is interrupted, by whatever, goes
-on where it was when the same command is given again, and its result is the same.
+Writes one dataset, sweep.zarr, and figures into a folder. After any interruption, the same command resumes
+the sweep where it stopped, with the same result.
 """
 
 _EXAMPLES = """\b
@@ -64,7 +64,7 @@ Examples
     help="How draws fill the space.",
 )
 @run_options(
-    parameters={"help": "A fixed value for a parameter or gain; J_plant is the plant's alone; repeatable."},
+    parameters={"help": "A fixed value for a parameter or gain; J_plant sets the plant's only; repeatable."},
     x0={"help": "Initial plant states where they are not varied."},
     reference={},
     disturbance={},
@@ -81,7 +81,7 @@ Examples
     "output_step",
     type=float,
     metavar="S",
-    help="Keep trajectories too, a row every S seconds.",
+    help="Store trajectories too, a row every S seconds.",
 )
 @click.option(
     "--format",
@@ -90,7 +90,7 @@ Examples
     multiple=True,
     help="Another file beside sweep.zarr; repeatable.",
 )
-@click.option("--threads", type=click.IntRange(1), help="To compute with [default: all processors].")
+@click.option("--threads", type=click.IntRange(1), help="Number of threads [default: all processors].")
 @click.option("--scheduler", metavar="ADDRESS", help="Compute on the workers of this Dask scheduler instead.")
 @click.option(
     "--out",
@@ -98,7 +98,7 @@ Examples
     metavar="DIR",
     help="Results folder [default: runs/<model>-sweep].",
 )
-@click.option("--restart", is_flag=True, help="Forget what is in the folder instead of going on with it.")
+@click.option("--restart", is_flag=True, help="Discard what is in the folder instead of resuming.")
 @click.option("--no-figures", is_flag=True, help="Draw no figures.")
 @click.option("--json", "wants_json", is_flag=True, help="Print one JSON document.")
 def command(
@@ -119,7 +119,7 @@ def command(
     wants_json: bool,
     **asked: Unpack[RunOptions],
 ) -> None:
-    """Run ``pmjoint sweep``: click hands over what it has read."""
+    """Run ``pmjoint sweep``: click passes the parsed arguments."""
     from pmjoint_codegen.provision import provide
     from pmjoint_codegen.sweep.formats import require
     from pmjoint_codegen.sweep.plan import make_plan
@@ -147,7 +147,7 @@ def command(
         try:
             if not no_figures:
                 account["files"] = (*files, *_draw(store, provided))
-        finally:  # figures that fail take no result with them
+        finally:  # report the result even if the figures fail
             if wants_json:
                 document(account)
             else:
@@ -157,13 +157,13 @@ def command(
 def _compute(
     store: Store, provided: Provided, *, threads: int | None, scheduler: str | None, restart: bool
 ) -> None:
-    """Make what is missing and what is damaged, and say what that is."""
+    """Compute what is missing or damaged, and report it."""
     from pmjoint_codegen.sweep.repair import find_damage, mend
 
     store.open(restart=restart)
     work = partial(_simulate, store, provided, threads=threads, scheduler=scheduler)
     if not store.dataset.exists():
-        with activity("reading what is done"):
+        with activity("reading the finished runs"):
             missing = store.missing()
             damaged = store.damaged(missing)
         _tell_damage(store, damaged, missing)
@@ -174,12 +174,12 @@ def _compute(
     if damage.files:
         _tell_damage(store, [store.dataset / name for name in damage.files], damage.starts)
         work(damage.starts)
-        with activity("mending the dataset"):
+        with activity("repairing the dataset"):
             mend(store, provided.manifest, damage)
 
 
 def _tell_damage(store: Store, files: Sequence[Path], starts: Sequence[int]) -> None:
-    """Say which files are no longer what was written, and what that costs."""
+    """Report which files were removed or altered, and how many runs that costs."""
     if files:
         some = ", ".join(str(path.relative_to(store.folder)) for path in files[:_SHOWN])
         more = f" and {len(files) - _SHOWN} more" if len(files) > _SHOWN else ""
@@ -190,7 +190,7 @@ def _tell_damage(store: Store, files: Sequence[Path], starts: Sequence[int]) -> 
 def _simulate(
     store: Store, provided: Provided, starts: Sequence[int], *, threads: int | None, scheduler: str | None
 ) -> None:
-    """Make these chunks, with a bar; say how to go on where that is interrupted."""
+    """Compute these chunks, with a progress bar; say how to resume after an interruption."""
     from pmjoint_codegen.sweep.build_inputs import make_inputs
     from pmjoint_codegen.sweep.dataset import import_ahead
     from pmjoint_codegen.sweep.executor import execute
@@ -210,7 +210,7 @@ def _simulate(
             )
     except KeyboardInterrupt:
         kept = f"{store.done()} of {total} runs are kept in {store.folder}"
-        message(f"pmjoint: {kept}; the same command goes on there")
+        message(f"pmjoint: {kept}; the same command resumes there")
         raise
 
 
@@ -265,7 +265,7 @@ def _account(store: Store, provided: Provided, files: tuple[Path, ...]) -> dict[
 def _text(account: Mapping[str, Any]) -> str:
     size = " x ".join(f"{name} {length}" for name, length in account["dimensions"].items())
     ends = ", ".join(f"{count} {name.replace('_', ' ')}" for name, count in account["status"].items())
-    head = f"{account['model']}: {account['runs']} runs ({size}): {ends}; {account['held']} hold the joint"
+    head = f"{account['model']}: {account['runs']} runs ({size}): {ends}; {account['held']} stay bounded"
     rows = [("of these", "5 %", "median", "95 %", "")]
     for name, values in account["quantiles_of_held"].items():
         if values:

@@ -1,10 +1,10 @@
-"""What the command line says and how: results to standard output, messages to standard error.
+"""Output of the command line: results to standard output, messages to standard error.
 
 result    text for standard output; a reader that has closed the pipe is no error
 document  exactly one JSON document for standard output, with null for what JSON cannot hold
 message   one line for standard error
 table     aligned columns, the same on a terminal and in a file
-activity  the stage that is at work, once it has taken a second: a live bar on a terminal, else a line
+activity  the current stage, once it has taken a second: a live bar on a terminal, else a line
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ import click
 from pmjoint_codegen.cli.streams import discard
 from pmjoint_codegen.errors import ResourceError
 
-_PATIENCE_S = 1.0  # what takes less needs no bar, and no import of the library that draws it
+_PATIENCE_S = 1.0  # shorter work needs no bar, and no import of the library that draws it
 
 
 def result(text: str) -> None:
-    """Write text and a newline to standard output; what its encoding cannot say is escaped.
+    """Write text and a newline to standard output; characters outside its encoding are escaped.
 
     Raises:
-        ResourceError: it cannot be written: a full disk.
+        ResourceError: it cannot be written, as on a full disk.
     """
     if sys.stdout is None:
         return
@@ -45,18 +45,18 @@ def result(text: str) -> None:
         raise ResourceError(
             f"cannot be written ({(error.strerror or str(error)).lower()})",
             where="standard output",
-            remedy="give it another place",
+            remedy="redirect it elsewhere",
         ) from error
 
 
 def _sayable(text: str, encoding: str | None) -> str:
-    """Escape what an encoding cannot hold, such as the bytes of a path that are no text."""
+    """Escape what an encoding cannot represent, such as bytes of a path that are not text."""
     name = encoding or "utf-8"
     return text.encode(name, "backslashreplace").decode(name)
 
 
 def message(text: str) -> None:
-    """Write text and a newline to standard error; where that cannot be written, nobody wants to know."""
+    """Write text and a newline to standard error; a failure to write there is ignored."""
     if sys.stderr is None:
         return
     try:
@@ -66,7 +66,7 @@ def message(text: str) -> None:
 
 
 def document(value: object) -> None:
-    """Write one JSON document to standard output; what its encoding cannot say, as JSON escapes it."""
+    """Write one JSON document to standard output; characters outside its encoding are escaped."""
     text = as_json(value)
     encoding = (sys.stdout and sys.stdout.encoding) or "utf-8"
     try:
@@ -77,12 +77,12 @@ def document(value: object) -> None:
 
 
 def as_json(value: object, *, ascii_only: bool = False) -> str:
-    """Give strict JSON: NaN and infinities, which it does not know, become null."""
+    """Give strict JSON: NaN and infinities, which it does not have, become null."""
     return json.dumps(_plain(value), indent=2, allow_nan=False, ensure_ascii=ascii_only)
 
 
 def _plain(value: Any) -> Any:
-    """Turn mappings, sequences, arrays, numpy numbers and paths into what JSON knows."""
+    """Turn mappings, sequences, arrays, numpy numbers and paths into types of JSON."""
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, bool | int | str) or value is None:
@@ -109,18 +109,18 @@ def table(rows: Sequence[Sequence[str]], *, indent: int = 2, gap: int = 2) -> st
 
 @contextmanager
 def activity(label: str, *, total: int = 0, unit: str = "") -> Iterator[Shown]:
-    """Show what takes longer than a second: on a terminal a progress bar, elsewhere a line for each stage.
+    """Show work that takes longer than a second: on a terminal a progress bar, elsewhere a line per stage.
 
     ``PMJOINT_PROGRESS=0`` shows neither.
 
     Args:
         label: what is being done.
-        total: number of things done at the end, to show how many a second; 0 shows none.
+        total: number of items done at the end, to show how many per second; 0 shows none.
         unit: what they are called.
 
     Yields:
-        what to call with the fraction done, 0 to 1, and to tell of stages; until then, the bar says only that
-        time passes.
+        the object to call with the fraction completed, 0 to 1, and with stages; until then, the bar only
+        shows that time passes.
     """
     if os.environ.get("PMJOINT_PROGRESS") == "0":
         yield _Silent()
@@ -144,23 +144,23 @@ def activity(label: str, *, total: int = 0, unit: str = "") -> Iterator[Shown]:
 
 
 class Shown(Protocol):
-    """What work tells of itself to whoever watches."""
+    """How work reports its progress."""
 
     def __call__(self, fraction: float) -> None:
-        """Take note of the fraction of all that is done, 0 to 1."""
+        """Record the fraction completed, 0 to 1."""
 
     def stage(self, name: str, done: float) -> None:
-        """Take note of the stage at work and of the part of it that is done; 0 where that is not known."""
+        """Record the current stage and the fraction of it completed; 0 if unknown."""
 
 
 class _Silent:
-    """For a script that reads every line of standard error."""
+    """No output: for a script that reads every line of standard error."""
 
     def __call__(self, fraction: float) -> None:
-        """Say nothing."""
+        """Print nothing."""
 
     def stage(self, name: str, done: float) -> None:
-        """Say nothing."""
+        """Print nothing."""
 
 
 class _Lines:
@@ -175,10 +175,10 @@ class _Lines:
         self._begun, self._due = 0.0, math.inf
 
     def __call__(self, fraction: float) -> None:
-        """Say nothing: a log is no place for a bar."""
+        """Print nothing: a log has no bar."""
 
     def stage(self, name: str, done: float) -> None:
-        """Take note of the stage; the first one starts the thread that watches the clock."""
+        """Record the stage; the first one starts the thread that watches the clock."""
         with self._lock:
             if name != self._name:
                 self._name, self._begun, self._due = name, time.monotonic(), _PATIENCE_S
@@ -195,24 +195,24 @@ class _Lines:
                     continue
                 self._due = max(10 * _PATIENCE_S, 2 * self._due)
                 line = f"pmjoint: {self._label}: {self._name} ({_spent(lasted, self._done)})"
-            with suppress(OSError, ValueError):  # nobody reads any more
+            with suppress(OSError, ValueError):  # standard error was closed
                 message(line)
 
     def close(self) -> None:
-        """Say no more; a line that is being written is finished first."""
+        """Stop; a line that is being written is finished first."""
         self._closed.set()
         if self._watcher is not None:
             self._watcher.join(_PATIENCE_S)
 
 
 def _spent(seconds: float, done: float) -> str:
-    """Say how long a stage has lasted and, where a part of it is known to be done, what is left."""
+    """State how long a stage has lasted and, if its fraction completed is known, the time left."""
     left = f", about {seconds * (1 - done) / done:.0f} s left" if done > 0 else ""
     return f"{seconds:.0f} s{left}"
 
 
 class _Bar:
-    """A bar that exists from its first showing on, and is told of progress before that too."""
+    """A bar that is created when it is first shown, and records progress before that too."""
 
     def __init__(self, label: str, total: int = 0, unit: str = "") -> None:
         self._label, self._stage = label, ""
@@ -246,7 +246,7 @@ class _Bar:
             self._update()
 
     def stage(self, name: str, done: float) -> None:
-        """Take note of the stage at work and of the part of it that is done; 0 is shown as not known."""
+        """Record the current stage and the fraction of it completed; 0 is shown as unknown."""
         with self._lock:
             self._stage, self._fraction = name, done or None
             if self._progress is not None:
@@ -258,7 +258,7 @@ class _Bar:
         return f"{self._label}: {self._stage}" if self._stage else self._label
 
     def __call__(self, fraction: float) -> None:
-        """Take note of the fraction done, 0 to 1."""
+        """Record the fraction completed, 0 to 1."""
         with self._lock:
             self._fraction = fraction
             self._first = self._first or (time.monotonic(), fraction)
@@ -270,7 +270,7 @@ class _Bar:
             self._progress.update(task, total=1.0, completed=self._fraction, rate=self._rate())
 
     def _rate(self) -> str:
-        """How many things a second since the first report; what an earlier command did does not count."""
+        """Items per second since the first report; work of an earlier command does not count."""
         if not self._total or self._first is None or self._fraction is None:
             return ""
         seconds = time.monotonic() - self._first[0]
@@ -278,7 +278,7 @@ class _Bar:
         return f"{done / seconds:,.0f} {self._unit}/s" if seconds > 0 else ""
 
     def close(self) -> None:
-        """Take the bar away; one that has not appeared yet never will."""
+        """Remove the bar; one that has not appeared yet never will."""
         with self._lock:
             self._closed = True
             if self._progress is not None:

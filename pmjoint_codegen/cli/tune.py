@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
 _ABOUT = """Choose gains of MODEL that minimise an objective.
 
-Writes MODEL again with the gains found and a name of its own, comments kept, and a figure of both
-designs. The same seed finds the same gains.
+Writes a copy of MODEL with the gains found and a new name, comments kept, and a figure of both designs.
+The same seed finds the same gains.
 """
 
 _EXAMPLES = """\b
@@ -61,7 +61,7 @@ _FILE_STEM = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
     "--perturb",
     multiple=True,
     metavar="NAME~LAW(A,B)",
-    help="Other plants: a parameter (of which the controller is not told) or an initial state, as "
+    help="Other plants: a parameter (unknown to the controller) or an initial state, as "
     "normal(MEAN,SD), uniform(A,B) or loguniform(A,B); repeatable.",
 )
 @click.option("--plants", type=int, metavar="N", help="How many plants --perturb draws [default: 16].")
@@ -70,7 +70,7 @@ _FILE_STEM = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
     type=click.Choice(["worst", "mean"]),
     default="worst",
     show_default=True,
-    help="Which objective of all plants counts.",
+    help="How the objectives of all plants combine.",
 )
 @click.option("--seed", type=int, default=0, show_default=True, help="Of the draws and of the search.")
 @click.option("--generations", type=int, default=60, show_default=True, help="Of the search, at most.")
@@ -78,7 +78,7 @@ _FILE_STEM = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
     "--population", type=int, default=8, show_default=True, help="Designs in a generation, for each gain."
 )
 @run_options(x0={}, horizon={}, controller={}, sample_time={})
-@click.option("--threads", type=click.IntRange(1), help="To compute with [default: all processors].")
+@click.option("--threads", type=click.IntRange(1), help="Number of threads [default: all processors].")
 @click.option(
     "--out",
     type=Place(),
@@ -95,7 +95,7 @@ def command(
     wants_json: bool,
     **asked: Unpack[TuneOptions],
 ) -> None:
-    """Run ``pmjoint tune``: click hands over what it has read."""
+    """Run ``pmjoint tune``: click passes the parsed arguments."""
     from pmjoint_codegen.errors import UsageError
     from pmjoint_codegen.provision import provide
     from pmjoint_codegen.storage import ensure_folder
@@ -107,7 +107,7 @@ def command(
     source = find_model(model)
     if is_stream(source):
         raise UsageError(
-            "is no file that could be written again with other gains",
+            "is not a file that could be rewritten with other gains",
             where=str(source),
             remedy="save the model as NAME.toml first",
         )
@@ -125,7 +125,7 @@ def command(
     try:
         if not no_figure:
             files.append(_draw(costing, comparison, file))
-    finally:  # a figure that fails takes no result with it
+    finally:  # report the result even if the figure fails
         _report(comparison, files, wants_json=wants_json)
 
 
@@ -152,14 +152,14 @@ def _check_target(file: Path, source: Path) -> None:
         raise UsageError("is the model itself", where=f"--out {file}", remedy="give another file")
     if file.is_dir() or (file.exists() and not _is_tuned(file)):
         raise UsageError(
-            "is there already, and no file that tune has written",
+            "exists already, and was not written by tune",
             where=f"--out {file}",
-            remedy="give another",
+            remedy="give another file",
         )
 
 
 def _is_tuned(file: Path) -> bool:
-    """Whether a file begins with the note that tune leaves."""
+    """Whether a file begins with the note that tune writes."""
     with file.open("rb") as stream:
         return f" {_TUNED} ".encode() in stream.readline()
 
@@ -181,7 +181,7 @@ def _search(costing: CostFunction) -> Found:
 
 
 def _text_of(source: Path, file: Path, request: Request) -> str:
-    """The model file's text, tried out: a search should not end at a file that cannot be edited."""
+    """The model file's text, after a trial edit: a search should not end at a file that cannot be edited."""
     from pmjoint_codegen.tune.rewrite import rewrite
 
     text = source.read_bytes().decode("utf-8-sig")
@@ -190,7 +190,7 @@ def _text_of(source: Path, file: Path, request: Request) -> str:
 
 
 def _write_model(text: str, file: Path, comparison: Comparison, where: str) -> None:
-    """Write the model with the gains found, proved to be one; whole or not at all."""
+    """Write the model with the gains found, after validating it; whole or not at all."""
     from pmjoint_codegen.modelfile.reader import parse_document
     from pmjoint_codegen.storage import write_bytes
     from pmjoint_codegen.tune.rewrite import rewrite
@@ -201,13 +201,13 @@ def _write_model(text: str, file: Path, comparison: Comparison, where: str) -> N
         from pmjoint_codegen.modelfile import model_of
 
         model_of(found, str(file))
-    except ModuleNotFoundError:  # without the toolchain: the gains alone have changed, and were simulated
+    except ModuleNotFoundError:  # without the toolchain: only the gains have changed, and they were simulated
         pass
     write_bytes(file, edited.encode())
 
 
 def _note(comparison: Comparison) -> str:
-    """How the gains came about, in one line."""
+    """How the gains were found, in one line."""
     request = comparison.request
     parts = [f"{comparison.manifest.name} {_TUNED} {request.objective.text}"]
     if request.max_v is not None:
@@ -252,7 +252,7 @@ def _text(told: Mapping[str, Any]) -> str:
         rows += [("mean of plants", "", "", ""), *_rows(told, "mean")]
     if told["plants"] > 1:
         rows += [("worst plant", "", "", ""), *_rows(told, "worst")]
-        rows.append(("plants lost", str(told["lost"]["before"]), str(told["lost"]["after"]), ""))
+        rows.append(("plants diverging", str(told["lost"]["before"]), str(told["lost"]["after"]), ""))
     edges = ", ".join(told["at_a_bound"])
     hint = [f"  at a bound: {edges}; wider bounds may give less"] if edges else []
     return "\n".join([head, tried, table(rows), *hint, *(f"  {path}" for path in told["files"])])
@@ -267,5 +267,5 @@ def _pair(values: Mapping[str, float]) -> tuple[str, str]:
 
 
 def _shown(value: float) -> str:
-    """A number, or a dash for what is not defined, as settling where the error starts at 0."""
+    """A number, or a dash if undefined, such as settling where the error starts at 0."""
     return "-" if value != value else f"{value:.6g}"

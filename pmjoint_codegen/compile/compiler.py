@@ -17,9 +17,9 @@ class Compiler:
     """A C compiler that exists on this machine.
 
     Attributes:
-        command: absolute path of the program, for it runs in another folder, and the flags that came with it
-            in ``CC``.
-        identity: the program's resolved path, size and modification time: changes when the compiler does, and
+        command: absolute path of the program, because it runs in another folder, and the flags that came with
+            it in ``CC``.
+        identity: the program's resolved path, size and modification time: it changes with the compiler, and
             is read without starting it.
     """
 
@@ -32,7 +32,7 @@ def find_compiler(env: Mapping[str, str], notify: Callable[[str], None] | None =
 
     Args:
         env: environment; ``CC`` may carry flags, ``PATH`` is searched.
-        notify: told in one line when ``CC`` names what is not there.
+        notify: called with one line when ``CC`` names a program that does not exist.
     """
     wanted = env.get("CC", "").strip()
     if wanted:
@@ -51,7 +51,7 @@ def find_compiler(env: Mapping[str, str], notify: Callable[[str], None] | None =
 def _split(text: str) -> tuple[str, ...]:
     try:
         return tuple(shlex.split(text))
-    except ValueError:  # an unbalanced quote: then it is one name
+    except ValueError:  # an unbalanced quote: take it as one name
         return (text,)
 
 

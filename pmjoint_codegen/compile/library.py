@@ -1,13 +1,13 @@
 """Compile C sources into a shared library, once, in the cache folder.
 
 A build is a folder ``<key>/`` of the cache, where the key covers sources, flags and compiler. The compiler
-works in a private folder; what it made is moved into place whole, so that processes building at once, or
-killed while they do, leave a whole build or none. Every file's hash stands beside it and is verified before
-the library is loaded.
+works in a private folder; its output is moved into place as a whole. So processes that build at once, or are
+killed meanwhile, leave a whole build or none. Every file's hash is stored beside it and is verified
+before the library is loaded.
 
-Flags that come with ``CC`` may change results, and some of them change how the whole process computes that
-loads the library: `FLAGS` takes back what can be taken back, and every new library is asked in a process of
-its own (``self_test.c``) before it is kept.
+Flags in ``CC`` may change results, and some change the arithmetic of the process that loads the library.
+`FLAGS` reverses what can be reversed, and every new library is tested in a separate process (``self_test.c``)
+before it is kept.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from pmjoint_codegen.errors import BuildError, UsageError
 from pmjoint_codegen.scratch import scratch
 from pmjoint_codegen.storage import drop_link, ensure_folder, replace_folder, sha256
 
-# They stand behind what CC brings, so that they win. Bits must not depend on the machine or the optimiser:
+# They come after the flags of CC, so that they win. Bits must not depend on the machine or the optimiser:
 # sums stay in order, quotients are quotients, nothing is contracted into fused operations; and no start-up
 # code that flushes denormal numbers is linked. -ffp-contract follows -fno-fast-math, which resets it in
 # clang.
@@ -45,8 +45,8 @@ ARITHMETIC: Final = (
     "-ffp-contract=off",
 )
 # Neither of -fno-math-errno, -fno-trapping-math changes a result; without them sine and cosine of one angle
-# are two calls, choices are jumps, and square roots and selections are not vectors. -Wno-psabi: no vector
-# crosses the border of a file.
+# are two calls, selections are jumps, and square roots and selections are not vectorised. -Wno-psabi: no
+# vector is passed between files.
 FLAGS: Final = (
     "-O2",
     *ARITHMETIC,
@@ -58,11 +58,11 @@ FLAGS: Final = (
 )
 LIBRARY: Final = "kernels.so"
 HASHES: Final = "sha256.json"
-PRIVATE: Final = ".build"  # beginning of the name of the folder that a compiler works in
-COMPILE_S: Final = 900.0  # no compiler that works takes longer; those of large models take minutes
+PRIVATE: Final = ".build"  # prefix of the name of the folder that a compiler works in
+COMPILE_S: Final = 900.0  # no working compiler takes longer; large models take minutes
 ASK_S: Final = 60.0
 SELF_TEST: Final = "self_test.c"
-BROKEN: Final = {  # bit of the answer of SELF_TEST -> what the library does
+BROKEN: Final = {  # bit of the result of SELF_TEST -> what the library does
     1: "flushes denormal numbers to zero",
     2: "adds in another order than written",
     4: "divides by reciprocals",
@@ -86,21 +86,20 @@ def build(
     """Give the folder of the compiled library, building it if the cache has no sound copy.
 
     Args:
-        sources: file name -> content; names ending in ``.c`` are compiled, all others are there to be
-            included.
+        sources: file name -> content; names ending in ``.c`` are compiled, all others can be included.
         compiler: as `find_compiler` gave it.
         cache: folder for builds.
         extras: gives further files (name -> content) to keep beside the library; called only when it is
             built.
         flags: of the compiler, `FLAGS` and more; they are part of the build's name.
-        patience: s; a compiler that takes longer is ended.
+        patience: s; a compiler that takes longer is killed.
 
     Returns:
         The folder, which holds `LIBRARY` and the extras.
 
     Raises:
-        BuildError: the compiler failed or hangs, ``output`` is its whole text; or what it made does not
-            compute as IEEE 754 says.
+        BuildError: the compiler failed or hangs, ``output`` is its whole text; or the library does not
+            compute according to IEEE 754.
         UsageError: the cache cannot be written.
     """
     folder = cache / build_key(sources, compiler, flags)
@@ -116,14 +115,14 @@ def build_key(sources: Mapping[str, bytes], compiler: Compiler, flags: Sequence[
     """Name of the build: a hash of sources, flags, compiler and machine type."""
     digest = hashlib.sha256()
     for text in (*flags, *compiler.command, compiler.identity, os.uname().sysname, os.uname().machine):
-        digest.update(os.fsencode(text) + b"\0")  # paths and flags may hold bytes that are no text
+        digest.update(os.fsencode(text) + b"\0")  # paths and flags may hold bytes that are not text
     for name, content in sorted(_with_self_test(sources).items()):
         digest.update(f"{name} {len(content)}\0".encode() + content)
     return digest.hexdigest()[:32]
 
 
 def is_sound(folder: Path) -> bool:
-    """Whether a build is there and every file in it is what was written."""
+    """Whether a build exists and none of its files was altered."""
     try:
         hashes = json.loads((folder / HASHES).read_bytes())
         return LIBRARY in hashes and all(
@@ -165,7 +164,7 @@ def _call(command: list[str], folder: Path, patience: float) -> None:
         raise BuildError(
             f"the C compiler did not end within {patience:g} s", where=command[0], remedy=another
         ) from None
-    except OSError as error:  # not a program for this machine, for one
+    except OSError as error:  # such as a program for another machine
         code, output = -1, str(error)
     if code != 0 or not (folder / LIBRARY).is_file():
         raise BuildError(
@@ -174,7 +173,7 @@ def _call(command: list[str], folder: Path, patience: float) -> None:
 
 
 def _ask(library: Path, compiler: Compiler) -> None:
-    """Load a new library in a process of its own, which it may spoil, and have it test itself."""
+    """Load a new library in a separate process, which it may corrupt, and have it test itself."""
     command = [sys.executable, "-I", "-S", "-c", _ASK, str(library)]
     try:
         code, output = _run(command, library.parent, ASK_S)
@@ -184,24 +183,24 @@ def _ask(library: Path, compiler: Compiler) -> None:
     where = shlex.join(compiler.command)
     if code != 0 or not answer.isdecimal():
         raise BuildError(
-            "what the C compiler made cannot be loaded here",
+            "the compiled library cannot be loaded here",
             where=where,
             remedy="choose another compiler with CC=..., another folder with PMJOINT_CACHE=..., or use "
             "--evaluator interpreted",
-            output="".join(output.splitlines()[-1:]),  # the loader's words end the traceback
+            output="".join(output.splitlines()[-1:]),  # the loader's message ends the traceback
         )
     if faults := [words for bit, words in BROKEN.items() if int(answer) & bit]:
         raise BuildError(
-            f"what the C compiler made {', '.join(faults)}",
+            f"the compiled library {', '.join(faults)}",
             where=where,
-            remedy="take the flags out of CC that change results, or use --evaluator interpreted",
+            remedy="remove the flags that change results from CC, or use --evaluator interpreted",
         )
 
 
 def _run(command: Sequence[str], folder: Path, patience: float) -> tuple[int, str]:
-    """Exit code and all output of a program and of what it starts; none of them outlives an interruption.
+    """Exit code and all output of a program and its children; none of them outlives an interruption.
 
-    Output goes to a file: a pipe would be waited for as long as any of them holds it.
+    Output goes to a file: a pipe would block as long as any of them has it open.
     """
     with tempfile.TemporaryFile() as output:
         child = subprocess.Popen(

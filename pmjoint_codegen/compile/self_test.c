@@ -1,8 +1,8 @@
-/* Whether this library computes as IEEE 754 and the C standard say. Every build carries it, and a process of
-   its own asks it before any other loads the library.
+/* Whether this library computes according to IEEE 754 and the C standard. Every build contains it, and a separate
+   process calls it before any other loads the library.
 
-   The answer has one bit for each promise that is broken; library.py has the words. Operands are volatile,
-   so that the compiler computes nothing itself; what it may rearrange are the expressions between them. */
+   The result has one bit for each broken rule; library.py has the messages. Operands are volatile, so that the
+   compiler computes nothing itself; it may only rearrange the expressions between them. */
 
 unsigned pmjoint_self_test(void);
 
@@ -15,14 +15,14 @@ static const volatile double QUOTIENTS[4] = {
     0x1.a1f58d0fac688p-4, 0x1.7829cbc14e5e1p-3, 0x1.a1f58d0fac688p-3, 0x1.cbc14e5e0a72fp-3};
 static const volatile double MINUS_ZERO = -0.0, ZERO = 0.0;
 
-/* A result that is flushed is 0, and so is an operand that is. */
+/* A flushed result is 0, and so is a flushed operand. */
 static unsigned keeps_denormals(void)
 {
     const double flushed_result = SMALLEST_NORMAL * 0.25, flushed_operand = DENORMAL * LARGE;
     return flushed_result > 0.0 && flushed_operand > 0.0 ? 0 : DENORMALS;
 }
 
-/* Small parts are lost one by one, and kept where they are added first. */
+/* Small terms are lost if added one by one, and kept if they are summed first. */
 static unsigned adds_in_order(void)
 {
     const double one = ONE, half = HALF_ULP;
@@ -39,7 +39,7 @@ static unsigned divides(void)
     return same == 4 ? 0 : DIVISION;
 }
 
-/* The product rounds to 1 + 2^-27; a fused operation finds the 2^-56 that it lost. */
+/* The product rounds to 1 + 2^-27; a fused operation keeps the 2^-56 that this loses. */
 static unsigned rounds_products(void)
 {
     const double factor = NEAR_ONE, product = 0x1.0000002p+0;
@@ -55,7 +55,7 @@ static unsigned rounds_once(void)
     return sum > one && tenth == one / 10.0 ? 0 : PRECISION;
 }
 
-/* 1/(-0 + 0) is +inf, inf - inf is no number. */
+/* 1/(-0 + 0) is +inf, inf - inf is NaN. */
 static unsigned keeps_special_values(void)
 {
     const double infinite = ONE / (MINUS_ZERO + 0.0), none = infinite - ONE / ZERO;

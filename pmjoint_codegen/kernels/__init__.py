@@ -1,1 +1,1 @@
-"""The generated kernels as functions of arrays: compiled, or interpreted where no compiler is found."""
+"""The generated kernels as functions of arrays: compiled, or interpreted if no compiler is found."""

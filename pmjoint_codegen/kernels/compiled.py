@@ -33,12 +33,12 @@ GENERATED: Final = ("kernels.c", "kernels.h", "loops.c", "sampled.h")
 
 
 class BoundFunction(NamedTuple):
-    """A kernel and the memory that its C struct points to, which must live as long.
+    """A kernel and the memory that its C struct points to, which must live as long as the struct.
 
     Attributes:
         struct: ``pmj_function *``.
         memory: its pointer arrays, ``arg`` and ``res``.
-        library: whose code it is.
+        library: the one that contains its code.
     """
 
     struct: Any
@@ -144,11 +144,11 @@ def load(
         manifest: the model.
         compiler: to build with.
         cache: folder for builds.
-        levels: instructions that this machine has, the widest first, by default the lowest alone; a compiler
-            that does not know one is asked for the next.
+        levels: instructions that this machine has, the widest first, by default the lowest only; if a
+            compiler does not know one, the next is tried.
 
     Raises:
-        BuildError: the compiler failed, or made what cannot be loaded here.
+        BuildError: the compiler failed, or its output cannot be loaded here.
         StaleError: a generated file is missing or declares too little.
         UsageError: the cache cannot be written.
     """

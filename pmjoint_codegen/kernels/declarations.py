@@ -1,7 +1,7 @@
-"""cffi's declarations, from the headers as they stand, and the libraries loaded with them.
+"""cffi's declarations, from the headers as they are, and the libraries loaded with them.
 
-cffi parses C only to learn what may be called. That takes longer than a whole run, so it is done when a
-library is built; what it yields is kept as Python text beside the library, and loading needs no parser.
+cffi parses C only to find what may be called. That takes longer than a whole run, so it is done when a
+library is built. The result is kept as Python text beside the library, so loading needs no parser.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def declarations(kernels_header: str, runtime_header: str, names: Iterable[str])
     Args:
         kernels_header: text of ``kernels.h``.
         runtime_header: text of ``pmjoint_runtime.h``.
-        names: kernels that will be called; others are left out, as parsing costs time.
+        names: kernels that will be called; others are omitted, as parsing costs time.
 
     Raises:
         ValueError: the header declares no such kernel.
@@ -48,7 +48,7 @@ def declarations(kernels_header: str, runtime_header: str, names: Iterable[str])
 
 
 def to_module(text: str) -> str:
-    """Parse declarations; give the Python text from which `load_module` makes them again."""
+    """Parse declarations; give the Python text from which `load_module` restores them."""
     import cffi
 
     ffi = cffi.FFI()
@@ -67,7 +67,7 @@ def load_module(text: str) -> Any:
     The text is read as data: one call of ``FFI`` with literals. Nothing in it is executed.
 
     Raises:
-        BuildError: it is anything else.
+        BuildError: the text is anything else.
     """
     from _cffi_backend import FFI
 
@@ -82,7 +82,7 @@ def load_module(text: str) -> Any:
         return FFI(*values, **named)
     except (ValueError, SyntaxError, TypeError, RecursionError) as error:
         raise BuildError(
-            f"{MODULE} of a build in the cache is not what was written",
+            f"{MODULE} of a build in the cache was altered",
             remedy="empty the cache folder, which `pmjoint doctor` names",
             output=str(error),
         ) from error
@@ -92,7 +92,7 @@ def load_library(built: Path) -> tuple[Any, Any]:
     """The ``ffi`` object and the library of a build that holds a `MODULE`.
 
     Raises:
-        BuildError: the system does not load it: it is for another machine, or lies where nothing may run.
+        BuildError: the system cannot load it: it is for another machine, or its place forbids execution.
     """
     ffi = load_module((built / MODULE).read_text(encoding="utf-8"))
     library = str(built / LIBRARY)
@@ -100,7 +100,7 @@ def load_library(built: Path) -> tuple[Any, Any]:
         return ffi, _open(ffi, library)
     except OSError as error:
         raise BuildError(
-            "what the C compiler made cannot be loaded here",
+            "the compiled library cannot be loaded here",
             where=library,
             remedy="choose another compiler with CC=..., another folder with PMJOINT_CACHE=..., or use "
             "--evaluator interpreted",
@@ -109,7 +109,7 @@ def load_library(built: Path) -> tuple[Any, Any]:
 
 
 def _open(ffi: Any, library: str) -> Any:
-    """Load a library, also where the locale's encoding does not know the letters of its path."""
+    """Load a library, even if the locale's encoding cannot represent its path."""
     try:
         library.encode(sys.getfilesystemencoding())
     except UnicodeEncodeError:  # cffi encodes strictly; ctypes as Python's own file functions do

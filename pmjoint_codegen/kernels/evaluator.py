@@ -1,4 +1,4 @@
-"""What a run needs of the kernels, whichever way they are evaluated."""
+"""The interface of the kernels for runs, whichever way they are evaluated."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Prepared:
     Attributes:
         inputs: arrays that it reads, one for each argument.
         outputs: arrays that it writes, one for each result.
-        run: evaluates it; raises `SimulationError` where it reports failure.
+        run: evaluates it; raises `SimulationError` if it reports failure.
     """
 
     inputs: tuple[Array, ...]
@@ -35,7 +35,7 @@ class Prepared:
 
 
 class Kernels(ABC):
-    """What both evaluators have in common.
+    """The base of both evaluators.
 
     They are pickled and copied by their recipe: loaded code and C memory belong to one process.
 
@@ -46,14 +46,14 @@ class Kernels(ABC):
     recipe: Recipe | None = None
 
     def __reduce__(self) -> Recipe:
-        """Give the recipe; raises `TypeError` where there is none."""
+        """Give the recipe; raises `TypeError` if there is none."""
         if self.recipe is None:
             raise TypeError(f"{type(self).__name__} cannot be copied: ClosedLoop.load did not make it")
         return self.recipe
 
     @abstractmethod
     def prepare(self, name: str) -> Prepared:
-        """One kernel for one point after another, its arguments and results in place."""
+        """One kernel for single points in sequence, its arguments and results in place."""
 
     def kernel(self, name: str) -> Kernel:
         """One kernel for one point: contiguous float64 vectors in, fresh vectors out; nothing is checked."""
@@ -102,16 +102,17 @@ class Evaluator(Protocol):
 
 
 class PreparingEvaluator(Evaluator, Protocol):
-    """What a script is given beyond what a run needs.
+    """The interface for scripts, beyond that for runs.
 
     Attributes:
-        recipe: a function and its arguments, which make the same evaluator in another process; None: unknown.
+        recipe: a function and its arguments, which make the same evaluator in another process; None:
+            unknown.
     """
 
     recipe: Recipe | None
 
     def prepare(self, name: str) -> Prepared:
-        """One kernel for one point after another, its arguments and results in place.
+        """One kernel for single points in sequence, its arguments and results in place.
 
         Raises:
             UsageError: there is no such kernel.
@@ -126,7 +127,7 @@ class PreparingEvaluator(Evaluator, Protocol):
         Args:
             name: of the kernel.
             arrays: one for each input.
-            results: labels of the outputs that are wanted, given in the kernel's order; None: all.
+            results: labels of the requested outputs, returned in the kernel's order; None: all.
         """
         ...
 
@@ -135,7 +136,7 @@ def find_function(manifest: Manifest, name: str) -> Function:
     """Look a kernel up by name.
 
     Raises:
-        UsageError: the model has no such kernel; the message lists those it has.
+        UsageError: the model has no such kernel; the message lists its kernels.
     """
     try:
         return manifest.function(name)
@@ -153,7 +154,7 @@ def prepared_arrays(function: Function) -> tuple[tuple[Array, ...], tuple[Array,
 
 
 def wanted_outputs(function: Function, results: Sequence[str] | None) -> list[bool]:
-    """Which outputs are wanted; all for None.
+    """The indices of the requested outputs; all for None.
 
     Raises:
         UsageError: a label that no output has.

@@ -1,6 +1,6 @@
-"""The kernels interpreted by CasADi: the way without a compiler.
+"""The kernels interpreted by CasADi, without a compiler.
 
-Alone in the runtime, this module imports CasADi, inside functions.
+In the runtime, only this module imports CasADi, inside functions.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class InterpretedEvaluator(Kernels):
         self._functions: dict[str, Any] = {}
 
     def prepare(self, name: str) -> Prepared:
-        """One kernel for one point after another, its arguments and results in place; see `Evaluator`."""
+        """One kernel for single points in sequence, its arguments and results in place; see `Evaluator`."""
         arrays = prepared_arrays(find_function(self.manifest, name))
         buffer, trigger = self._function(name).buffer()
         for place, side in zip((buffer.set_arg, buffer.set_res), arrays, strict=True):
@@ -89,7 +89,7 @@ class InterpretedEvaluator(Kernels):
 def rebuild(tape: Tape) -> Any:
     """The CasADi function that a tape was made from: the same operations in the same order.
 
-    CasADi's rules, such as ``x (1/y) = x/y``, are off meanwhile: they change bits.
+    CasADi's simplifications, such as ``x (1/y) = x/y``, are off meanwhile: they change bits.
     """
     import casadi
 

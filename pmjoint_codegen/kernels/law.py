@@ -1,4 +1,4 @@
-"""The control law made ready for one state after another, as a loop in Python asks for it."""
+"""The control law for single states in sequence, as a loop in Python needs it."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from pmjoint_codegen.kernels.evaluator import Array, PreparingEvaluator
 
 
 class Law:
-    """v of (29) at one state, in arrays that are made once.
+    """v of (29) at one state, in arrays that are allocated once.
 
-    What stands in the arrays belongs to the thread that made the law: only there do `evaluate` and the
-    attributes below mean anything. Calls from other threads share a second law, and wait for one another.
+    The contents of the arrays belong to the thread that made the law: `evaluate` and the attributes below
+    are valid only there. Calls from other threads share a second law, one at a time.
 
     Attributes:
         y: measured output, shape (1,).
@@ -43,7 +43,7 @@ class Law:
     )
 
     def __init__(self, evaluator: PreparingEvaluator, p: Array) -> None:
-        """Make the law ready.
+        """Prepare the law.
 
         Args:
             evaluator: of the kernels.
@@ -55,14 +55,14 @@ class Law:
         self.z, self.alpha, self.v = prepared.outputs
         self._run = prepared.run
         self._value = self.v.item
-        # Doubles are written into views in half the time that arrays take.
+        # Writing doubles into views takes half the time of arrays.
         self._places: tuple[Any, ...] = self.s.data, self.y.data, self.y_r.data
         self._owner, self._lock = get_ident(), Lock()
         self._other: Law | None = None
         self._made_of = evaluator, p
 
     def __reduce__(self) -> tuple[type[Law], tuple[PreparingEvaluator, Array]]:
-        """Pickle and copy by what it was made of; what stands in its arrays is no part of it."""
+        """Pickle and copy by its arguments; the contents of its arrays are not part of it."""
         return Law, self._made_of
 
     def __call__(self, state: npt.ArrayLike, y: float, reference: npt.ArrayLike) -> float:
@@ -76,7 +76,7 @@ class Law:
         Raises:
             UsageError: shapes that do not fit.
         """
-        if get_ident() != self._owner:  # the kernel runs without Python's own lock
+        if get_ident() != self._owner:  # the kernel runs without Python's lock
             return self._elsewhere(state, y, reference)
         s, at, y_r = self._places
         try:
@@ -95,7 +95,7 @@ class Law:
             return self._other(state, y, reference)
 
     def evaluate(self) -> float:
-        """Evaluate at what has been written into `s`, `y` and `y_r`: the fastest way.
+        """Evaluate at the values written into `s`, `y` and `y_r`: the fastest way.
 
         Raises:
             UsageError: another thread made the law, and may be writing into its arrays.
@@ -110,7 +110,7 @@ class Law:
         return self._value()
 
     def _write(self, state: npt.ArrayLike, y: float, reference: npt.ArrayLike) -> None:
-        """Take lists and other kinds of numbers, too, and say what does not fit."""
+        """Accept lists and other number types too, and report what does not fit."""
         try:
             fits = len(state) == len(self.s) and len(reference) == len(self.y_r)  # type: ignore[arg-type]
             self.s[:], self.y[0], self.y_r[:] = state, y, reference

@@ -1,7 +1,7 @@
-"""Which vector instructions the compiler may use here: the widest that this processor has.
+"""The vector instructions that the compiler may use here: the widest that this processor has.
 
-A library is built for one level and its name in the cache contains it, so that machines that share a cache
-folder never load what they cannot run. Results do not depend on the level: every lane rounds as a single
+A library is built for one level, and its name in the cache contains it. So machines that share a cache
+folder never load code that they cannot run. Results do not depend on the level: every lane rounds as a single
 double does (see ``pmjoint_lanes.h``).
 """
 
@@ -27,7 +27,7 @@ class Level:
         name: as in `VARIABLE`.
         flags: of the compiler.
         width: doubles in a vector register.
-        features: of the processor, as Linux calls them, without which it cannot be used.
+        features: of the processor, by Linux's names, that it requires.
     """
 
     name: str
@@ -74,6 +74,6 @@ def _read() -> str:
 
 
 def _features(cpuinfo: str) -> frozenset[str]:
-    """What every processor of the list has."""
+    """The features that every processor of the list has."""
     lists = [set(line.partition(":")[2].split()) for line in cpuinfo.splitlines() if line.startswith("flags")]
     return frozenset(set.intersection(*lists)) if lists else frozenset()

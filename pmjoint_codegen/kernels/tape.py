@@ -7,8 +7,8 @@
     output 0 0 2
 
 A line ``k operation operands`` defines value k; operands are earlier values, except for ``input`` (argument,
-entry) and ``const`` (a hexadecimal double, exact). ``output result entry k`` hands value k out. These are
-CasADi's own instructions in their order, so that whatever reads the tape does the arithmetic that the C does.
+entry) and ``const`` (a hexadecimal double, exact). ``output result entry k`` returns value k. These are
+CasADi's own instructions in their order, so that any reader of the tape does the same arithmetic as the C.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class Tape:
 
 
 def write_tapes(tapes: Iterable[Tape]) -> str:
-    """The file's text, one block a kernel."""
+    """The file's text, one block per kernel."""
     return "\n".join("\n".join([_head(tape), *_lines(tape), ""]) for tape in tapes)
 
 
@@ -78,10 +78,10 @@ def _lines(tape: Tape) -> Iterator[str]:
 
 
 def read_tapes(text: str) -> dict[str, Tape]:
-    """Parse the file's text; lines that begin with ``#`` say where it comes from.
+    """Parse the file's text; lines that begin with ``#`` state its origin.
 
     Raises:
-        ValueError: for text that is no list of tapes; the message names the line.
+        ValueError: for text that is not a list of tapes; the message names the line.
     """
     body = "\n".join(line for line in text.splitlines() if not line.startswith("#"))
     blocks = [block.strip().splitlines() for block in body.split("\n\n") if block.strip()]
@@ -123,5 +123,5 @@ def _read_line(line: str, count: int, operations: Mapping[str, Operation]) -> In
         known = known and (reads or all(operand < count for operand in operands))
         instruction = Instruction(rest[0], operands)
     if not known:
-        raise ValueError(f"line {line!r} is no instruction of a tape")
+        raise ValueError(f"line {line!r} is not an instruction of a tape")
     return instruction

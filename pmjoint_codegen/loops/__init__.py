@@ -1,1 +1,1 @@
-"""The loops: C in `c` and `c_batch`, and their Python twins: the same arithmetic in the same order."""
+"""The loops: C in `c` and `c_batch`, and their Python twins with the same arithmetic in the same order."""

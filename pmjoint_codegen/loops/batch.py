@@ -32,7 +32,7 @@ Controller = Literal["continuous", "sampled"]
 
 @dataclass(frozen=True)
 class Runs:
-    """Many runs to make.
+    """Many runs to compute.
 
     Attributes:
         x0: shape (runs, nX), X(0).
@@ -41,10 +41,10 @@ class Runs:
         tolerance: local error, relative to max(1, |value|).
         sample_time: s; 0 for the continuous controller.
         hold: shape (runs or 1, nh), matrices of the zero-order hold, for the sampled controller.
-        times: instants at which trajectories are wanted, s, ascending from 0 to the horizon; empty for none.
+        times: output instants of trajectories, s, ascending from 0 to the horizon; empty for none.
         divergence: |X_i| above it ends a run.
         max_steps: limit of steps of one run.
-        max_step: s; no step is longer.
+        max_step: longest step, s.
     """
 
     x0: Array
@@ -61,7 +61,7 @@ class Runs:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of them.
+    """The results of the runs.
 
     Attributes:
         metrics: shape (runs, metrics), columns as in `Column`.
@@ -80,12 +80,12 @@ class StepRules:
 
     Attributes:
         lebesgue: factor on the largest defect found at the points of comparison.
-        inside: these points, as parts of a step, beside its end.
+        inside: these points, as fractions of a step, besides its end.
         ratios: radii of discs, as multiples of a step.
-        factors: what the step can miss, as multiples of the nonlinear part on the disc.
-        hold_ratios: the same of holds that need no point of comparison.
-        hold_rate_factors: of their rates.
-        hold_value_factors: of their values.
+        factors: bound on a step's error, as multiples of the nonlinear part on the disc.
+        hold_ratios: the same for holds that need no point of comparison.
+        hold_rate_factors: for their rates.
+        hold_value_factors: for their values.
     """
 
     lebesgue: float
@@ -98,7 +98,7 @@ class StepRules:
 
 
 def step_rules(manifest: Manifest, runs: Runs) -> StepRules:
-    """The rules of the runs' controller at their tolerance."""
+    """The rules for the runs' controller at their tolerance."""
     rule = manifest.guards["plant_lanes" if runs.sample_time else "taylor_lanes"]
     around, order = discs(rule, runs.tolerance), manifest.hold_order
     arrays = (
@@ -113,7 +113,7 @@ def step_rules(manifest: Manifest, runs: Runs) -> StepRules:
 
 
 class BatchLibrary:
-    """A loaded library; its one method may be called from several threads at once.
+    """A loaded library; its method may be called from several threads at once.
 
     Attributes:
         manifest: the model.
@@ -132,7 +132,7 @@ class BatchLibrary:
         return int(self._lib.pmj_width())
 
     def simulate(self, runs: Runs) -> Outcome:
-        """Make the runs; the interpreter's lock is free meanwhile."""
+        """Compute the runs; the interpreter's lock is released meanwhile."""
         count, size = runs.x0.shape
         rows = len(runs.times)
         outcome = Outcome(
@@ -193,7 +193,7 @@ class BatchLibrary:
 
 
 def batch_sources(folder: Path) -> dict[str, bytes]:
-    """Everything that is compiled: a model's generated lanes, and the package's own loops.
+    """All sources to compile: a model's generated lanes, and the package's own loops.
 
     Raises:
         StaleError: a generated file is missing.
@@ -208,7 +208,7 @@ def batch_sources(folder: Path) -> dict[str, bytes]:
 
 
 def loops_hash() -> str:
-    """Hash of the package's own loops and their flags: with a model's lanes, all that makes a result."""
+    """Hash of the package's own loops and their flags: with a model's lanes, they determine the result."""
     return canonical_hash([FLAGS, rows_header(), {path.name: sha256_file(path) for path in _loops()}])
 
 
@@ -232,19 +232,19 @@ class Target:
 
 
 def level_flags(level: Level) -> tuple[str, ...]:
-    """The compiler's flags for everything that works on vectors of a level."""
+    """The compiler's flags for code that works on vectors of a level."""
     return (*FLAGS, *level.flags, f"-DPMJ_WIDTH={level.width}")
 
 
 def compile_batch(
     sources: Mapping[str, bytes], levels: Sequence[Level], compiler: Compiler, cache: Path
 ) -> Target:
-    """Build the batch loops, or reuse the build.
+    """Build the batch loops, or reuse a build.
 
     Args:
         sources: as `batch_sources` gives them.
-        levels: what this machine can run, the widest first; a compiler that does not know one is asked for
-            the next.
+        levels: what this machine can run, the widest first; if a compiler does not know one, the next is
+            tried.
         compiler: to build with.
         cache: folder for builds.
 
@@ -268,10 +268,10 @@ def compile_batch(
 def load(
     sources: Mapping[str, bytes], manifest: Manifest, levels: Sequence[Level], compiler: Compiler, cache: Path
 ) -> BatchLibrary:
-    """Build the batch loops of a model, or reuse the build, and load them: see `compile_batch`.
+    """Build the batch loops of a model, or reuse a build, and load them: see `compile_batch`.
 
     Raises:
-        BuildError: the compiler failed at the last level, or made what cannot be loaded here.
+        BuildError: the compiler failed at the last level, or its output cannot be loaded here.
         UsageError: the cache cannot be written.
     """
     target = compile_batch(sources, levels, compiler, cache)

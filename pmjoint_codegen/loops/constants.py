@@ -11,17 +11,21 @@ PADDING: Final = 3  # numbers behind a row of channels, so that blocks of four m
 MAX_DEPTH: Final = 48
 MAX_REFINEMENTS: Final = 100
 CLOSE: Final = 1e-9  # relative: a Newton step below it is the last
-ON_KINK: Final = 2  # what `touching` is on a kink; on a threshold of v it is 1
-JUMPED: Final = 1e-6  # part of what an argument moves in a step: one on its zero is within rounding of it
+ON_KINK: Final = 2  # value of `touching` on a kink; on a threshold of v it is 1
+JUMPED: Final = (
+    1e-6  # part of an argument's change in a step: below it, the argument is on its zero, to rounding
+)
 
-SMALLEST_STEP: Final = 1e-14  # relative to max(1 s, t): below it, time does not move
-UNDECIDED_STEP: Final = 1e-7  # s; the step that leaves the thresholds alone
-DEFECT: Final = 10.0  # a step may miss the right-hand side by this multiple of the tolerance, anywhere
-GROWTH: Final = 2.5  # after a step that the guard has cut, the next is at most so much longer
-LEAST_SHRINK: Final = 0.55  # a step that misses too much is multiplied by this at least, and
-MOST_SHRINK: Final = 0.95  # by this at most
-ROUNDED_UP: Final = 1.0 + 1e-12  # factor that covers the rounding of a sum of magnitudes, generously
+SMALLEST_STEP: Final = 1e-14  # relative to max(1 s, t): below it, time does not advance
+UNDECIDED_STEP: Final = 1e-7  # s; the step that ignores the thresholds
+DEFECT: Final = (
+    10.0  # a step may deviate from the right-hand side by this multiple of the tolerance, anywhere
+)
+GROWTH: Final = 2.5  # after a step that the guard has cut, the next is at most this much longer
+LEAST_SHRINK: Final = 0.55  # a step with too large an error is multiplied by at least this, and
+MOST_SHRINK: Final = 0.95  # at most this
+ROUNDED_UP: Final = 1.0 + 1e-12  # factor that safely covers the rounding of a sum of magnitudes
 
-# Output instants closer to a sample than this fraction of the sample time are the sample itself.
+# Output instants closer to a sample than this fraction of the sample time count as the sample.
 SAME_INSTANT: Final = 1e-9
-WINDOW: Final = 4.0  # size of a window in x, as a multiple of what a hold needs of it
+WINDOW: Final = 4.0  # size of a window in x, as a multiple of a hold's need

@@ -3,17 +3,17 @@
 Inside one saturation mode, and on one side of every kink, the loop is smooth, so a step is a polynomial: the
 ``taylor`` kernel gives its coefficients, for all states, v, e and the arguments of kinks. A step ends where
 its last terms would exceed the tolerance, or earlier where v passes a threshold of its mode or a kink's
-argument passes 0: at that root of the polynomial the state is known as well as at the step's end, and the
+argument passes 0. At that root of the polynomial the state is known as accurately as at the step's end; the
 next step begins there in the neighbouring mode or on the other side. Output rows are values of the
 polynomial.
 
-Four rules keep it honest. Coefficients at a step's start do not see what is narrow and lies inside it, so the
-``guard`` kernel bounds, on discs around the start, what the polynomials can miss anywhere (`guard`); the step
+Four rules make it reliable. Coefficients at a step's start miss narrow features inside the step, so the
+``guard`` kernel bounds, on discs around the start, the error of the polynomials anywhere (`guard`); the step
 is cut until that is small. At its end, and where there are singularities at two points inside, the
 polynomials must agree with the kernels evaluated there. A step that starts on a threshold or kink, to
-rounding, goes to the side that the first non-zero derivative points to; where both sides of a kink point
-back, the run ends. And where rounding alone would decide between two modes, so that time stands still, one
-short step leaves the thresholds alone.
+rounding, goes to the side that the first non-zero derivative points to; if both sides of a kink point
+back, the run ends. Where rounding alone would decide between two modes and time would not advance, one
+short step ignores the thresholds.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ def continuous_loop(
     """Prepare a run of the continuous loop.
 
     Returns:
-        A function that advances it by at most the given number of steps; `progress` says whether and how it
-        ended.
+        A function that advances it by at most the given number of steps; `progress` records whether and how
+        it ended.
     """
     return _Loop(evaluator, problem, progress, memory).advance
 
@@ -48,8 +48,8 @@ def continuous_loop(
 def _may_exceed(start: float, rise: float, term_sum: float, peak: float) -> bool:
     """Whether a channel may exceed its peak inside a step.
 
-    The larger end of its straight line, and what the higher of its terms can add, whose magnitudes sum up to
-    `term_sum`.
+    The bound is the larger end of its linear part plus the most that the higher terms can add; the
+    magnitudes of all terms add up to `term_sum`.
     """
     beside = term_sum * ROUNDED_UP - abs(start) - abs(rise)
     return max(abs(start), abs(start + rise)) + beside > peak
@@ -68,15 +68,15 @@ class _Loop:
         self.memory = memory
         self.c: Array = np.empty(0)  # coefficients at t
         self.scales: Array = np.empty(0)  # of the channels at t, for relative errors
-        self.term_sums: Array = np.empty(0)  # what the channels cannot exceed within the step on trial
+        self.term_sums: Array = np.empty(0)  # bounds on the channels within the trial step
         self.sides: Array = memory.sides
-        self.v = problem.n_states  # places of v and e among the channels
+        self.v = problem.n_states  # indices of v and e among the channels
         self.e = problem.n_states + 1
         self.X: Array = memory.state[: problem.n_states].copy()
 
     def advance(self, budget: int) -> None:
         progress, problem = self.progress, self.problem
-        with np.errstate(all="ignore"):  # what overflows is found by the checks below, as in C
+        with np.errstate(all="ignore"):  # the checks below find overflow, as in C
             if progress.evaluations == 0:
                 self.start()
             for _ in range(budget):
@@ -90,7 +90,7 @@ class _Loop:
                     progress.status = Status.DONE
 
     def actuation(self, mode: int) -> Array:
-        """A mode and the present sides, as the kernels take them."""
+        """A mode and the present sides, as the kernels expect them."""
         return np.concatenate([self.problem.modes[mode], self.sides])
 
     def expand(self, t: float, X: Array, mode: int) -> Array:
@@ -124,7 +124,7 @@ class _Loop:
         return bool(np.any(np.abs(self.X) > self.problem.divergence))
 
     def step(self) -> None:
-        """One step, to the first threshold or kink; cut until guard and points of comparison agree to it."""
+        """One step, to the first threshold or kink; cut until guard and points of comparison accept it."""
         progress, problem = self.progress, self.problem
         remaining = problem.horizon - progress.t
         smallest = min(SMALLEST_STEP * max(progress.t, 1.0), remaining)
@@ -171,7 +171,7 @@ class _Loop:
                 return
 
     def first_step(self, remaining: float) -> float:
-        """The step to try first: what the last coefficients allow, and no more than others do."""
+        """The first trial step: the length that the last coefficients allow, within the other limits."""
         progress, problem = self.progress, self.problem
         h = allowed_step(self.c, self.scales, problem.tolerance, problem.safety)
         h = min(h, GROWTH * progress.last_cut, problem.max_step)
@@ -179,7 +179,7 @@ class _Loop:
         return h if h < remaining else remaining
 
     def missed(self, values: Array, slopes: Array, following: Array, tau: float) -> float:
-        """How much of what is allowed the polynomials miss at the points of comparison and at the end.
+        """Error of the polynomials, relative to the allowed one, at the points of comparison and the end.
 
         Compared are the slopes of the states and the values of the other channels; above 1 the step is too
         long.
@@ -212,7 +212,7 @@ class _Loop:
         return found, tau
 
     def keeps_mode(self, h: float) -> bool:
-        """Whether v certainly keeps between the thresholds of its mode up to h."""
+        """Whether v certainly stays between the thresholds of its mode up to h."""
         mode, thresholds = self.progress.mode, self.problem.thresholds
         low = float(thresholds[mode - 1]) if mode > 0 else -math.inf
         high = float(thresholds[mode]) if mode < len(thresholds) else math.inf
@@ -227,7 +227,7 @@ class _Loop:
         self.c = self.expand(progress.t, self.X, progress.mode)
 
     def accept(self, values: Array, following: Array, tau: float, end: float) -> None:
-        """Take a step: output rows, what is reported of e, peaks, state."""
+        """Accept a step: output rows, metrics of e, peaks, state."""
         progress, problem = self.progress, self.problem
         self.write_rows(end)
         if problem.n_nodes:
@@ -263,7 +263,7 @@ class _Loop:
         progress.row = rows.stop
 
     def note_error(self, last: float, size: float, end: float) -> None:
-        """Add the integral of e^2 over the step, and note when e is last outside its band."""
+        """Add the integral of e^2 over the step, and record when e is last outside its band."""
         progress, total = self.progress, 0.0
         instants = size * self.problem.nodes
         e = values_at(self.c[:, self.e : self.e + 1], instants[:, np.newaxis])[:, 0]
@@ -286,7 +286,7 @@ class _Loop:
         self.note_switch(t, progress.mode)
 
     def note_switch(self, t: float, mode: int) -> None:
-        """Write down a change of mode; a touch, there and back at one instant, is none."""
+        """Record a change of mode; a touch, there and back at one instant, is none."""
         progress, memory = self.progress, self.memory
         n = progress.switches
         before = memory.switch_modes[n - 2] if n > 1 else progress.first_mode

@@ -1,7 +1,7 @@
 """Zero-order-hold matrices of filters and compensator, for the ``sampled_update`` kernel.
 
-Many small matrices at once, in sums and products of whole arrays: no call of a linear algebra library, whose
-threads would get into each other's way, and whose rounding differs from processor to processor.
+Many small matrices at once, in sums and products of whole arrays. No linear algebra library is called: its
+threads would compete with each other, and its rounding differs from processor to processor.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Exponents = npt.NDArray[np.int_]
 
 
 def hold_matrices(evaluator: Evaluator, p: Array, sample_time: float) -> Array:
-    """``expm(A0 T)`` and its integral over the hold, then the same of the compensator's matrix, row by row.
+    """``expm(A0 T)`` and its integral over the hold, then the same for the compensator's matrix, row by row.
 
     Args:
         evaluator: for the kernels ``filter_matrix`` (14) and ``compensator_matrix`` (23).
@@ -41,7 +41,7 @@ def exponentials(flat: Array, sample_time: float) -> Array:
     """``E = expm(A T)`` and ``F = int_0^T expm(A s) ds`` of many matrices, each on its own.
 
     Taylor's series of F over ``h = T / 2^s``, then ``E(2h) = E(h)^2`` and ``F(2h) = F(h) + E(h) F(h)``.
-    Rounding in sums and products respects a diagonal change of scale, so `_halvings` may look at A balanced.
+    Rounding in sums and products commutes with diagonal scaling, so `_halvings` may use the balanced A.
 
     Args:
         flat: the matrices A, row by row, shape (count, size^2).
@@ -53,7 +53,7 @@ def exponentials(flat: Array, sample_time: float) -> Array:
     count, size = len(flat), round(flat.shape[1] ** 0.5)
     A = np.ascontiguousarray(flat.T).reshape(size, size, count)
     identity = np.eye(size)[:, :, np.newaxis]
-    with np.errstate(all="ignore"):  # gains near the largest float overflow here, and the run then says so
+    with np.errstate(all="ignore"):  # gains near the largest float overflow here, and the run then reports it
         s = _halvings(A, sample_time)
         h = np.ldexp(sample_time, -s)
         step, total = A * h, identity / (DEGREE + 1)
@@ -83,7 +83,7 @@ def _halvings(A: Array, sample_time: float) -> Exponents:
 
 
 def _balanced(M: Array) -> Array:
-    """Rows and columns of matrices that are not negative, made alike by powers of two (Osborne 1960)."""
+    """Balance rows and columns of non-negative matrices by powers of two (Osborne 1960)."""
     for i in [*range(len(M))] * (BALANCING if len(M) > 1 else 0):
         row, column = _sums(M)[i] - M[i, i], _sums(M.swapaxes(0, 1))[i] - M[i, i]
         both = (row > 0) & (column > 0)

@@ -1,8 +1,8 @@
-"""What a batch reports of each run: one row a metric, from the C that measures it to its words in figures.
+"""The metrics of each run in a batch: one row per metric, from its C expression to its label in figures.
 
-A run's numbers are as ``summary.json`` has them, but that ``max_abs_e`` and ``settling_s`` are taken on the
-dense output instead of the output instants. `rows_header` gives the C loops what the rows ask of them; a row
-needs nothing else anywhere.
+A run's numbers are those of ``summary.json``, except that ``max_abs_e`` and ``settling_s`` are taken on the
+dense output instead of the output instants. `rows_header` gives the C loops the rows' expressions; a row
+needs no other code.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ class Row:
     """One metric.
 
     Attributes:
-        unit: physical unit; ``{e}`` and ``{v}`` stand for those of the model's signals.
+        unit: physical unit; ``{e}`` and ``{v}`` mean those of the model's signals.
         about: one line for the reader.
         at_end: C expression of its value when run ``w`` of ``runs`` (``pmj_runs``) ends with ``status`` and
-            with the error ``e``; empty where it is the sum of `added`.
-        added: C expression of what each accepted ``step`` (``pmj_span``) adds, on all lanes; or empty.
+            with the error ``e``; empty if it is the sum of `added`.
+            added: C expression that each accepted ``step`` (``pmj_span``) adds, on all lanes; or empty.
         integer: whether it is a whole number.
-        words: what figures call it. A metric that has them is reported in totals, and may be tuned for.
+        words: its label in figures. A metric with a label is in the totals and can be a tuning objective.
         logarithmic: whether a logarithmic scale suits it.
         mapped: whether a sweep over two axes draws a map of it.
     """
@@ -104,7 +104,7 @@ REPORTED: Final[Mapping[str, Column]] = {column.variable: column for column in C
 
 
 def rows_header() -> str:
-    """``metric_rows.h``: what the rows ask of the C loops, as lists for a macro of (column, expression)."""
+    """``metric_rows.h``: the rows for the C loops, as lists for a macro of (column, expression)."""
     added = [f"    ROW({column:d}, {column.row.added})" for column in Column if column.row.added]
     at_end = [
         f"    ROW({column:d}, {column.row.at_end or f'runs->metrics.sums[{column:d}][w]'})"

@@ -1,6 +1,6 @@
 """The actuator's saturation modes: (10), as intervals of v between thresholds.
 
-Channel j of what the actuator delivers is ``w_j = clip(offset_j + slope_j v, lower_j, upper_j)``; channel 0
+Channel j of the actuator's output is ``w_j = clip(offset_j + slope_j v, lower_j, upper_j)``; channel 0
 is u. Every limit of every channel is reached at one value of v, a threshold. Between neighbouring thresholds
 all channels are affine in v, so the closed loop is smooth: that interval is a mode.
 """
@@ -65,7 +65,7 @@ def _thresholds(offset: float, slope: float, lower: float, upper: float) -> list
 
 
 def _side(channel: tuple[float, ...], low: float, high: float) -> int:
-    """-1, 0 or 1: which limit the channel stands at for v in (low, high)."""
+    """-1, 0 or 1: the channel's limit for v in (low, high)."""
     offset, slope, lower, upper = channel
     if slope == 0.0:
         return int(offset > upper) - int(offset < lower)

@@ -1,7 +1,7 @@
 """Polynomials of one Taylor step: evaluation, step size, and the first change of sign.
 
 The twin of ``loops/c/polynomial.c``: same arithmetic, same order. Coefficients are those of powers of the
-time since the step's start, row k for order k, one column a channel.
+time since the step's start, row k for order k, one column per channel.
 """
 
 from __future__ import annotations
@@ -54,10 +54,10 @@ def step_size(c: Array, tolerance: float, safety: float) -> float:
 
 
 def leading_zeros(q: Sequence[float], h: float) -> int:
-    """How many of the lowest coefficients are zero, or rounding, against the terms at h.
+    """How many of the lowest coefficients are zero, or rounding, relative to the terms at h.
 
     Args:
-        q: coefficients; the highest counts as none.
+        q: coefficients; the highest does not count.
         h: length of the step, s.
     """
     degree = len(q) - 1
@@ -72,7 +72,7 @@ def leading_zeros(q: Sequence[float], h: float) -> int:
 
 
 def _noise(degree: int, size: float) -> float:
-    """What rounding may leave of a zero of a polynomial whose terms add up to `size`."""
+    """Bound on the rounding error at a zero of a polynomial whose terms add up to `size`."""
     return 4.0 * (degree + 1) * EPSILON * size
 
 
@@ -84,8 +84,8 @@ def first_crossing(q: Sequence[float], h: float) -> float | None:
 def crossings(q: Sequence[float], h: float) -> Iterator[float]:
     """Every tau in (0, h) at which ``sum q[k] tau^k`` changes its sign, ascending.
 
-    A zero at h itself is left to the next step; a zero without change of sign is none. What differs from zero
-    by no more than rounding counts as zero.
+    A zero at h itself is left to the next step; a zero without change of sign does not count. A value within
+    rounding of zero counts as zero.
 
     Args:
         q: coefficients, ``q[0]`` not zero.
@@ -108,7 +108,7 @@ def crossings(q: Sequence[float], h: float) -> Iterator[float]:
 def _on_level(q: list[float], h: float, touching: int) -> float:
     """The value of q at the start of a step: 0 where the run stands on q's zero; arguments as of `passes`.
 
-    With a kink's side the argument of another may jump: it has then passed its zero without standing on it.
+    When a kink changes its side, the argument of another may jump past its zero without taking that value.
     """
     rest, power = 0.0, 1.0
     for coefficient in q[1:]:
@@ -119,7 +119,7 @@ def _on_level(q: list[float], h: float, touching: int) -> float:
 
 
 def passes(q: list[float], level: float, touching: int, outward: int, h: float) -> float | None:
-    """When a polynomial passes a level, upwards (+1) or downwards (-1), from 0 to before h, or None.
+    """The time in [0, h) at which a polynomial passes a level, upwards (+1) or downwards (-1), or None.
 
     On the level, to rounding, the first derivative that does not vanish decides, and the zero at the start is
     divided out before the search.
@@ -156,14 +156,14 @@ def note_peaks(c: Array, t: float, tau: float, end: Array, peaks: Array, peak_ti
 
 
 def note_value(value: float, t: float, i: int, peaks: Array, peak_times: Array) -> None:
-    """Keep the largest magnitude of channel i and its time; NaN counts as larger than anything."""
+    """Keep the largest magnitude of channel i and its time; NaN counts as the largest."""
     if not abs(value) <= peaks[i]:
         peaks[i] = abs(value)
         peak_times[i] = t
 
 
 def note_extremum(c: list[float], t: float, tau: float, i: int, peaks: Array, peak_times: Array) -> None:
-    """The largest magnitude of one channel inside a step: it stands where the slope changes its sign."""
+    """The largest magnitude of one channel inside a step: it is where the slope changes its sign."""
     power, bound = 1.0, 0.0
     for coefficient in c:
         bound += abs(coefficient) * power
@@ -178,7 +178,7 @@ def note_extremum(c: list[float], t: float, tau: float, i: int, peaks: Array, pe
 
 
 def note_rate(c: list[float], t: float, tau: float, i: int, peaks: Array, peak_times: Array) -> None:
-    """The largest magnitude of one channel's rate over a step, kept at place i: at its end, and inside."""
+    """The largest magnitude of one channel's rate over a step, stored at index i: at its end, and inside."""
     rate = [k * c[k] for k in range(1, len(c))]
     end = rate[-1]
     for coefficient in rate[-2::-1]:
@@ -188,7 +188,7 @@ def note_rate(c: list[float], t: float, tau: float, i: int, peaks: Array, peak_t
 
 
 def exceeds(c: Sequence[float], limit: float, tau: float) -> float | None:
-    """When a channel's magnitude passes `limit` inside a step of size tau, or None."""
+    """The time at which a channel's magnitude passes `limit` inside a step of size tau, or None."""
     power, bound = 1.0, 0.0
     for coefficient in c:
         bound += abs(coefficient) * power
@@ -203,7 +203,7 @@ def exceeds(c: Sequence[float], limit: float, tau: float) -> float | None:
 
 
 def first_beyond(c: Array, limit: float, tau: float) -> tuple[bool, float]:
-    """Whether any channel's magnitude passes `limit` inside a step of size tau; when the first does, or tau.
+    """Whether any channel's magnitude passes `limit` inside a step of size tau, and the first time, or tau.
 
     Args:
         c: shape (N + 1, channels).
@@ -230,7 +230,7 @@ def last_outside(c: Sequence[float], tau: float, band: float) -> float | None:
 
 
 def _isolate(a: list[float], size: float) -> Iterator[float]:
-    """Descartes' rule on [0, 1], halving where it leaves a doubt, from left to right: the roots in order."""
+    """Descartes' rule on [0, 1], halving where it is inconclusive, from left to right: the roots in order."""
     degree = len(a) - 1
     noise = _noise(degree, size)
     before = 0
@@ -269,7 +269,7 @@ def _to_bernstein(a: list[float]) -> list[float]:
 
 
 def _variations(b: list[float], noise: float) -> tuple[int, int, int]:
-    """Sign changes among b, leaving out what is noise; the first and the last sign that is not (0: none)."""
+    """Sign changes among b without noise; the first and the last sign that is not noise (0: none)."""
     signs = [1 if value > noise else -1 for value in b if abs(value) > noise]
     if not signs:
         return 0, 0, 0
@@ -290,7 +290,7 @@ def _halve(b: list[float]) -> tuple[list[float], list[float]]:
 
 
 def _guess(b: list[float], low: float, width: float, before: int, noise: float) -> float:
-    """Where the broken line through the Bernstein coefficients leaves a side: close to a root."""
+    """Where the polyline through the Bernstein coefficients leaves a side: close to a root."""
     degree = len(b) - 1
     other = (j for j in range(1, degree) if abs(b[j]) > noise and (b[j] > 0.0) != (before > 0))
     j = next(other, degree)
@@ -299,10 +299,9 @@ def _guess(b: list[float], low: float, width: float, before: int, noise: float) 
 
 
 def _refine(a: list[float], start: float, low: float, high: float, before: int, noise: float) -> float:
-    """The root in (low, high), where the sign `before` ends: Newton, kept inside by bisection.
+    """The root in (low, high), where the sign `before` ends: Newton's method, kept inside by bisection.
 
-    Its last step is not taken again: the error that it leaves is the square of a relative error below
-    `CLOSE`.
+    Its last step is not repeated: the remaining error is the square of a relative error below `CLOSE`.
     """
     s = start if low < start < high else 0.5 * (low + high)
     for _ in range(MAX_REFINEMENTS):

@@ -1,7 +1,7 @@
-"""What the loops work on: the run's constants, where it stands, and the memory that it writes.
+"""The data of the loops: a run's constants, its progress, and the memory that it writes.
 
 The three records mirror the structs of ``pmjoint_runtime.h``, field by field, so that the C loops and their
-Python twins take the same. Arrays are C-contiguous float64.
+Python twins share them. Arrays are C-contiguous float64.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pmjoint_codegen.loops.constants import PADDING
 
 @dataclass(frozen=True)
 class Problem:
-    """What does not change during a run.
+    """The constants of a run.
 
     Attributes:
         n_plant: plant states x, first in X.
@@ -36,30 +36,30 @@ class Problem:
         nodes: quadrature nodes on (0, 1); a hold that is one step has its own three.
         weights: of the nodes; they add up to 1.
         n_nodes: number of them; 0 leaves out the integral of e^2 and when e settles.
-        n_searched: for the continuous loop, channels, of X, v and e, whose largest magnitudes are searched
-            for inside steps too; the others' are those at the ends of steps.
-        notes_rate: whether the largest magnitude of the rate of y, channel 0, is asked for; 0 or 1.
-        inside: points of a step, as parts of it, at which it is compared with the rates, beside its end.
+        n_searched: for the continuous loop, channels of X, v and e whose largest magnitudes are also searched
+            for inside steps; the others' are those at the ends of steps.
+        notes_rate: whether the largest magnitude of the rate of y, channel 0, is recorded; 0 or 1.
+        inside: points of a step, as fractions of it, at which it is compared with the rates, besides its end.
         n_inside: number of them.
         lebesgue: factor on the largest defect found there.
         ratios: radii of discs, as multiples of a step.
-        factors: what a step can miss, as multiples of the nonlinear part on the disc.
+        factors: bound on a step's error, as multiples of the nonlinear part on the disc.
         n_ratios: number of discs.
-        max_step: s; infinite where nobody asks.
-        settled: part of |e(0)|: e has settled once it stays within it.
+        max_step: s; infinite by default.
+        settled: fraction of |e(0)|: e has settled once it stays within it.
         times: output instants, s: the first 0, the last the horizon.
         n_rows: length of `times`.
         sample_time: s; 0 for the continuous loop.
         hold_ratios: radii of discs, as multiples of a hold; the first also for windows over many holds.
-        hold_rate_factors: what a hold of the order of ``sample`` can miss, without points of comparison, as a
-            multiple of the nonlinear part on the disc: of rates;
-        hold_value_factors: of values.
+        hold_rate_factors: bound on the error of a hold of the order of ``sample``, without points of
+            comparison, as a multiple of the nonlinear part on the disc: of rates;
+            hold_value_factors: of values.
         n_hold_ratios: number of discs.
         tolerance: local error, relative to max(1, |value|).
         safety: factor on the step that the last two coefficients allow.
         hold_fraction: of the radius of convergence; up to it a hold is one step of the lower order N of
             ``sample``. Its N-th power is the tolerance.
-        divergence: |X_i| above it ends the run, at the instant that it passes it where it is searched for.
+        divergence: |X_i| above it ends the run, at the instant of passing for the channels searched.
         max_steps: limit.
         max_switches: limit.
     """
@@ -111,7 +111,7 @@ class Problem:
 
 @dataclass
 class Progress:
-    """Where a run stands: the only record that changes, besides the memory.
+    """The progress of a run: the only record that changes, besides the memory.
 
     Attributes:
         t: time reached, s.
@@ -122,17 +122,17 @@ class Progress:
         status: a `Status`.
         mode: index of the interval of v between thresholds.
         first_mode: mode at t = 0.
-        touching: threshold on which v stands at t, n_thresholds + j on kink j, or -1.
-        idle: switches since time last moved.
-        flips: changes of side at kinks since time last moved.
+        touching: threshold that v is on at t, n_thresholds + j on kink j, or -1.
+        idle: switches since time last advanced.
+        flips: changes of side at kinks since time last advanced.
         row: output rows written.
         steps: accepted steps of the state.
-        rejected: steps tried again at half the size.
+        rejected: steps repeated at half the size.
         evaluations: calls of the Taylor kernel.
         switches: changes of mode.
         sample: index of the next sample.
         buffer: which half of the coefficient memory is current.
-        disc: the disc that showed the last step to be sound.
+        disc: the disc that proved the last step sound.
     """
 
     t: float = 0.0
@@ -163,7 +163,7 @@ class Memory:
     Attributes:
         coefficients: Taylor coefficients of two steps.
         state: X at t.
-        trial: values of the channels at the end of a step on trial.
+        trial: values of the channels at the end of a trial step.
         slope: their slopes there.
         term_sums: sums of the magnitudes of their terms there.
         scales: of the channels at the start of a step, for relative errors.
@@ -171,15 +171,15 @@ class Memory:
         rest: nonlinear parts on it, and defects.
         rates: values inside a step.
         g: the mode, then sides, continuous loop.
-        w: what the actuator delivers, then sides, sampled loop.
-        window: shape (2 + 2 nx,), of which the guard is known: t and its radius, x and its radii; sampled
-        loop.
+        w: the actuator's output, then sides, sampled loop.
+        window: shape (2 + 2 nx,), for which the guard is known: t and its radius, x and its radii;
+        sampled loop.
         sides: on which side of each kink the run is, +1 or -1.
         sample: X at the last sample, sampled loop.
-        rows: shape (n_rows, nX), X at the output instants; the first row comes filled in.
+        rows: shape (n_rows, nX), X at the output instants; the first row is filled in at the start.
         row_samples: shape (n_rows, nX), X at the last sample before each output instant, sampled loop.
         row_sample_times: shape (n_rows,), the instants of `row_samples`, s.
-        peaks: shape (nX + 3,), largest |X_i|, |v|, |e| and, where it is asked for, |dy/dt| so far.
+        peaks: shape (nX + 3,), largest |X_i|, |v|, |e| and, if requested, |dy/dt| so far.
         peak_times: of the same shape, their instants, s.
         switch_times: s.
         switch_modes: mode after each switch.

@@ -19,7 +19,7 @@ class Rule:
     weights: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        """Check the rule's own mathematics: its moments, exactly as far as it promises."""
+        """Check the rule's moments up to its degree."""
         for degree in range(2 * len(self.nodes)):
             moment = sum(w * x**degree for x, w in zip(self.nodes, self.weights, strict=True))
             if abs(moment - 1 / (degree + 1)) > 1e-15:

@@ -1,10 +1,10 @@
-"""The sampled closed loop, what a microcontroller does: the readable twin of ``loops/c/sampled.c``.
+"""The sampled closed loop, as on a microcontroller: the readable twin of ``loops/c/sampled.c``.
 
-At ``t_k = k T`` the controller takes y, computes v of (29) and delivers w, which is held until the next
-sample; filters and compensator go on by their exact zero-order-hold discretisation, the plant and the error
-follow their Taylor polynomials: those that come with the sample where the guard shows the hold to be short
-enough for them, else steps of a higher order, guarded as those of the continuous loop and ending at kinks.
-Output rows between samples show the plant's states as they are and everything of the controller as held.
+At ``t_k = k T`` the controller measures y, computes v of (29) and applies w, which is constant until the next
+sample. Filters and compensator advance by their exact zero-order-hold discretisation. The plant and the error
+follow their Taylor polynomials: those computed with the sample if the guard shows the hold to be short
+enough, else steps of a higher order, guarded like those of the continuous loop and ending at kinks.
+Output rows between samples show the plant's states at that instant and the controller's as of the sample.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ def sampled_loop(
     """Prepare a run of the sampled loop.
 
     Returns:
-        A function that advances it by at most the given number of samples; `progress` says whether and how it
-        ended.
+        A function that advances it by at most the given number of samples; `progress` records whether and how
+        it ended.
     """
     return _Loop(evaluator, problem, progress, memory).advance
 
@@ -53,13 +53,13 @@ class _Loop:
         self.guard = evaluator.kernel("plant_guard")
         self.stepper = Stepper(self.guard, self.rates, problem, progress, memory)
         self.windows = evaluator.manifest.windows
-        self.e = problem.n_plant  # place of e among the channels
+        self.e = problem.n_plant  # index of e among the channels
         self.problem = problem
         self.progress = progress
         self.memory = memory
         self.x: Array = memory.sample[: problem.n_plant].copy()  # plant states at t
         self.slack = SAME_INSTANT * problem.sample_time
-        # Python numbers: the loop looks at them one by one.
+        # Python numbers: the loop reads them one by one.
         self.times: list[float] = problem.times.tolist()
         self.nodes: list[tuple[float, float]] = list(
             zip(problem.nodes.tolist(), problem.weights.tolist(), strict=True)
@@ -74,7 +74,7 @@ class _Loop:
                 self.sample()
 
     def sample(self) -> None:
-        """One sample: y taken, v computed, w held until the next; the plant goes on in between."""
+        """One sample: y measured, v computed, w constant until the next; the plant advances in between."""
         progress, problem, memory = self.progress, self.problem, self.memory
         t = progress.sample * problem.sample_time
         end = (progress.sample + 1) * problem.sample_time
@@ -124,7 +124,7 @@ class _Loop:
         self.progress.band = self.problem.settled * abs(float(c[0, self.e]))
 
     def note_mode(self, t: float, v: float) -> None:
-        """Keep the mode of v at a sample, and its change."""
+        """Record the mode of v at a sample, and its change."""
         progress, memory = self.progress, self.memory
         mode = sum(v > threshold for threshold in self.thresholds)
         if progress.sample == 0:
@@ -165,7 +165,7 @@ class _Loop:
             progress.status = Status.DIVERGED if diverging else progress.status
 
     def actuation(self, w: Array) -> Array:
-        """W and the present sides, as the kernels of the plant take them."""
+        """The vector w and the present sides, as the kernels of the plant expect them."""
         return np.concatenate([w, self.memory.sides])
 
     def within(self, c: Array, length: float) -> bool:
@@ -179,15 +179,15 @@ class _Loop:
         return bool(np.all(np.abs(c[-2]) <= before * scale) and np.all(np.abs(c[-1]) <= last * scale))
 
     def smooth(self, c: Array, tau: float) -> bool:
-        """Whether no kink is met: every argument keeps away from 0."""
+        """Whether no kink is met: every argument stays away from 0."""
         arguments = c[:, self.e + 1 :]
         return bool(np.all(spread(arguments, tau) < np.abs(arguments[0])))
 
     def shown(self, c: Array, w: Array, length: float) -> bool:
         """Whether the guard shows a hold to be one step of the sample's own coefficients.
 
-        A window of what it has looked at once serves many holds; what varies inside it does so by twice its
-        nonlinear part at most.
+        A window that the guard has evaluated once serves many holds; inside it, variations are at most twice
+        the nonlinear part.
         """
         problem, t, n = self.problem, self.progress.t, self.problem.n_plant
         window, x = self.memory.window, c[:, : problem.n_plant]
@@ -208,7 +208,7 @@ class _Loop:
         return False
 
     def covered(self, window: Array, x: Array, t: float, R: float) -> bool:
-        """Whether the window of what the guard has looked at holds the disc of radius R around t."""
+        """Whether the guard's window contains the disc of radius R around t."""
         n = self.problem.n_plant
         inside = np.all(np.abs(x[0] - window[2 : 2 + n]) + spread(x, R) <= window[2 + n :])
         return bool(abs(t - window[0]) + R <= window[1] and inside)
@@ -216,7 +216,7 @@ class _Loop:
     def hold_miss(
         self, w: Array, t: float, x: Array, R: float, spreads: Array, length: float, disc: int
     ) -> float:
-        """How much of what is allowed a hold misses, from the guard on discs of time and of each x."""
+        """A hold's error relative to the allowed one, from the guard on discs of time and of each x."""
         problem, n = self.problem, self.problem.n_plant
         (rest,) = self.guard(np.array([t]), x, self.actuation(w), problem.p, np.array([R]), spreads)
         rates = float(problem.hold_rate_factors[disc]) * rest[:n] * length
@@ -255,7 +255,7 @@ class _Loop:
                 self.flip(kink)
 
     def find_sides(self, w: Array) -> None:
-        """The sides of all kinks at the state, where an argument of 0 leaves its side as it was."""
+        """The sides of all kinks at the state; an argument of 0 leaves its side unchanged."""
         sides = self.memory.sides
         for j in range(len(sides)):  # an argument depends on the sides before its own
             found = self.rates(np.array([self.progress.t]), self.x, self.actuation(w), self.problem.p)
@@ -265,7 +265,7 @@ class _Loop:
     def set_side(self, kink: int, side: float) -> None:
         """Put a kink on a side.
 
-        On the other one the right-hand side is another function: what the guard has looked at is of no use.
+        On the other side the right-hand side is another function: the guard's window is invalid.
         """
         if self.memory.sides[kink] != side:
             self.memory.window[1] = -1.0
@@ -280,9 +280,9 @@ class _Loop:
             self.progress.status = Status.SLIDING
 
     def long_step(self, c: Array, w: Array, left: float, smallest: float) -> tuple[float, int]:
-        """The step of a long hold, up to `left`, to the first kink, and that kink or -1.
+        """The length of a step of a long hold, up to `left` or the first kink, and that kink or -1.
 
-        0 at a kink that is passed at once, or where the run ends.
+        It is 0 at a kink that is passed at once, or if the run ends.
         """
         progress, problem, stepper = self.progress, self.problem, self.stepper
         h = step_size(c, problem.tolerance, problem.safety)
@@ -306,14 +306,14 @@ class _Loop:
             h = tau * shrink(miss, problem.order)
 
     def missed(self, c: Array, w: Array, tau: float, relative: Array) -> float:
-        """How much of what is allowed a step of a long hold misses; above 1 it is too long."""
+        """The error of a step of a long hold relative to the allowed one; above 1 it is too long."""
         problem, t, actuation = self.problem, self.progress.t, self.actuation(w)
         points = [*(tau * part for part in problem.inside.tolist()), tau]
         most = max(self.stepper.defect(c, t, actuation, at, tau, relative) for at in points)
         return problem.lebesgue * most / (DEFECT * problem.tolerance)
 
     def long_integral(self, c: Array, size: float) -> float:
-        """Integral of e^2 over a step of a hold that takes several."""
+        """Integral of e^2 over one step of a hold with several steps."""
         total = 0.0
         for node, weight in self.nodes:
             e = float(evaluate(c[:, self.e : self.e + 1], size * node)[0])
@@ -321,7 +321,7 @@ class _Loop:
         return size * total
 
     def try_step(self, c: Array, tau: float) -> Array:
-        """The end of a step on trial, shape (channels,), or the status that forbids it."""
+        """The end of a trial step, shape (channels,), or the status that forbids it."""
         trial = evaluate(c, tau)
         if not np.all(np.isfinite(trial[: self.e])):
             self.progress.status = Status.NON_FINITE
@@ -332,7 +332,7 @@ class _Loop:
     def accept(
         self, c: Array, trial: Array, tau: float, until: float, rows_until: float, t_sample: float
     ) -> None:
-        """Take a step of the plant: output rows, peaks, state."""
+        """Accept a step of the plant: output rows, peaks, state."""
         progress = self.progress
         while progress.row < self.problem.n_rows:
             time = self.times[progress.row]
@@ -358,7 +358,7 @@ class _Loop:
         progress.steps += 1
 
     def settle(self, s_next: Array) -> None:
-        """The state at the next sample, and its peaks; or the status that forbids going on."""
+        """The state at the next sample, and its peaks; or the status that ends the run."""
         sample, problem = self.memory.sample, self.problem
         sample[: problem.n_plant] = self.x
         sample[problem.n_plant :] = s_next

@@ -1,4 +1,4 @@
-"""Which loop runs: the C one where the kernels are compiled, its Python twin where they are interpreted."""
+"""Which loop runs: the C one if the kernels are compiled, its Python twin if they are interpreted."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from pmjoint_codegen.loops.sampled import sampled_loop
 
 Advance = Callable[[int], None]
 _START: Final = {field.name: field.default for field in fields(Progress)}
-_LAYOUT: Final = Struct("5d14q")  # of `pmj_progress`: five numbers, then whole ones
+_LAYOUT: Final = Struct("5d14q")  # of `pmj_progress`: five doubles, then integers
 
 
 def make_loop(evaluator: Evaluator, problem: Problem, progress: Progress, memory: Memory) -> Advance:
@@ -35,7 +35,7 @@ def make_loop(evaluator: Evaluator, problem: Problem, progress: Progress, memory
 
 
 class CompiledLoop:
-    """A run of the C loops of ``pmjoint_runtime.h``; calling it advances the run, as `Advance` says."""
+    """A run of the C loops of ``pmjoint_runtime.h``; calling it advances the run, see `Advance`."""
 
     def __init__(
         self, evaluator: CompiledEvaluator, problem: Problem, progress: Progress, memory: Memory
@@ -49,10 +49,10 @@ class CompiledLoop:
                 ("pmj_memory *", memory),
             )
         )
-        # The sampled loop has ``sample`` inside.
+        # The sampled loop includes ``sample``.
         sampled = bool(problem.sample_time)
         names = ("plant_taylor", "plant_guard", "plant") if sampled else ("taylor", "guard", "closed_loop")
-        self._library = lib  # whose code runs: it must stay loaded
+        self._library = lib  # its code runs, so it must stay loaded
         self._bound = [evaluator.function(name) for name in names]  # the structs point into them
         self._functions = [function.struct for function in self._bound]
         self._run = lib.pmj_sampled if problem.sample_time else lib.pmj_continuous
@@ -75,7 +75,7 @@ class CompiledLoop:
         self._begin(self._arguments[0], *self._arguments[-2:])
 
     def _read(self) -> None:
-        """Copy where the run stands from the C struct."""
+        """Copy the run's progress from the C struct."""
         self._records[1].__dict__.update(zip(_START, _LAYOUT.unpack(self._bytes), strict=True))
 
 

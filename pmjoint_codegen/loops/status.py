@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-# of the largest |e|: a lost joint leaves exponentially, so its last error is its largest
+# of the largest |e|: a diverging joint's error grows exponentially, so the last is the largest
 GROWING: Final = 0.95
 
 Floats = npt.NDArray[np.float64]
@@ -25,7 +25,7 @@ class Status(IntEnum):
     TOO_MANY_STEPS = 5
     TOO_MANY_SWITCHES = 6
     KERNEL_FAILED = 7
-    SLIDING = 9  # 8 is a sweep's word for runs that are not made
+    SLIDING = 9  # 8 marks runs of a sweep that are not computed
 
 
 _SENTENCES: Final = {
@@ -52,7 +52,7 @@ def sentence(
     max_switches: int,
     state: str = "a state",
 ) -> str:
-    """Say how a run ended.
+    """Describe how a run ended.
 
     Args:
         status: of the run.
@@ -70,10 +70,10 @@ def sentence(
 def holds(
     status: npt.NDArray[Any], final_e: Floats, max_abs_e: Floats, final_saturated: Floats
 ) -> npt.NDArray[np.bool_]:
-    """Whether a run reached the horizon, and not with a lost joint's input and error there.
+    """Whether a run reached the horizon without a diverging joint's input and error there.
 
-    A lost joint's input is at its limit to the end, and its error is largest there. A run that
-    holds the joint may still be far from its reference: its settling time is then the horizon.
+    A diverging joint's input stays at its limit to the end, and its error is largest there. A bounded
+    run may still be far from its reference: its settling time is then the horizon.
     """
     bounded = (np.abs(final_e) < GROWING * max_abs_e) | (final_saturated == 0)
     return np.asarray((status == int(Status.DONE)) & bounded)

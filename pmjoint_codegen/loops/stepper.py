@@ -1,4 +1,4 @@
-"""Whether a step follows the right-hand side all along, and where it meets a kink: for both loops.
+"""Whether a step follows the right-hand side throughout, and where it meets a kink: for both loops.
 
 The twin of ``loops/c/guard.c``: same arithmetic, same order. The step is that of a Taylor kernel whose
 first channels have rates and whose others are values; see `guard`.
@@ -18,7 +18,7 @@ from pmjoint_codegen.loops.steps import arrive, bounds, shrink
 
 
 class Stepper:
-    """Judges steps of one run.
+    """Checks steps of one run.
 
     Args:
         guard: bounds the nonlinear part of the right-hand side on a disc.
@@ -42,7 +42,7 @@ class Stepper:
     ) -> float:
         """The longest step up to h that the guard shows to follow the right-hand side, or 0.
 
-        Its polynomials then do so all along if their defect at the points of comparison is small.
+        Its polynomials then do so throughout if their defect at the points of comparison is small.
         """
         problem = self.problem
         now = np.array([t])
@@ -65,10 +65,10 @@ class Stepper:
         return 0.0
 
     def largest(self, values: Array, h: float, scales: Array) -> float:
-        """The largest of values, each relative to its channel's scale; of rates, over a step of size h.
+        """The largest of values, each relative to its channel's scale; for rates, over a step of size h.
 
-        Infinite where one is no number. High gains leave more rounding in v than its present value tells, so
-        that its scale is its peak so far.
+        Infinite if one is NaN. High gains leave more rounding in v than its present value shows, so its scale
+        is its peak so far.
         """
         problem, scale = self.problem, scales.copy()
         scale[: problem.n_rates] = h * scale[: problem.n_rates]
@@ -89,7 +89,7 @@ class Stepper:
     ) -> tuple[int, float]:
         """The kink that is passed first within h and before tau, or -1; the time until then, or tau.
 
-        On kink `touching` the run stands at the start.
+        At the start, the run is on kink `touching`.
         """
         first, found = self.problem.n_channels - self.problem.n_kinks, -1
         for j, side in enumerate(self.memory.sides.tolist()):
@@ -117,9 +117,9 @@ class Stepper:
         progress.settled = progress.settled if when is None else progress.t + when
 
     def stays(self, c: Array, term_sums: Array, channel: int, low: float, high: float, h: float) -> bool:
-        """Whether a channel certainly keeps between two values up to h.
+        """Whether a channel certainly stays between two values up to h.
 
-        `term_sums` bounds its terms: a straight line, and no more beside it than the higher terms can add.
+        The bound is its linear part plus the most that the higher terms can add; `term_sums` bounds them.
         """
         start = float(c[0, channel])
         rise = float(c[1, channel]) * h

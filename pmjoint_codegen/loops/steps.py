@@ -1,4 +1,4 @@
-"""One step of the continuous loop: its size, where it arrives, and what bounds it on the way.
+"""One step of the continuous loop: its size, its end, and bounds along it.
 
 The twin of ``loops/c/steps.c``: same arithmetic, same order. Coefficients are those of powers of the time
 since the step's start, row k for order k, one column a channel.
@@ -43,12 +43,12 @@ def values(c: Array, tau: float | Array) -> Array:
 
 
 def bounds(c: Array, tau: float) -> Array:
-    """Sums of the magnitudes of the terms at tau >= 0, which no value up to there exceeds."""
+    """Sums of the magnitudes of the terms at tau >= 0: bounds on all values up to tau."""
     return values(np.abs(c), tau)
 
 
 def spread(c: Array, R: float) -> Array:
-    """How far channels can go from their start where time goes anywhere in a disc of radius R."""
+    """How far channels can move from their start while time is anywhere in a disc of radius R."""
     total = np.abs(c[-1])
     for row in c[-2:0:-1]:
         total = total * R + np.abs(row)
@@ -62,7 +62,7 @@ def _top(c: Array) -> int:
 
 
 def _ends(c: Array) -> tuple[Array, Array]:
-    """Where the schemes of the even and the odd powers begin."""
+    """Indices at which the schemes of the even and the odd powers begin."""
     top = _top(c)
     return c[top], c[top + 1] if len(c) > top + 1 else np.zeros_like(c[top])
 
@@ -76,7 +76,7 @@ def scales(c: Array) -> Array:
 def allowed_step(c: Array, relative: Array, tolerance: float, safety: float) -> float:
     """The step, s, that keeps the last two terms below the tolerance (Jorba and Zou 2005).
 
-    The roots are taken to no more digits than a safety factor has.
+    The roots are computed to no more digits than a safety factor has.
 
     Args:
         c: shape (N + 1, channels).
@@ -93,18 +93,18 @@ def allowed_step(c: Array, relative: Array, tolerance: float, safety: float) -> 
 
 
 def shrink(miss: float, order: int) -> float:
-    """Factor on a step that misses by `miss` times what is allowed, an error of an order: 0.55 to 0.95."""
+    """Factor on a step whose error is `miss` times the allowed one, by the error's order: 0.55 to 0.95."""
     factor = MOST_SHRINK * _rough_exp2(_rough_log2(miss) * (-1.0 / order))
     return MOST_SHRINK if factor > MOST_SHRINK else factor if factor > LEAST_SHRINK else LEAST_SHRINK
 
 
 def _norm(row: Array, relative: Array) -> float:
-    """The largest |c_k| of a row, relative to max(1, |c_0|); NaN counts as nothing."""
+    """The largest |c_k| of a row, relative to max(1, |c_0|); NaN is ignored."""
     return float(np.fmax.reduce(np.abs(row) * relative, initial=0.0))
 
 
 def _rough_log2(a: float) -> float:
-    """log2 of a number that is not negative, to 0.01; 0 counts as tiny, infinity as huge."""
+    """log2 of a non-negative number, to 0.01; 0 counts as tiny, infinity as huge."""
     (bits,) = struct.unpack("<q", struct.pack("<d", a))
     (m,) = struct.unpack("<d", struct.pack("<q", bits & 0x000FFFFFFFFFFFFF | 0x3FF0000000000000))
     whole = float((bits >> 52) - 1023)

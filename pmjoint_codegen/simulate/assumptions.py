@@ -1,4 +1,4 @@
-"""What a run was made with that its source does not say, for captions and for the terminal."""
+"""Settings of a run that its source does not state, for captions and for the terminal."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ _SILENT_SOURCES: Mapping[str, str] = MappingProxyType({"paper": "sin(t)"})
 
 
 def assumed(run: Record) -> tuple[str, ...]:
-    """List what stands in the model file alone, since the model's source is silent about it."""
+    """List the settings that only the model file states, because the model's source does not."""
     return tuple(text for text, given in _settings(run) if not given) if _is_silent(run) else ()
 
 
 def stated(run: Record) -> tuple[str, ...]:
-    """List reference, horizon and sample time of a model whose source is not silent about them."""
+    """List reference, horizon and sample time of a model whose source states them."""
     return () if _is_silent(run) else tuple(text for text, _ in _settings(run))
 
 
@@ -45,10 +45,10 @@ def _settings(run: Record) -> tuple[tuple[str, bool], ...]:
 
 
 def changes(run: Record) -> tuple[str, ...]:
-    """List what differs from the model file, such as ``c1 = 20``.
+    """List the differences from the model file, such as ``c1 = 20``.
 
-    That is parameters, gains and initial states; and of a source that is silent, the settings that would
-    otherwise be assumed. `stated` has those of the others.
+    These are parameters, gains and initial states and, if the source does not state them, the settings
+    that would otherwise be assumed. `stated` has those of the others.
     """
     manifest, settings = run.manifest, run.settings
     defaults = {item.name: item.value for item in manifest.parameters}
@@ -71,11 +71,11 @@ def _said(name: str, value: float, unit: str) -> str:
 
 
 def sentence(run: Record, notes: Sequence[str] = ()) -> str:
-    """Say all of it in a sentence or two, for a caption.
+    """Describe all of it in a sentence or two, for a caption.
 
     Args:
         run: what is captioned.
-        notes: further changes that the run itself does not know to be changes.
+        notes: further changes that the run itself cannot recognise as such.
     """
     parts = {
         "Assumed, not stated in the paper": assumed(run),

@@ -1,8 +1,8 @@
-"""What a run left to the disturbance: D of (12) along it, and the muscle pressures against their limits.
+"""The disturbance D of (12) along a run, and the muscle pressures compared with their limits.
 
-D is everything that the simulated plant does and the design's model does not: what ``[plant]`` states as
-disturbance, or, for a joint, all physics that the design does not keep; and, where the plant has other
-parameters than the controller believes, what follows from those. The design presumes |D| <= D_max (9).
+D is the difference between the simulated plant and the design's model: the disturbance that ``[plant]``
+states or, for a joint, all physics that the design does not keep; and, where the plant's parameters differ
+from the controller's, the model mismatch. The design presumes |D| <= D_max (9).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from pmjoint_codegen.simulate.record import Record
 
 MUSCLES: Final = ("P1", "P2")
-ROUNDING: Final = 1e-9  # of P_max: a pressure that only touches a limit, to rounding, is not clipped
+ROUNDING: Final = 1e-9  # of P_max: a pressure that only reaches a limit, to rounding, is not clipped
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Pressure:
 
     @property
     def clipped(self) -> bool:
-        """Whether the command went beyond what the muscle or the supply can give."""
+        """Whether the command exceeded the limits of the muscle or the supply."""
         return (
             self.wanted_least < -ROUNDING * self.limit or self.wanted_greatest > (1 + ROUNDING) * self.limit
         )
@@ -58,7 +58,7 @@ def disturbance_names(run: Record) -> tuple[str, ...]:
 def disturbance_norm(run: Record) -> Array:
     """|D|, the Euclidean norm over the components, at the output instants, shape (rows,)."""
     columns = [run[name] for name in disturbance_names(run)]
-    with np.errstate(over="ignore"):  # a run that failed may end beyond floating point
+    with np.errstate(over="ignore"):  # a failed run may end in overflow
         norm: Array = np.sqrt(sum((column**2 for column in columns), np.zeros(len(run.t))))
     return norm
 
@@ -84,13 +84,13 @@ def pressures(run: Record) -> Mapping[str, Pressure]:
 
 
 def disturbance_summary(run: Record) -> dict[str, Any]:
-    """What ``summary.json`` says of D and the pressures, all of it at the output instants.
+    """The entries of ``summary.json`` on D and the pressures, all at the output instants.
 
-    ``disturbance_max`` is the largest |D|, as (9) bounds it, null where no bound is presumed and components
+    ``disturbance_max`` is the largest |D|, as bounded by (9), null if no bound is presumed and components
     of several units act; ``disturbance_range`` holds least and greatest value of each component;
     ``disturbance_max_components`` its largest magnitude; ``disturbance_bound`` the D_max that the model file
     presumes, or null. ``pressures`` holds least, greatest, the range commanded, and whether that was clipped,
-    in Pa, or null where the model is no joint.
+    in Pa, or null if the model is no joint.
     """
     muscles = {
         name: {
@@ -112,18 +112,18 @@ def disturbance_summary(run: Record) -> dict[str, Any]:
 
 
 def _is_one_quantity(run: Record) -> bool:
-    """Whether |D| is a number with a meaning: rad/s and rad/s^2 do not add up."""
+    """Whether |D| is meaningful: rad/s and rad/s^2 cannot be added."""
     acting = [name for name in disturbance_names(run) if np.any(run[name] != 0.0)]
     return run.manifest.disturbance_bound is not None or len(acting) < 2
 
 
 def _range(values: Array) -> list[float | None]:
-    """Least and greatest value; None where it is no number that JSON can hold."""
+    """Least and greatest value; None if JSON cannot represent it."""
     ends = (float(np.min(values, initial=np.inf)), float(np.max(values, initial=-np.inf)))
     return [end if np.isfinite(end) else None for end in ends]
 
 
 def _largest(values: Array) -> float | None:
-    """Largest magnitude; None where it is no number that JSON can hold."""
+    """Largest magnitude; None if JSON cannot represent it."""
     size = float(np.max(np.abs(values), initial=0.0))
     return size if np.isfinite(size) else None

@@ -1,8 +1,8 @@
-"""Draws the figures of one run as a paper prints them.
+"""Draws the figures of one run in the style of a paper.
 
-Each shows the whole run, beside it the saturated transient where there is one, above a caption that says
-which settings are assumed. Matplotlib is imported inside functions only and without its global state, so that
-a figure can be drawn in any program.
+Each shows the whole run and, if there is one, the saturated transient beside it, above a caption that lists
+the assumed settings. Matplotlib is imported only inside functions and used without its global state, so a
+figure can be drawn in any program.
 """
 
 from __future__ import annotations
@@ -63,11 +63,11 @@ def write_figures(
     """Draw every figure of a run and the overview as PNG files.
 
     Args:
-        run: what to draw; a run that ended early is drawn as far as it went.
-        folder: where the files go; each appears whole or not at all.
+        run: what to draw; a run that ended early is drawn up to its end.
+        folder: for the files; each appears whole or not at all.
         detail: the same run up to its `transient_window` at a finer output step, for the transient's panel.
-        notes: changes to mention in the captions that the run itself does not know to be changes.
-        progress: is told the fraction done.
+        notes: changes to mention in the captions that the run itself cannot recognise as such.
+        progress: called periodically with the fraction completed.
 
     Raises:
         UsageError: a file cannot be written.
@@ -150,7 +150,7 @@ def _plot(axes: Axes, run: Record, panel: Panel, until: float | None) -> None:
     chosen = run.t <= end
     for line in panel.lines:
         axes.plot(run.t[chosen], line.values(run)[chosen], line.dash, color=line.colour, label=line.label)
-    if end > 0:  # a run may have ended where it began
+    if end > 0:  # a run may have ended at its start
         axes.set_xlim(0.0, end)
     if panel.clip is not None and until is None:
         axes.set_ylim(-panel.clip, panel.clip)
@@ -159,7 +159,7 @@ def _plot(axes: Axes, run: Record, panel: Panel, until: float | None) -> None:
 
 
 def _shade(axes: Axes, run: Record) -> None:
-    """Shade where u is at a limit: one shape for each limit, however often the run switches."""
+    """Shade where u is at a limit: one shape per limit, however often the run switches."""
     for mode, colour in SHADE.items():
         spans = [(start, stop) for start, stop, which in saturated_intervals(run) if which == mode]
         corners = [t for start, stop in spans for t in (start, start, stop, stop)]

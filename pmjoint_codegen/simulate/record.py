@@ -1,4 +1,4 @@
-"""The record of one simulation: data alone, which summaries, tables and figures read."""
+"""The record of one simulation: only data, which summaries, tables and figures read."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ def reports_rate(manifest: Manifest) -> bool:
 
 @dataclass(frozen=True)
 class Record:
-    """A simulated trajectory with what it was made from.
+    """A simulated trajectory with its model and settings.
 
     Columns are read by name, ``run["x1"]``; they are views, not copies.
 
     Attributes:
-        manifest: the model; units of all columns stand in it.
+        manifest: the model, with the units of all columns.
         settings: of the run.
         evaluator: ``compiled`` or ``interpreted``.
-        status: how it ended; anything but `Status.DONE` is a failure, and the trajectory stops there.
+        status: how it ended; anything except `Status.DONE` is a failure, and the trajectory stops there.
         message: the same as a sentence.
         t: output instants, s, shape (rows,).
         states: shape (rows, nX).
@@ -41,10 +41,10 @@ class Record:
         peaks: name -> (largest magnitude, its instant in s) of every state, v, e and, if it is
             reported, `RATE`; on the dense output.
         ise: integral of e^2 over the time reached.
-        settling_s: the last instant at which |e| exceeds 2 % of |e(0)|, on the dense output, s; None where
-            e(0) is 0 or no number.
+        settling_s: the last instant at which |e| exceeds 2 % of |e(0)|, on the dense output, s; None if
+            e(0) is 0 or NaN.
         steps: accepted integration steps.
-        wall_s: time that the run took, s.
+        wall_s: duration of the run, s.
     """
 
     manifest: Manifest
@@ -69,7 +69,7 @@ class Record:
         return ("t", *self._places)
 
     def __getitem__(self, column: str) -> Array:
-        """One column, shape (rows,), to read; a copy of it can be written.
+        """One column, shape (rows,), read-only; a copy of it can be written.
 
         Raises:
             KeyError: there is no such column; the message lists them.

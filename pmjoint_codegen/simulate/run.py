@@ -1,7 +1,7 @@
 """One simulation: settings in, `Run` out.
 
 The stages of `Simulator.run`: a `Problem` from the settings, or that of the run before; the loop until it
-ends; and, once they are read, the derived columns and the summary.
+ends; and, on first reading, the derived columns and the summary.
 """
 
 from __future__ import annotations
@@ -35,47 +35,47 @@ from pmjoint_codegen.values import SETTLED
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-INSTANTANEOUS: Final = ("y", "y_r", "e")  # of the signals, what a sampled controller does not hold
+INSTANTANEOUS: Final = ("y", "y_r", "e")  # signals that a sampled controller does not hold constant
 LAGGED: Final = frozenset({"q1", "q2"})  # states of pressures that lag
 BUDGET: Final = 2000  # steps between two looks at progress and Ctrl-C
-FEW_SWITCHES: Final = 1000  # more begin the run again, with room for as many as the settings allow
+FEW_SWITCHES: Final = 1000  # more restart the run, with room for as many as the settings allow
 SHARED: Final = attrgetter(  # settings, besides p, that a `Problem` depends on
     *("controller", "horizon", "output_step", "sample_time", "tolerance", "max_step", "divergence"),
     *("max_steps", "max_switches"),
 )
-FEW_ROWS: Final = 10_001  # of a run that is copied out of memory that the next run uses again
+FEW_ROWS: Final = 10_001  # of a run that is copied out of memory that the next run reuses
 
 Tell = Callable[[float], None]
 
 
 @dataclass(frozen=True)
 class Run(Record):
-    """A simulated trajectory, and what users do with it.
+    """A simulated trajectory with the methods for users.
 
-    `signals` are worked out when they are first read. So are `peaks`, `ise` and `settling_s` of a short run,
-    from the same steps once more: states and switches alone take three quarters of the loop's time.
+    `signals` are computed when they are first read. So are `peaks`, `ise` and `settling_s` of a short run,
+    by repeating the same steps: states and switches alone take three quarters of the loop's time.
     """
 
-    if not TYPE_CHECKING:  # to the type checker, all fields are there
+    if not TYPE_CHECKING:  # for the type checker, all fields exist
 
         def __getattr__(self, name: str) -> Any:
-            """Work out a field that is read for the first time."""
+            """Compute a field that is read for the first time."""
             if name not in {field.name for field in fields(self)} or "_deferred" not in self.__dict__:
                 raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
             self.__dict__.update(self._deferred(name))
             return self.__dict__[name]
 
     def __getstate__(self) -> dict[str, Any]:
-        """Give every field: kernels belong to one process."""
+        """Return every field: kernels belong to one process."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
     @cached_property
     def summary(self) -> dict[str, Any]:
-        """What ``summary.json`` holds."""
+        """The contents of ``summary.json``."""
         return summarise(self)
 
     def to_csv(self, path: str | Path) -> None:
-        """Write ``trajectory.csv``, atomically; raises `UsageError` where that is impossible."""
+        """Write ``trajectory.csv``, atomically; raises `UsageError` if that is impossible."""
         from pmjoint_codegen.simulate.trajectory import write_csv
 
         write_csv(self, Path(path))
@@ -89,15 +89,15 @@ class Run(Record):
 
 @dataclass(frozen=True)
 class _Preparation:
-    """What runs share that differ in nothing but x0.
+    """Data shared by runs that differ only in x0.
 
     Attributes:
-        key: what they have in common.
+        key: the settings they have in common.
         problem: constants of a run.
         actuator: its modes.
         columns: parameters by name, each of shape (1,).
-        done: says that the horizon is reached.
-        spare: loops of short runs that are not in use; a thread takes one out, or makes another.
+        done: the message that the horizon is reached.
+        spare: loops of short runs that are not in use; a thread takes one, or makes another.
     """
 
     key: tuple[object, ...]
@@ -109,7 +109,7 @@ class _Preparation:
 
 
 class Simulator:
-    """Runs of one model, which share what does not change between them. Threads may share it, too.
+    """Runs of one model, which share their constants. Several threads may use it.
 
     Attributes:
         evaluator: of the model's kernels.
@@ -125,10 +125,10 @@ class Simulator:
         return lru_cache(maxsize=1, typed=True)(partial(make_settings, self.evaluator.manifest, own))
 
     def settings(self, **asked: Unpack[RunOptions]) -> Settings:
-        """Complete a run's settings, or give those of the call before, if it asked for the same."""
+        """Complete a run's settings, or return those of the previous call if it was the same."""
         try:
             return self._checked(**asked)
-        except TypeError:  # what has no hash may have changed since
+        except TypeError:  # an object without a hash may have changed since
             return self._checked.__wrapped__(**asked)  # type: ignore[attr-defined, no-any-return]
 
     def run(self, settings: Settings, progress: Tell | None = None) -> Run:
@@ -139,7 +139,7 @@ class Simulator:
         known = self._short(prepared, start) or self._whole(prepared, start, settings, progress)
         if progress is not None and "peaks" not in known:
             progress(1.0)
-        made = Run.__new__(Run)  # its other fields follow where they are read
+        made = Run.__new__(Run)  # its other fields are computed when read
         made.__dict__.update(
             known,
             manifest=self.evaluator.manifest,
@@ -150,20 +150,20 @@ class Simulator:
         return made
 
     def _prepared(self, settings: Settings) -> _Preparation:
-        """What the last run had, if this one differs in x0 alone; else made anew."""
+        """The data of the last run if this one differs only in x0; else new data."""
         key = (settings.p.tobytes(), *SHARED(settings))
         prepared = self._last
         if prepared is None or prepared.key != key:
             actuator = make_actuator(self.evaluator.call("actuation", settings.p)[0])
             problem = make_problem(self.evaluator, settings, actuator)
-            problem.times.flags.writeable = False  # many runs give them out
+            problem.times.flags.writeable = False  # many runs return them
             columns = _columns(settings)
             done = _message(self.evaluator.manifest, settings, Status.DONE, problem.horizon)
             prepared = self._last = _Preparation(key, problem, actuator, columns, done, deque())
         return prepared
 
     def _short(self, prepared: _Preparation, start: Array) -> dict[str, Any] | None:
-        """A continuous run of few steps and rows, with states and switches alone; None where it is none."""
+        """A continuous run of few steps and rows, with only states and switches; None if it is not one."""
         problem = prepared.problem
         if problem.n_rows > FEW_ROWS or problem.sample_time or self.evaluator.kind != "compiled":
             return None
@@ -173,7 +173,7 @@ class Simulator:
             loop, state, memory = _bare_loop(self.evaluator, problem)
         loop.restart(start)
         loop(BUDGET)
-        known = None  # what it may be other than done, the whole run says
+        known = None  # any other ending is reported by the whole run
         if state.status == Status.DONE:
             known = self._known(prepared, start, memory.rows.copy(), memory, state)
         prepared.spare.append((loop, state, memory))
@@ -193,8 +193,8 @@ class Simulator:
     def _known(
         self, prepared: _Preparation, start: Array, rows: Array, memory: Memory, state: Progress
     ) -> dict[str, Any]:
-        """What a run that reached its horizon has at once, and what gives the rest."""
-        rows.flags.writeable = False  # signals follow from them, perhaps later
+        """The immediate fields of a run that reached its horizon, and the source of the rest."""
+        rows.flags.writeable = False  # signals are computed from them, perhaps later
         evaluator, problem = self.evaluator, prepared.problem
 
         def deferred(name: str) -> dict[str, Any]:
@@ -220,7 +220,7 @@ def run(evaluator: Evaluator, settings: Settings, progress: Tell | None = None) 
     Args:
         evaluator: of the model's kernels.
         settings: of the run.
-        progress: told the fraction done, from 0 to 1, now and then.
+        progress: called periodically with the fraction completed, from 0 to 1.
 
     Returns:
         The run, whether it reached its horizon or not: see `Run.status`.
@@ -229,7 +229,7 @@ def run(evaluator: Evaluator, settings: Settings, progress: Tell | None = None) 
 
 
 def make_problem(evaluator: Evaluator, settings: Settings, actuator: Actuator) -> Problem:
-    """Put together the constants of a run."""
+    """Assemble the constants of a run."""
     manifest = evaluator.manifest
     sampled = settings.controller == "sampled"
     order, hold_order = (manifest.plant_order, manifest.hold_order) if sampled else (manifest.order, 0)
@@ -292,7 +292,7 @@ def _hold_fraction(order: int, tolerance: float) -> float:
 def _integrate(
     evaluator: Evaluator, start: Array, problem: Problem, progress: Tell | None
 ) -> tuple[Memory, Progress]:
-    """Drive the loop to its end, with room for few switches first: large arrays cost more than a run."""
+    """Run the loop to its end, first with room for few switches: large arrays cost more than a run."""
     few = replace(problem, max_switches=min(problem.max_switches, FEW_SWITCHES))
     for given in (few, problem):
         memory, state = make_memory(given, start), Progress()
@@ -303,7 +303,7 @@ def _integrate(
 
 
 def initial_state(manifest: Manifest, settings: Settings) -> Array:
-    """X(0): the plant as x0 has it, the controller at 0; shape (nX,)."""
+    """X(0): the plant at x0, the controller at 0; shape (nX,)."""
     return _start(manifest, settings, _columns(settings))
 
 
@@ -318,7 +318,7 @@ def _start(manifest: Manifest, settings: Settings, columns: Mapping[str, Array])
 
 
 def _bare_loop(evaluator: Evaluator, problem: Problem) -> tuple[CompiledLoop, Progress, Memory]:
-    """A loop of states and switches alone, with room for few of them: large arrays cost more than a run."""
+    """A loop of states and switches only, with room for few of them: large arrays cost more than a run."""
     few = min(problem.max_switches, FEW_SWITCHES)
     bare = replace(problem, n_nodes=0, n_searched=0, notes_rate=0, max_switches=few)
     memory, state = make_memory(bare, np.zeros(problem.n_states)), Progress()
@@ -326,7 +326,7 @@ def _bare_loop(evaluator: Evaluator, problem: Problem) -> tuple[CompiledLoop, Pr
 
 
 def _drive(advance: Advance, problem: Problem, state: Progress, tell: Tell | None) -> None:
-    """Advance until the run ends, looking up now and then: Ctrl-C comes through between two calls."""
+    """Advance until the run ends, in several calls: Ctrl-C takes effect between two of them."""
     while state.status == Status.RUNNING:
         advance(BUDGET)
         if tell is not None:
@@ -338,7 +338,7 @@ def _signals(evaluator: Evaluator, problem: Problem, states: Array, memory: Memo
     times = problem.times[:rows, np.newaxis]
     if not problem.sample_time:
         return evaluator.call("signals", times, states, problem.p)[0]
-    # Held as of the last sample, but for what the plant and the reference do meanwhile.
+    # Constant since the last sample, except for the plant and the reference.
     (signals,) = evaluator.call(
         "signals", memory.row_sample_times[:rows, np.newaxis], memory.row_samples[:rows], problem.p
     )
@@ -354,15 +354,17 @@ def _signals(evaluator: Evaluator, problem: Problem, states: Array, memory: Memo
 
 
 def _moving(manifest: Manifest) -> list[int]:
-    """A joint's physical signals that follow from the plant's states alone, and so move between samples."""
+    """A joint's physical signals that depend only on the plant's states, and so change between samples."""
     names = set(manifest.start.names)
-    if names >= LAGGED:  # pressures with states of their own; without, they are commands, which are held
+    if (
+        names >= LAGGED
+    ):  # pressures with their own states; otherwise they are commands, constant between samples
         names |= {"P1", "P2"}
     return [i for i, item in enumerate(manifest.signals) if item.name in names]
 
 
 def _switches(actuator: Actuator, memory: Memory, state: Progress) -> tuple[tuple[float, int], ...]:
-    """The switches at which u enters or leaves a limit; those of other channels alone are left out."""
+    """The switches at which u enters or leaves a limit; those of other channels only are omitted."""
     found = []
     before = actuator.labels[state.first_mode]
     for i in range(state.switches):
@@ -377,7 +379,7 @@ def _figures(manifest: Manifest, memory: Memory, state: Progress) -> dict[str, A
     names = [*(item.name for item in manifest.states), "v", "e", *([RATE] if reports_rate(manifest) else [])]
     pairs = zip(memory.peaks.tolist(), memory.peak_times.tolist(), strict=True)
     return {
-        "peaks": dict(zip(names, pairs, strict=False)),  # the last place may be unused
+        "peaks": dict(zip(names, pairs, strict=False)),  # the last entry may be unused
         "ise": state.integral,
         "settling_s": state.settled if state.band > 0.0 else None,
     }
@@ -386,7 +388,7 @@ def _figures(manifest: Manifest, memory: Memory, state: Progress) -> dict[str, A
 def _message(
     manifest: Manifest, settings: Settings, status: Status, t: float, memory: Memory | None = None
 ) -> str:
-    largest = int(np.argmax(memory.peaks[: manifest.nX])) if memory else 0  # the one that passed
+    largest = int(np.argmax(memory.peaks[: manifest.nX])) if memory else 0  # the one that passed the limit
     return sentence(
         status,
         t=t,

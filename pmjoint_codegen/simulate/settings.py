@@ -1,4 +1,4 @@
-"""Everything that one run is made with, checked before it starts."""
+"""All settings of one run, checked before it starts."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Controller = Literal["continuous", "sampled"]
 
 
 class RunOptions(TypedDict, total=False):
-    """Keywords of a run; `ClosedLoop.simulate` says what they are."""
+    """Keywords of a run; see `ClosedLoop.simulate`."""
 
     horizon: float | None
     parameters: Mapping[str, float] | None
@@ -37,24 +37,24 @@ DEFAULT_TOLERANCE: Final = 1e-10
 TOLERANCES: Final = (1e-14, 1e-3)
 MAX_ROWS: Final = 10_000_000
 _LARGE: Final = 1e300
-DIVERGENCE: Final = 1e4  # in the states' units; following a run that has left costs more than all before it
+DIVERGENCE: Final = 1e4  # in the states' units; following a diverged run costs more than all before it
 
 
 @dataclass(frozen=True)
 class Settings:
-    """One run, as asked for.
+    """One run, as requested.
 
     Attributes:
         parameters: name -> value of every parameter, gain and switch, and of the plant's own, in the kernels'
-            order and units; `Manifest.written` has them in the model file's.
+            order and units; `Manifest.written` gives them in the model file's.
         p: the same values as a vector.
-        x0: initial states as `Manifest.start` has them, physical ones of a joint, shape (nx,).
+        x0: initial states as defined by `Manifest.start`, physical ones for a joint, shape (nx,).
         horizon: s.
         output_step: s.
         controller: ``continuous`` or ``sampled``.
         sample_time: s; used by the sampled controller.
         tolerance: local error, relative to max(1, |value|), of every state and of v.
-        max_step: s; no step of the integration is longer.
+        max_step: longest integration step, s.
         divergence: |X_i| above it ends the run.
         max_steps: limit of integration steps.
         max_switches: limit of saturation switches.
@@ -74,7 +74,7 @@ class Settings:
     max_switches: int = 100_000
 
     def __getstate__(self) -> dict[str, Any]:
-        """Give the parameters as a dictionary: what only shows one is not pickled."""
+        """Return the parameters as a dictionary: a read-only view cannot be pickled."""
         return {**vars(self), "parameters": dict(self.parameters)}
 
     @property
@@ -106,7 +106,7 @@ def make_settings(
 
     Args:
         manifest: the model.
-        own: what this gave for the model where nothing was asked for: it is shared, and not checked again.
+        own: the result for the model without keywords: it is shared, and not checked again.
         asked: see `ClosedLoop.simulate`.
 
     Raises:
@@ -123,12 +123,12 @@ def make_settings(
     horizon, output_step = asked.get("horizon"), asked.get("output_step")
     length = simulation.horizon if horizon is None else _positive("horizon", horizon, "s")
     step = simulation.output_step if output_step is None else _positive("output step", output_step, "s")
-    if step > length:  # the horizon bounds a default; what was asked for is taken at its word
+    if step > length:  # the horizon bounds a default; a given value is not changed
         step = length if output_step is None else _at_most("output step", step, length, "the horizon")
     controller = _controller(asked.get("controller", "continuous"))
     sample_time = asked.get("sample_time")
     period = simulation.sample_time if sample_time is None else _positive("sample time", sample_time, "s")
-    if controller == "sampled":  # without a second sample, nothing of a sampled controller is seen
+    if controller == "sampled":  # without a second sample, a sampled controller shows nothing
         _at_most("sample time", period, length, "the horizon")
     start = own.x0 if own and x0 is None else _initial(manifest, x0)
     tolerance = _tolerance(asked.get("tolerance", DEFAULT_TOLERANCE))
@@ -153,7 +153,7 @@ def _vector(values: Iterable[float]) -> Array:
 
 
 def _check_rows(horizon: float, step: float) -> None:
-    wanted = horizon / step + 1  # infinite where the quotient is beyond floating point
+    wanted = horizon / step + 1  # infinite if the quotient overflows
     if wanted > MAX_ROWS - 1 and (wanted > MAX_ROWS + 1 or count_instants(horizon, step) > MAX_ROWS):
         raise UsageError(
             f"asks for {wanted:.9g} rows",
@@ -195,7 +195,7 @@ def _values(
         error=UsageError,
         scales=manifest.scales,
     )
-    # The model's own values keep its rules: they were read with its file.
+    # The model's own values satisfy its rules: they were checked with its file.
     changed = {*overrides, *(own for own, name in manifest.own.items() if name in overrides)}
     concerned = (rule for rule in manifest.rules if rule.names & changed)
     check_rules(values, concerned, error=UsageError, scales=manifest.scales)
@@ -204,7 +204,7 @@ def _values(
 
 def _number(name: str, value: object) -> float:
     try:
-        number = float(value)  # type: ignore[arg-type]  # what float() refuses is refused below
+        number = float(value)  # type: ignore[arg-type]  # a value that float() refuses is refused below
     except (TypeError, ValueError, OverflowError):
         raise UsageError(f"is {value!r}", where=name, remedy="allowed: a finite number") from None
     if not math.isfinite(number):
@@ -249,7 +249,7 @@ def _initial(manifest: Manifest, x0: Sequence[float] | Array | None) -> Array:
 
 
 def _initial_rule(manifest: Manifest) -> str:
-    """Say how many initial states there are, with those that may be left out and without."""
+    """State how many initial states there are, with and without those that may be omitted."""
     names, required = manifest.start.names, manifest.start.required
     rule = f"{manifest.name} has {manifest.nx} states: {', '.join(names)}"
     if required == len(names):
@@ -259,9 +259,9 @@ def _initial_rule(manifest: Manifest) -> str:
 
 
 def default_divergence(manifest: Manifest, values: Mapping[str, float], x0: Array) -> float:
-    """The limit on every |X_i| where none is given: 1e4, or more where a run that stays may need it.
+    """The default limit on every |X_i|: 1e4, or more if a bounded run may need it.
 
-    A pressure is at most P_max from P_0, a difference of two 2 P_max, both in Pa. A start is no divergence.
+    A pressure is at most P_max from P_0, a difference of two 2 P_max, both in Pa. The start is within it.
     """
     pressures = [item for item in manifest.states[: manifest.nx] if item.unit == "Pa"]
     start = 100.0 * max(map(abs, x0.tolist()), default=0.0)

@@ -1,4 +1,4 @@
-"""What the figures of a run show: curves, panels, captions, for any order; nothing is drawn here."""
+"""The contents of a run's figures: curves, panels, captions, for any order; nothing is drawn here."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Line:
     unit: float = 1.0
 
     def values(self, run: Record) -> Array:
-        """Give the curve at the run's output instants, shape (rows,)."""
+        """Return the curve at the run's output instants, shape (rows,)."""
         if self.unit != 1.0:
             return run[self.column] / self.unit
         first, _, second = self.column.partition("-")
@@ -68,13 +68,13 @@ class Panel:
 
     @property
     def needs_legend(self) -> bool:
-        """Whether the vertical label leaves open which curve is which."""
+        """Whether the curves need a legend besides the vertical label."""
         return len(self.lines) > 1
 
 
 @dataclass(frozen=True)
 class Sheet:
-    """One figure: panels from top to bottom and what the caption says of them.
+    """One figure: panels from top to bottom and their caption.
 
     Attributes:
         stem: file name without ending.
@@ -88,7 +88,7 @@ class Sheet:
 
 
 def sheets(run: Record) -> tuple[Sheet, ...]:
-    """Plan the figures of a run: tracking, the states from x2 on, the compensator, v and u, the estimate."""
+    """Plan the figures of a run: tracking, the states from x2, the compensator, v and u, the estimate."""
     manifest = run.manifest
     tracking = "Tracking: output $y$ and reference $y_r$; error $e = y - y_r = z_1 + r_1$ and its two parts."
     plans: list[tuple[str, tuple[Panel, ...], str]] = [
@@ -123,7 +123,7 @@ def overview_panels(run: Record) -> tuple[Panel, ...]:
 
 
 def caption(run: Record, sheet: Sheet, notes: Sequence[str]) -> str:
-    """Give a figure's caption with its number and the run's settings."""
+    """Compose a figure's caption with its number and the run's settings."""
     number = sheet.stem.partition("_")[0].removeprefix("figure")
     left = " Left: the saturated transient." if transient_window(run) else ""
     shaded = " Shaded: $u$ at its limit." if saturated_intervals(run) else ""
@@ -131,7 +131,7 @@ def caption(run: Record, sheet: Sheet, notes: Sequence[str]) -> str:
 
 
 def overview_caption(run: Record, notes: Sequence[str]) -> str:
-    """Give the overview's caption: the model's title and the run's settings."""
+    """Compose the overview's caption: the model's title and the run's settings."""
     return f"{_plain(run.manifest.title)}. {_settings_caption(run, notes)}"
 
 
@@ -144,7 +144,7 @@ def saturated_intervals(run: Record) -> tuple[tuple[float, float, int], ...]:
 
 
 def transient_window(run: Record) -> float | None:
-    """Give the end of the saturated transient's panel, s; None where it needs no panel of its own."""
+    """Return the end of the saturated transient's panel, s; None if it needs no separate panel."""
     intervals = saturated_intervals(run)
     window = 2.0 * intervals[-1][1] if intervals else 0.0
     return window if 0.0 < window < 0.3 * float(run.t[-1]) else None
@@ -156,7 +156,7 @@ def limit_name(mode: int) -> str:
 
 
 def unit_text(manifest: Manifest, name: str) -> str:
-    """Set a signal's unit for an axis: ``(rad/s$^2$)``, or nothing for a pure number."""
+    """Format a signal's unit for an axis: ``(rad/s$^2$)``, or nothing for a pure number."""
     unit = next((item.unit for item in (*manifest.states, *manifest.signals) if item.name == name), "")
     first, *powers = unit.split("^")
     raised = first + "".join(f"$^{{{piece[:1]}}}${piece[1:]}" for piece in powers)
@@ -164,7 +164,7 @@ def unit_text(manifest: Manifest, name: str) -> str:
 
 
 def output_panel(manifest: Manifest) -> Panel:
-    """Show y on the reference."""
+    """Show y and the reference."""
     return Panel((Line("y_r", "$y_r$", RED, "--"), Line("y", "$y$")), "$y,\\ y_r$" + unit_text(manifest, "y"))
 
 
@@ -175,7 +175,7 @@ def error_panel(manifest: Manifest) -> Panel:
 
 
 def miss_panel(manifest: Manifest) -> Panel:
-    """Show what the estimates miss, state by state."""
+    """Show the estimation errors, state by state."""
     lines = tuple(
         Line(
             f"x{i}-x_hat{i}",
@@ -251,7 +251,7 @@ def _pressure_panels(run: Record) -> tuple[Panel, ...]:
 
 
 def _pressure_text(run: Record) -> str:
-    """Say which pressures were clipped, and what D is."""
+    """Describe which pressures were clipped, and D."""
     clipped = [f"${name[0]}_{name[1]}$" for name, item in pressures(run).items() if item.clipped]
     cut = f" ({' and '.join(clipped)} clipped)" if clipped else ""
     return (
@@ -266,12 +266,12 @@ def _limit(run: Record) -> float:
 
 
 def _clip(run: Record) -> float | None:
-    """Clip v in the whole run where the transient has its own panel, so that the rest can be seen."""
+    """Clip v in the whole run if the transient has its own panel, so that the rest is visible."""
     return 1.35 * _limit(run) if transient_window(run) else None
 
 
 def _saturation_text(run: Record) -> str:
-    """Say when the actuator is saturated, up to four intervals."""
+    """List when the actuator is saturated, up to four intervals."""
     intervals = saturated_intervals(run)
     if not intervals or len(intervals) > 4:
         return "."
@@ -280,7 +280,7 @@ def _saturation_text(run: Record) -> str:
 
 
 def _settings_caption(run: Record, notes: Sequence[str]) -> str:
-    """Say what is assumed or changed, and how a run that failed ended."""
+    """List what is assumed or changed, and how a failed run ended."""
     failed = "" if run.status == Status.DONE else f" The run {_plain(run.message)}."
     return _plain(sentence(run, notes)).replace("y_r =", "$y_r$ =") + failed
 

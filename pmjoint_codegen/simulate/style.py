@@ -1,7 +1,7 @@
-"""How figures look, whatever Matplotlib's surroundings say: its own defaults, and on them ours.
+"""The style of figures, independent of the user's Matplotlib settings: its defaults, then ours.
 
-A user's ``matplotlibrc`` may ask for TeX, black axes or another backend. Figures are drawn and rendered
-within `styled`, which starts from Matplotlib's defaults and leaves the process as it was.
+A user's ``matplotlibrc`` may select TeX, black axes or another backend. Figures are drawn and rendered
+within `styled`, which starts from Matplotlib's defaults and restores the process's settings.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ BLACK, BLUE, RED, GREY = "#111111", "#1f4e79", "#b03a2e", "#777777"
 RUST, STONE = "#b5482a", "#8a8782"
 Look = Mapping[str, object]
 BASE: Final[Look] = {
-    "font.family": ["STIXGeneral", "DejaVu Serif"],  # by name: a text keeps it wherever it is drawn
+    "font.family": ["STIXGeneral", "DejaVu Serif"],  # by name, so that a text keeps it wherever it is drawn
     "mathtext.fontset": "stix",
     "font.size": 9.5,
     "axes.linewidth": 0.5,
@@ -37,7 +37,7 @@ BASE: Final[Look] = {
 
 @contextmanager
 def styled(look: Look) -> Iterator[None]:
-    """Draw with Matplotlib's defaults, `BASE` and ``look``, by Matplotlib's names of settings."""
+    """Draw with Matplotlib's defaults, `BASE` and ``look``, which use Matplotlib's setting names."""
     import matplotlib as mpl
 
     with mpl.rc_context():
@@ -47,9 +47,9 @@ def styled(look: Look) -> Iterator[None]:
 
 
 def png(figure: Figure, look: Look) -> bytes:
-    """Give a figure as the bytes of a PNG file, the same for the same figure.
+    """Return a figure as the bytes of a PNG file, the same for the same figure.
 
-    Matplotlib makes ticks when it renders: it does that in the look that the figure was drawn in.
+    Matplotlib makes ticks when it renders, so rendering uses the style in which the figure was drawn.
     """
     stream = BytesIO()
     with styled(look):
@@ -58,7 +58,7 @@ def png(figure: Figure, look: Look) -> bytes:
 
 
 def wrapped(text: str, characters: int = CAPTION_CHARACTERS) -> list[str]:
-    """Break a caption into lines by its printed length; a formula stays in one piece."""
+    """Break a caption into lines by its printed length; a formula is not broken."""
     lines: list[str] = []
     length = 0
     for word in re.findall(r"(?:\$[^$]*\$|\\\$|[^\s$])+", text):

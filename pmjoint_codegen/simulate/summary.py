@@ -16,13 +16,13 @@ if TYPE_CHECKING:
 
 
 def summarise(run: Record) -> dict[str, Any]:
-    """Sum up a run; keys in the order in which a reader wants them.
+    """Summarise a run; keys in order of interest.
 
     ``ise`` is the integral of e^2 by Gauss-Legendre quadrature of the dense output, step by step;
     ``max_abs_e``, ``max_abs_v``, ``peaks`` (largest magnitude, its instant) and ``settling_s`` are taken on
     the dense output as well. None of them depends on the output grid; the extremes of the disturbance and of
-    pressures are those at the output instants. ``held`` is false where the joint has
-    left its reference for good, by the rule of sweeps.
+    pressures are those at the output instants. ``held`` is false if the joint
+    diverges, by the rule of sweeps.
     """
     settings, manifest = run.settings, run.manifest
     parameters = manifest.written(manifest.stated(settings.parameters))
@@ -59,7 +59,7 @@ def summarise(run: Record) -> dict[str, Any]:
 
 
 def units_of(run: Record, parameters: Iterable[str]) -> dict[str, str]:
-    """Unit of every parameter and column, as the model file has it; ``1`` where there is none."""
+    """Unit of every parameter and column, as in the model file; ``1`` if there is none."""
     manifest = run.manifest
     stated = {item.name: item.unit for item in manifest.parameters}
     columns = {item.name: item.unit for item in (*manifest.states, *manifest.signals)}
@@ -67,7 +67,7 @@ def units_of(run: Record, parameters: Iterable[str]) -> dict[str, str]:
 
 
 def held(run: Record) -> bool:
-    """Whether the run reached its horizon, and not with u at a limit and its largest error; see `holds`."""
+    """Whether the run reached its horizon, without u at a limit and e largest there; see `holds`."""
     if not run.t.size:
         return False
     e, mode = run["e"], run.switches[-1][1] if run.switches else run.initial_mode
@@ -87,5 +87,5 @@ def saturated_time(run: Record) -> float:
 
 
 def finite(value: float) -> float | None:
-    """A number that JSON can hold, or None: a failed run may end in infinities."""
+    """A number that JSON can represent, or None: a failed run may end in infinities."""
     return value if math.isfinite(value) else None

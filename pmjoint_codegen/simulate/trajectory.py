@@ -1,4 +1,4 @@
-"""``trajectory.csv``: one row an output instant, 17 significant digits, so that every double survives."""
+"""``trajectory.csv``: one row per output instant, 17 significant digits, so that doubles round-trip."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from pmjoint_codegen.simulate.record import Record
 
 
-_BLOCK: Final = 4096  # rows that are text at a time: a long run's whole text takes several times its numbers
+_BLOCK: Final = 4096  # rows formatted at a time: a long run's text is several times as large as its numbers
 
 
 def csv_columns(manifest: Manifest) -> tuple[str, ...]:
@@ -23,12 +23,12 @@ def csv_columns(manifest: Manifest) -> tuple[str, ...]:
     signals = [item.name for item in manifest.signals]
     first = signals.index("e") + 1
     errors = signals[first : signals.index("v")]
-    rest = signals[signals.index("u") + 1 :]  # x_hat, D, then what a joint reports of its physics
+    rest = signals[signals.index("u") + 1 :]  # x_hat, D, then a joint's physical signals
     return ("t", "y", "y_r", "e", *(item.name for item in manifest.states), *errors, "v", "u", *rest)
 
 
 def csv_blocks(run: Record) -> Iterator[str]:
-    """The file's text, some rows at a time."""
+    """The file's text, a block of rows at a time."""
     names = csv_columns(run.manifest)
     form = ",".join(["%.17g"] * len(names)) + "\n"
     columns = [run[name] for name in names]

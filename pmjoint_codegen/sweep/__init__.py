@@ -2,9 +2,9 @@
 
 plan      grids and samples -> the values of every run, the same for the same seed
 request   everything that the result depends on, and its hash
-inputs       what a process needs to compute: manifest and C sources, small enough to send
-chunks    values -> metrics, by the batch library; neither threads nor chunks nor machines change a bit
-drive     chunks over threads, or over a Dask cluster
-store     what is done, on disk, so that an interrupted sweep goes on; then one labelled dataset
+inputs       data that a process needs to compute: manifest and C sources, small enough to send
+chunks    values -> metrics, by the batch library; threads, chunks and machines change no bit
+executor  chunks over threads, or over a Dask cluster
+store     finished chunks, on disk, so that an interrupted sweep can resume; then one labelled dataset
 maps      the dataset as figures
 """

@@ -18,7 +18,7 @@ class Block:
     """A part of an array that is one range of its numbers, row-major.
 
     Attributes:
-        selection: the block, a slice a dimension.
+        selection: the block, one slice per dimension.
         start: first of its numbers.
         stop: the one after its last.
     """
@@ -34,7 +34,7 @@ class Block:
 
 
 def block_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Shape of the blocks of an array: cut along the first dimensions alone, at most `BLOCK` numbers each."""
+    """Shape of the blocks of an array: cut along the first dimensions only, at most `BLOCK` numbers each."""
     sizes = list(shape)
     for i in range(len(sizes)):
         sizes[i] = max(1, min(sizes[i], BLOCK // math.prod(sizes[i + 1 :])))

@@ -1,4 +1,4 @@
-"""What a process needs in order to compute: the manifest and the C sources, small enough to send.
+"""The data that a process needs to compute: the manifest and the C sources, small enough to send.
 
 Each process compiles for the vectors of its own machine, into its own cache folder; results are the same
 everywhere.
@@ -24,7 +24,7 @@ class BuildInputs:
 
     Attributes:
         manifest: text of ``model.json``.
-        sources: (file name, text) of everything that is compiled.
+        sources: (file name, text) of all compiled files.
     """
 
     manifest: str

@@ -1,4 +1,4 @@
-"""From the values of some runs to what becomes of them: one call of the batch library."""
+"""From the values of some runs to their results: one call of the batch library."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def simulate_chunk(library: BatchLibrary, request: Request, columns: Mapping[str
 def fill_in(manifest: Manifest, request: Request, columns: Mapping[str, Array]) -> tuple[Array, Array]:
     """X(0), shape (runs, nX), and p, shape (runs, np): the fixed values with the varied ones put in.
 
-    The plant's own parameters follow those that the controller goes by, unless they are set or varied.
+    The plant's own parameters equal the controller's unless they are set or varied.
     """
     count = len(next(iter(columns.values())))
     x0 = np.zeros((count, manifest.nX))
@@ -72,7 +72,7 @@ def fill_in(manifest: Manifest, request: Request, columns: Mapping[str, Array]) 
     for own, name in manifest.own.items():
         if own not in columns and own not in request.own:
             p[:, manifest.parameter_names.index(own)] = p[:, manifest.parameter_names.index(name)]
-    # After every parameter is in place: what x0 means to the plant depends on the plant's own values.
+    # After every parameter is set: the plant's states at x0 depend on the plant's own values.
     x0[:, : manifest.nx] = manifest.start.states(given, dict(zip(manifest.parameter_names, p.T, strict=True)))
     return x0, p
 
@@ -93,10 +93,10 @@ def _runs(library: BatchLibrary, request: Request, x0: Array, p: Array) -> Runs:
 
 
 def hold_matrices(library: BatchLibrary, p: Array, sample_time: float) -> Array:
-    """``expm(A T)`` and its integral over the hold, of A0 (14) and Ar (23); as `simulate.hold` has them.
+    """``expm(A T)`` and its integral over the hold, of A0 (14) and Ar (23); as in `loops.hold`.
 
     Returns:
-        Shape (1, 2 n^2 + 2 rho^2) where all runs have the same gains, else (runs, 2 n^2 + 2 rho^2).
+        Shape (1, 2 n^2 + 2 rho^2) if all runs have the same gains, else (runs, 2 n^2 + 2 rho^2).
     """
     rows = library.matrices(p)
     if np.array_equal(rows[1:], rows[:-1]):

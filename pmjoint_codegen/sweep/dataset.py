@@ -35,9 +35,9 @@ if TYPE_CHECKING:
 
 
 def import_ahead() -> None:
-    """Import what writing needs in a thread of its own, while the C loops compute and leave Python alone.
+    """Import the libraries for writing in a separate thread, while the C loops compute without Python's lock.
 
-    Nothing depends on it: an import that fails there fails again, and is reported, where it is needed.
+    Nothing depends on it: an import that fails here fails again, and is reported, where it is needed.
     """
 
     def work() -> None:
@@ -50,32 +50,32 @@ def import_ahead() -> None:
 def assemble(store: Store, manifest: Manifest) -> None:
     """Write ``sweep.zarr`` from the chunks, whole or not at all; then remove the chunks.
 
-    Zarr alone writes it: xarray, which reads it, takes longer to import than many sweeps to compute. What is
-    in memory at a time does not grow with the sweep.
+    Only Zarr writes it: xarray, which reads it, takes longer to import than many sweeps take to compute.
+    Memory use does not grow with the sweep.
 
     Raises:
-        UsageError: the folder cannot be written, and the chunks still stand; or a chunk is damaged.
+        UsageError: the folder cannot be written, and the chunks remain; or a chunk is damaged.
     """
     if store.missing():
         raise UsageError(
-            "chunks were removed or altered while the sweep was at work",
+            "chunks were removed or altered while the sweep was running",
             where=str(store.folder),
-            remedy="give the same command again: it computes these anew",
+            remedy="repeat the same command: it recomputes these",
         )
     with staging(store) as staged:
         fill(staged, store, manifest)
-        settle(staged)  # the chunks, which hold all that was computed, go next
-        record(store, sums_of(staged))  # first, so that no dataset stands without
+        settle(staged)  # the chunks, which hold all results, are removed next
+        record(store, sums_of(staged))  # first, so that no dataset exists without hashes
         staged.rename(store.dataset)
     store.clear_chunks()
 
 
 @contextmanager
 def staging(store: Store) -> Iterator[Path]:
-    """Name a folder beside the dataset to write in, and remove what is left of it.
+    """Name a folder beside the dataset to write in, and remove its leftovers.
 
     Raises:
-        UsageError: what was done in the block failed for the file system's reasons.
+        UsageError: the block failed because of the file system.
     """
     staged = store.folder / f".{store.dataset.name}.new"
     shutil.rmtree(staged, ignore_errors=True)
@@ -87,7 +87,7 @@ def staging(store: Store) -> Iterator[Path]:
 
 
 def record(store: Store, sums: Mapping[str, str]) -> None:
-    """Write the hashes of a dataset's files, by their names in it, where `store.sums` says."""
+    """Write the hashes of a dataset's files, by their names in it, to `store.sums`."""
     text = as_text({f"{store.dataset.name}/{name}": digest for name, digest in sums.items()})
     write_text(store.sums, text)
 
@@ -96,11 +96,11 @@ def fill(folder: Path, store: Store, manifest: Manifest, wanted: Collection[str]
     """Write attributes and variables.
 
     Args:
-        folder: to be made.
-        store: of the sweep; its chunks hold what is written.
+        folder: to be created.
+        store: of the sweep; its chunks hold the data.
         manifest: the model.
         wanted: files of metrics and trajectories that are needed; None: all. Attributes, axes and draws,
-            which need no chunk, are written in any case.
+            which need no chunk, are always written.
     """
     import zarr
 
@@ -122,7 +122,7 @@ def names(store: Store, manifest: Manifest) -> frozenset[str]:
 
 
 def runs_in(store: Store, manifest: Manifest, files: Collection[str]) -> Iterator[tuple[int, int]]:
-    """Give the runs (first, and the one after the last) that are in some of a dataset's files."""
+    """Give the runs (first, and the one after the last) in some of a dataset's files."""
     request = store.request
     each = request.instants
     for name, variable in _metrics(request, manifest):
@@ -157,7 +157,7 @@ def _create(group: zarr.Group, name: str, variable: _Variable) -> zarr.Array[Any
 def _pour(
     arrays: Sequence[zarr.Array[Any]], rows: Callable[[int, int], Array], wanted: Collection[str] | None
 ) -> None:
-    """Fill arrays of one shape, part by part, with the columns of what `rows` gives of a range."""
+    """Fill arrays of one shape, part by part, with the columns that `rows` returns for a range."""
     for part in blocks(arrays[0].shape):
         if wanted is not None and not any(
             part_file(array.basename, array.shape, part) in wanted for array in arrays
@@ -171,7 +171,7 @@ def _pour(
 
 
 def read(path: Path, *, streamed: bool = False) -> xr.Dataset:
-    """Open a dataset; a variable is read when its values are asked for, and not kept.
+    """Open a dataset; a variable is read when its values are needed, and not kept.
 
     Args:
         path: of ``sweep.zarr``.
@@ -193,7 +193,7 @@ class _Variable:
 
     Attributes:
         lengths: of its dimensions, by name.
-        attributes: units and words.
+        attributes: units and descriptions.
         dtype: of its numbers.
     """
 
@@ -215,7 +215,7 @@ class _Variable:
 def _coordinates(
     request: Request, manifest: Manifest
 ) -> Iterator[tuple[str, _Variable, npt.NDArray[np.float64 | np.int64]]]:
-    """The axes, numbers of the draws, what was drawn, instants of trajectories, each with its values."""
+    """The axes, numbers of the draws, drawn values, instants of trajectories, each with its values."""
     plan = request.plan
     units = _units(manifest)
     for axis in plan.axes:
@@ -230,7 +230,7 @@ def _coordinates(
 
 
 def _attributes(request: Request, manifest: Manifest) -> dict[str, Any]:
-    """All that the result depends on; ``coordinates`` names, as CF has it, those that are no dimension."""
+    """All that the result depends on; ``coordinates`` names, by the CF rules, those that are no dimension."""
     versions = {"pmjoint_codegen": __version__, "python": platform.python_version(), "numpy": np.__version__}
     drawn = {"coordinates": " ".join(request.plan.drawn)} if request.plan.samples else {}
     return drawn | {
@@ -259,7 +259,7 @@ def _attributes(request: Request, manifest: Manifest) -> dict[str, Any]:
 
 
 def _parameters(request: Request, manifest: Manifest) -> dict[str, float]:
-    """Values where nothing is varied; the plant's own only where they were set, since others follow."""
+    """Values where nothing is varied; the plant's own only where set, since the others follow."""
     values = manifest.written(dict(zip(manifest.parameter_names, request.p, strict=True)))
     return {name: value for name, value in values.items() if name not in manifest.own or name in request.own}
 
@@ -271,7 +271,7 @@ def _units(manifest: Manifest) -> dict[str, dict[str, str]]:
 
 
 def _metrics(request: Request, manifest: Manifest) -> Iterator[tuple[str, _Variable]]:
-    """What is reported of every run, in the order of the tables."""
+    """The results of every run, in the order of the tables."""
     for item in quantities(manifest):
         attributes: dict[str, Any] = {"units": item.unit, "long_name": item.about}
         if item.name == Column.STATUS.variable:
@@ -282,7 +282,7 @@ def _metrics(request: Request, manifest: Manifest) -> Iterator[tuple[str, _Varia
 
 
 def _trajectories(request: Request, manifest: Manifest) -> Iterator[tuple[str, _Variable]]:
-    """One variable a signal, over the sweep's dimensions and t."""
+    """One variable per signal, over the sweep's dimensions and t."""
     lengths = {**request.plan.dimensions, "t": request.instants}
     units = {item.name: item.unit for item in (*manifest.states, *manifest.signals)}
     for name in trajectory_names(manifest):
@@ -290,5 +290,5 @@ def _trajectories(request: Request, manifest: Manifest) -> Iterator[tuple[str, _
 
 
 def trajectory_names(manifest: Manifest) -> tuple[str, ...]:
-    """What trajectories are kept of, in the batch library's order."""
+    """The signals of trajectories, in the batch library's order."""
     return (*(state.name for state in manifest.states), "v", "e")

@@ -1,4 +1,4 @@
-"""Make the chunks that are missing, over threads here or over the workers of a Dask cluster."""
+"""Compute the missing chunks, over threads here or over the workers of a Dask cluster."""
 
 from __future__ import annotations
 
@@ -21,9 +21,7 @@ from pmjoint_codegen.sweep.request import Request
 from pmjoint_codegen.sweep.store import Store
 
 NEEDED: Final = "pmjoint-codegen[sweep]"
-AHEAD: Final = (
-    3  # chunks handed out to each worker beyond what it works on: memory does not grow with the sweep
-)
+AHEAD: Final = 3  # chunks queued for each worker: memory does not grow with the sweep
 PATIENCE_S: Final = 30  # for a scheduler that does not answer
 
 Tell = Callable[[int], None]
@@ -38,20 +36,20 @@ def execute(
     tell: Tell,
     starts: Sequence[int] | None = None,
 ) -> None:
-    """Make and keep every chunk that is missing, or those that are named.
+    """Compute and store every missing chunk, or those that are named.
 
     Args:
         store: of the sweep, open.
         inputs: the model.
         threads: to compute with here; not used with a scheduler.
         scheduler: address of a Dask scheduler, or None.
-        tell: told the number of runs done, now and then.
-        starts: first runs of the chunks to make; None: of all that are missing or damaged.
+        tell: called periodically with the number of runs completed.
+        starts: first runs of the chunks to compute; None: of all that are missing or damaged.
 
     Raises:
         MissingToolError: no compiler, or Dask is not installed.
         BuildError: the compiler failed.
-        SimulationError: the scheduler was lost; what is done is kept.
+        SimulationError: the connection to the scheduler was lost; what is done is kept.
         UsageError: the scheduler does not answer, or the folder cannot be written.
     """
     missing = store.missing() if starts is None else list(starts)
@@ -112,7 +110,7 @@ def _on_cluster(
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep Dask from logging the tracebacks of lost connections: what matters comes as an error."""
+    """Keep Dask from logging the tracebacks of lost connections: the essential comes as an error."""
     before = logging.root.manager.disable
     logging.disable(logging.CRITICAL)
     try:
@@ -140,45 +138,47 @@ def _with_client(
 
 
 def _check_address(distributed: Any, address: str) -> None:
-    """Refuse what is no address at once: a client of one takes a minute to give up."""
+    """Refuse an invalid address at once: a client would take a minute to give up."""
     try:
         distributed.comm.get_address_host_port(address)
     except ValueError as error:
         raise UsageError(
-            f"is no address ({error})",
+            f"is not an address ({error})",
             where=f"--scheduler {address}",
-            remedy="allowed: what the scheduler says, such as tcp://10.0.0.1:8786",
+            remedy="allowed: the address that the scheduler prints, such as tcp://10.0.0.1:8786",
         ) from None
 
 
 def farm_out(
     distributed: Any, client: Any, store: Store, inputs: BuildInputs, missing: list[int]
 ) -> Iterator[tuple[int, Result]]:
-    """Hand out chunks, a few ahead of every worker; Dask repeats those that are lost with one.
+    """Submit chunks, a few ahead of every worker; Dask repeats those that are lost with a worker.
 
     Args:
         distributed: the library.
         client: connected to a scheduler.
         store: of the sweep.
         inputs: the model.
-        missing: first runs of the chunks to make.
+        missing: first runs of the chunks to compute.
 
     Yields:
         First run and result of each, as they are done.
 
     Raises:
         UsageError: the scheduler has no workers.
-        SimulationError: the scheduler was lost.
+        SimulationError: the connection to the scheduler was lost.
         PmjointError: a worker cannot compute.
     """
     plan, queue = store.request.plan, iter(missing)
     model = _on_all_workers(client, inputs)
-    light = replace(store.request, plan=Plan(()))  # the columns stand for the plan: a task stays small
+    light = replace(store.request, plan=Plan(()))  # the columns replace the plan: a task stays small
     name, starts = f"pmjoint-{store.request.hash[:16]}", dict[Any, int]()
     running = distributed.as_completed(loop=client.loop)
 
     def hand_out() -> None:
-        threads = max(1, sum(client.nthreads().values()))  # now: workers may join a sweep that runs, or leave
+        threads = max(
+            1, sum(client.nthreads().values())
+        )  # re-evaluated: workers may join or leave a running sweep
         for start in _take(queue, threads * (1 + AHEAD) - len(starts)):
             columns = plan.columns(start, start + store.length(start))
             key = f"{name}-{start}"
@@ -192,10 +192,10 @@ def farm_out(
 
 
 def _result(future: Any) -> Result:
-    """What a worker has computed, or why it could not, as an error that says that it was a worker."""
+    """A worker's result, or its error with the place "on a worker"."""
     try:
         result: Result = future.result()
-    except CancelledError as error:  # nobody here cancels
+    except CancelledError as error:  # this program never cancels
         raise _lost("--scheduler") from error
     except PmjointError as error:
         error.where = error.where or "on a worker"
@@ -213,7 +213,7 @@ def _lost(where: str) -> SimulationError:
     return SimulationError(
         "the connection was lost",
         where=where,
-        remedy="what is done is kept: start it again, and the same command goes on there",
+        remedy="finished runs are kept: restart it, and the same command resumes there",
     )
 
 
@@ -236,7 +236,7 @@ def _distributed() -> Any:
 
 
 def simulate_on_worker(inputs: BuildInputs, request: Request, columns: Mapping[str, Array]) -> Result:
-    """A task of the cluster: what `simulate_chunk` does, with a library that the worker keeps."""
+    """A task of the cluster: `simulate_chunk` with a library that the worker keeps."""
     kept: dict[BuildInputs, BatchLibrary] = vars(_distributed().get_worker()).setdefault(
         "pmjoint_libraries", {}
     )

@@ -1,4 +1,4 @@
-"""The dataset of a sweep in other formats, written through little memory, and the packages for each."""
+"""The dataset of a sweep in other formats, written with little memory, and the packages for each."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def require(formats: Iterable[str]) -> None:
-    """Make sure that the packages for these formats (or ``dask``) are there, before long work.
+    """Check that the packages for these formats (or ``dask``) are installed, before long work.
 
     Raises:
         MissingToolError: one is absent; the message has the line that installs it.
@@ -41,11 +41,11 @@ def require(formats: Iterable[str]) -> None:
 
 
 def export(dataset: Path, kind: str) -> Path:
-    """Write a dataset in another format beside it; gives the file.
+    """Write a dataset in another format beside it; returns the file.
 
     Args:
         dataset: folder of ``sweep.zarr``.
-        kind: ``netcdf`` or ``parquet``; Parquet has a row a run and holds no trajectories.
+        kind: ``netcdf`` or ``parquet``; Parquet has one row per run and no trajectories.
 
     Raises:
         UsageError: the file cannot be written.
@@ -63,24 +63,24 @@ def export(dataset: Path, kind: str) -> Path:
 
 
 def _netcdf(dataset: Path, path: Path) -> None:
-    """Dask hands over a part at a time; the threads that it would use only wait for one another here."""
+    """Let Dask process one part at a time; its threads would only wait for one another here."""
     import dask
 
     data = read(dataset, streamed=True)
-    if shutil.disk_usage(path.parent).free < data.nbytes:  # HDF5 crashes where it cannot write
+    if shutil.disk_usage(path.parent).free < data.nbytes:  # HDF5 crashes if it cannot write
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
     with dask.config.set(scheduler="synchronous"):
         data.to_netcdf(path, engine="h5netcdf")
 
 
 def _parquet(dataset: Path, path: Path) -> None:
-    """A row a run, a group of rows a part; the attributes, and every unit, where pandas and Arrow look."""
+    """One row per run, one row group per part; attributes and units where pandas and Arrow expect them."""
     arrow, parquet = import_module("pyarrow"), import_module("pyarrow.parquet")  # untyped
     runs = read(dataset).drop_dims("t", errors="ignore")
     lengths = runs["status"].sizes
     head = _rows(runs, [slice(1)] * len(lengths))
     head.attrs = {**runs.attrs, "units": _units(runs)}
-    schema = arrow.Table.from_pandas(head).schema  # where Arrow looks for attributes; pandas looks elsewhere
+    schema = arrow.Table.from_pandas(head).schema  # Arrow reads attributes here; pandas reads them elsewhere
     schema = schema.with_metadata({**schema.metadata, b"PANDAS_ATTRS": json.dumps(head.attrs).encode()})
     with parquet.ParquetWriter(path, schema) as writer:
         for part in blocks(tuple(lengths.values())):

@@ -35,13 +35,13 @@ if TYPE_CHECKING:
 
 
 PANEL: Final = (3.05, 2.55)  # inches
-CHARACTERS: Final = 20  # of a caption, in an inch
+CHARACTERS: Final = 20  # of a caption, per inch
 BINS: Final = 60
 FEW_DECADES: Final = 1e3
-ALIKE: Final = 1e-9  # of their size: values that differ by rounding or tolerance alone
+ALIKE: Final = 1e-9  # relative: values that differ by rounding or tolerance only
 LOST: Final = "#c9c6c1"
 COLOURS: Final = (BLUE, RUST)
-MOST_CELLS: Final = 1024  # drawn along an axis: more than there are pixels
+MOST_CELLS: Final = 1024  # drawn along an axis: more would exceed the pixels
 FOUR: Final = ("ise", "settling_s", "max_abs_e", "max_abs_v")
 _STYLE: Final = {
     "font.size": 9.0,
@@ -66,7 +66,7 @@ class Case:
 
 
 def write_maps(dataset: xr.Dataset, manifest: Manifest, folder: Path) -> tuple[Path, ...]:
-    """Draw what the dimensions of a sweep call for, as PNG files.
+    """Draw the figures that suit the dimensions of a sweep, as PNG files.
 
     Raises:
         UsageError: a file cannot be written.
@@ -81,7 +81,7 @@ def write_maps(dataset: xr.Dataset, manifest: Manifest, folder: Path) -> tuple[P
 
 
 def _ascending(dataset: xr.Dataset) -> xr.Dataset:
-    """The axes in ascending order, whatever the order that they were asked for in."""
+    """The axes in ascending order, whatever the order of the request."""
     names = [str(name) for name in dataset["status"].dims]
     return dataset.sortby([name for name in names if np.any(np.diff(dataset[name].values) < 0)])
 
@@ -103,13 +103,13 @@ def _figures(dataset: xr.Dataset, manifest: Manifest) -> dict[str, Figure]:
 
 
 def _slice(dataset: xr.Dataset, names: Sequence[str]) -> tuple[xr.Dataset, str]:
-    """The middle of every further axis, and the words for it."""
+    """The middle of every further axis, and the text for it."""
     sliced = dataset.isel({name: dataset.sizes[name] // 2 for name in names})
     return sliced, ", ".join(f"{name} = {float(sliced[name]):g}" for name in names)
 
 
 def _thinned(dataset: xr.Dataset, *names: str) -> tuple[xr.Dataset, str]:
-    """Every second, third, … value of axes that are longer than a figure is wide, and the words for it."""
+    """Every second, third, … value of axes that are longer than a figure is wide, and the text for it."""
     steps = {name: -(-dataset.sizes[name] // MOST_CELLS) for name in names}
     words = ", ".join(f"1 in {step} values of {_symbol(name)}" for name, step in steps.items() if step > 1)
     thinned = dataset.isel({name: slice(None, None, step) for name, step in steps.items()})
@@ -117,7 +117,7 @@ def _thinned(dataset: xr.Dataset, *names: str) -> tuple[xr.Dataset, str]:
 
 
 def cases(dataset: xr.Dataset) -> tuple[Case, ...]:
-    """The sweep with and without compensator, or as a whole where that is not varied."""
+    """The sweep with and without compensator, or as a whole if that is not varied."""
     if COMPENSATOR not in dataset.dims:
         return (Case("", dataset),)
     titles = {1.0: "with the compensator (23)", 0.0: "plain clipping, $r = 0$"}
@@ -128,7 +128,7 @@ def cases(dataset: xr.Dataset) -> tuple[Case, ...]:
 
 
 def region(dataset: xr.Dataset, manifest: Manifest, x: str, y: str, note: str) -> Figure:
-    """Region of attraction: settling time where the joint is held; grey where it is lost."""
+    """Region of attraction: settling time where the joint stays bounded; grey where it diverges."""
     shares = [100 * held_share(case.data) for case in cases(dataset)]
     dataset, thinned = _thinned(dataset, x, y)
     columns = cases(dataset)
@@ -147,7 +147,7 @@ def region(dataset: xr.Dataset, manifest: Manifest, x: str, y: str, note: str) -
         panel.set_title(f"{case.title}: {words}" if case.title else words)
         _labels(panel, dataset, x, y)
     figure.colorbar(image, ax=panels, label="settling (s)", fraction=0.05, pad=0.02)
-    dashed = " Dashed: beyond it, no input within the limit withstands the worst disturbance." if line else ""
+    dashed = " Dashed: beyond it, no input within the limit counters the worst disturbance." if line else ""
     _caption(
         figure,
         dataset,
@@ -181,9 +181,9 @@ def metric_map(dataset: xr.Dataset, name: str, x: str, y: str, note: str) -> Fig
 
 
 def _absence(dataset: xr.Dataset, *names: str) -> str:
-    """Why a run may have no place in a figure of these metrics."""
+    """Why a run may be missing in a figure of these metrics."""
     status = dataset["status"]
-    reasons = ["the joint is lost"]
+    reasons = ["the joint diverges"]
     if bool((status == INVALID).any()):
         reasons.append("the values break a rule of the design")
     if not bool(status.isin((INVALID, int(Status.DONE), int(Status.DIVERGED))).all()):
@@ -194,7 +194,7 @@ def _absence(dataset: xr.Dataset, *names: str) -> str:
 
 
 def _plain_ticks(bar: Colorbar, limits: tuple[float, float]) -> None:
-    """Numbers as people write them beside a logarithmic scale, more of them where it spans few decades."""
+    """Plain tick numbers for a logarithmic scale, more of them if it spans few decades."""
     from matplotlib.ticker import FuncFormatter, LogLocator
 
     few = limits[1] < FEW_DECADES * limits[0]
@@ -225,19 +225,19 @@ def curves(dataset: xr.Dataset, x: str) -> Figure:
 
 
 def _decade(values: Array) -> bool:
-    """Whether a logarithmic scale has anything to say: positive values that span more than a decade."""
+    """Whether a logarithmic scale is useful: positive values that span more than a decade."""
     finite = values[np.isfinite(values)]
     return bool(finite.size and finite.min() > 0 and finite.max() > 10 * finite.min())
 
 
 def _alone(values: Array) -> npt.NDArray[np.bool_]:
-    """Which points have no neighbour that a line could join them to."""
+    """Which points have no neighbour to be joined to by a line."""
     there = np.concatenate([[False], np.isfinite(values), [False]])
     return np.asarray(there[1:-1] & ~there[:-2] & ~there[2:])
 
 
 def histograms(dataset: xr.Dataset) -> Figure:
-    """Distribution of each metric over all draws (and grid points) that hold the joint."""
+    """Distribution of each metric over all draws (and grid points) that stay bounded."""
     figure, panels = _canvas(2, 2)
     for name, panel in zip(FOUR, panels, strict=True):
         for case, colour in zip(cases(dataset), COLOURS, strict=False):
@@ -251,7 +251,7 @@ def histograms(dataset: xr.Dataset) -> Figure:
     )
     share = 100 * float(held(dataset).mean())
     _caption(
-        figure, dataset, f"{drawn}. {dataset['status'].size} runs, {share:.4g} % held. Lines: medians.", ""
+        figure, dataset, f"{drawn}. {dataset['status'].size} runs, {share:.4g} % bounded. Lines: medians.", ""
     )
     return figure
 
@@ -263,7 +263,7 @@ def _histogram(panel: Axes, case: Case, name: str, colour: str) -> None:
         return
     low, high = (
         float(end) for end in np.percentile(values, (0.1, 99.9))
-    )  # a few far ones would squeeze the rest
+    )  # a few outliers would squeeze the rest
     if high - low <= ALIKE * abs(high):
         panel.text(0.5, 0.5, f"{high:.6g} in all runs", ha="center", transform=panel.transAxes)
         panel.set_xticks([])
@@ -328,12 +328,12 @@ def _draw_border(panel: Axes, data: xr.Dataset, line: Border) -> None:
 
 
 def _range(centres: Array) -> Array:
-    """From the first value to the last; around a single one, its cell."""
+    """From the first value to the last; for a single value, its cell."""
     return centres[[0, -1]] if len(centres) > 1 else _edges(centres)
 
 
 def _fixed(dataset: xr.Dataset) -> dict[str, float]:
-    """What the plant has for every parameter that is the same in all runs."""
+    """The plant's value of every parameter that is the same in all runs."""
     values: dict[str, float] = json.loads(dataset.attrs["parameters"])
     varied = {str(name).removesuffix(OWN_SUFFIX) for name in dataset.coords}
     return {name: of_plant(values, name) for name in values if name.removesuffix(OWN_SUFFIX) not in varied}

@@ -1,4 +1,4 @@
-"""Every variable of a sweep's dataset that a run has one value of, with its unit in the model."""
+"""Every variable of a sweep's dataset with one value per run, with its unit in the model."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pmjoint_codegen.loops.metrics import Column
 from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.manifest import Manifest
 
-INVALID = 8  # status of a run that was not made: its values break a rule of the design
+INVALID = 8  # status of a run that was not computed: its values break a rule of the design
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Quantity:
 
 
 def quantities(manifest: Manifest) -> tuple[Quantity, ...]:
-    """Every variable that a run has one value of: the metrics, then the final states."""
+    """Every variable with one value per run: the metrics, then the final states."""
     units = {item.name: item.unit for item in manifest.signals}
     metrics = (
         Quantity(item.variable, item.row.unit.format(**units), item.row.about, item.row.integer)

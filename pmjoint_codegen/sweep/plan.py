@@ -1,4 +1,4 @@
-"""Which runs a sweep makes: the product of its grid axes, and at every grid point the same random draws."""
+"""The runs of a sweep: the product of its grid axes, and at every grid point the same random draws."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ Law = Literal["uniform", "normal", "loguniform"]
 Method = Literal["latin-hypercube", "sobol"]
 
 DRAW: Final = "draw"  # dimension of the sampled runs
-MAX_RUNS: Final = 100_000_000  # 9 bytes a run while quantiles are taken: 0.9 GB
+MAX_RUNS: Final = 100_000_000  # 9 bytes per run while quantiles are computed: 0.9 GB
 MAX_AXIS: Final = 1_000_000  # values of one axis, held as numbers and as the text of request.json
 MAX_DRAWN: Final = 20_000_000  # draws times names: 25 bytes each
-MAX_SEED: Final = 2**63 - 1  # what every format of the dataset can hold
+MAX_SEED: Final = 2**63 - 1  # the largest that every format of the dataset can hold
 _SAMPLE: Final = re.compile(r"\s*(\w+)\s*~\s*(\w+)\s*\(([^,()]+),([^,()]+)\)\s*")
 
 
@@ -87,7 +87,7 @@ class Plan:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What is varied: the axes' names, then the samples'."""
+        """The varied names: the axes', then the samples'."""
         return (*(axis.name for axis in self.axes), *(sample.name for sample in self.samples))
 
     @property
@@ -130,12 +130,12 @@ def make_plan(
     Args:
         grid: ``NAME=FIRST:LAST:COUNT`` or ``NAME=A,B,C``.
         sample: ``NAME~LAW(A,B)``.
-        draws: number of draws; needed with samples, and with them alone.
+        draws: number of draws; needed with samples, and only with them.
         seed: not negative.
         method: ``latin-hypercube`` or ``sobol``.
 
     Raises:
-        UsageError: an option that cannot be read, a name given twice, or too many runs.
+        UsageError: an option that cannot be parsed, a name given twice, or too many runs.
     """
     if method not in get_args(Method):
         raise UsageError(f"is {method!r}", where="--method", remedy=f"allowed: {', '.join(get_args(Method))}")
@@ -160,7 +160,7 @@ def make_plan(
         )
     if bool(plan.samples) != (draws is not None):
         raise UsageError(
-            "belong together", where="--sample and --runs", remedy="--runs says how many draws --sample makes"
+            "belong together", where="--sample and --runs", remedy="--runs is the number of draws of --sample"
         )
     if (draws is not None and draws < 1) or plan.runs > MAX_RUNS:
         runs = plan.runs if draws is None or draws > 0 else draws
@@ -169,7 +169,7 @@ def make_plan(
         raise UsageError(
             f"is {plan.draws}, of {len(plan.samples)} names",
             where="--runs",
-            remedy=f"at most {MAX_DRAWN // len(plan.samples)} draws fit; a --grid beside them multiplies",
+            remedy=f"at most {MAX_DRAWN // len(plan.samples)} draws fit; a --grid multiplies them",
         )
     if not 0 <= seed <= MAX_SEED:
         raise UsageError(f"is {seed}", where="--seed", remedy=f"allowed: 0 to {MAX_SEED}")
@@ -209,7 +209,7 @@ def read_axis(text: str) -> Axis:
 
 
 def _check_length(text: str, count: int) -> None:
-    """Refuse, before any of it is made, an axis that would take gigabytes."""
+    """Refuse an axis that would take gigabytes, before it is computed."""
     if count > MAX_AXIS:
         raise UsageError(
             f"is {text!r}",
@@ -219,9 +219,9 @@ def _check_length(text: str, count: int) -> None:
 
 
 def _spaced(first: float, last: float, count: int) -> tuple[float, ...]:
-    """Evenly spaced values; ends whose difference no double holds are halved first, which is exact there."""
+    """Evenly spaced values; ends whose difference would overflow are halved first, which is exact there."""
     if not (math.isfinite(first) and math.isfinite(last)):
-        return (math.nan,)  # refused with all other values that are not finite
+        return (math.nan,)  # refused with all other non-finite values
     scale = 1.0 if math.isfinite(last - first) else 2.0
     return tuple((scale * np.linspace(first / scale, last / scale, count)).tolist())
 
@@ -230,7 +230,7 @@ def read_sample(text: str) -> Sample:
     """Read ``NAME~LAW(A,B)``.
 
     Raises:
-        UsageError: for anything else, and for numbers that make no distribution.
+        UsageError: for anything else, and for numbers that define no distribution.
     """
     match = _SAMPLE.fullmatch(text)
     try:

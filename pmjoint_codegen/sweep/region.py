@@ -1,4 +1,4 @@
-"""Which runs hold the joint, and the border beyond which no controller can, whatever disturbs it."""
+"""Which runs keep the joint bounded, and the border beyond which no controller can."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ENDS: Final = ("status", "final_e", "max_abs_e", "final_saturated")  # arguments
 class Border:
     """``|x1 + x2/slope| = offset``: outside, the limit is less than what the unstable mode may need.
 
-    With the worst disturbance it does need more; with a helpful one of that size, it may do with the limit up
+    With the worst disturbance it does need more; with a helpful one of that size, the limit may be enough up
     to an offset of (b0 u_max + D_max)/d1.
 
     Attributes:
@@ -38,7 +38,7 @@ def border(manifest: Manifest, values: Mapping[str, float]) -> Border | None:
 
     Args:
         manifest: the model.
-        values: what the plant has for the parameters that are the same in all runs.
+        values: the plant's values of the parameters that are the same in all runs.
     """
     needed = ("d1", "b0", manifest.limit)
     sizes = (manifest.n, manifest.m, manifest.nx, manifest.nw)
@@ -51,12 +51,12 @@ def border(manifest: Manifest, values: Mapping[str, float]) -> Border | None:
 
 
 def held(dataset: xr.Dataset) -> xr.DataArray:
-    """Which runs of a dataset hold the joint; see `holds`."""
+    """Which runs of a dataset keep the joint bounded; see `holds`."""
     return dataset["status"].copy(data=holds(*(dataset[name].values for name in ENDS)))
 
 
 def held_share(dataset: xr.Dataset) -> float:
-    """Share of a dataset's runs that hold the joint, from 0 to 1; read part by part."""
+    """Share of a dataset's runs that keep the joint bounded, from 0 to 1; read part by part."""
     lengths = dataset["status"].sizes
     held_runs = sum(
         int(held(dataset.isel(dict(zip(lengths, part.selection, strict=True)))).sum())

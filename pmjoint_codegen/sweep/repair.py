@@ -1,7 +1,7 @@
-"""A dataset whose files were removed, replaced or cut off: which, and how it is made whole again.
+"""Finds and repairs files of a dataset that were removed, replaced or truncated.
 
-Results are the same byte for byte whenever they are computed. So what is damaged is computed and written as
-the whole sweep was, beside the dataset, and takes the damaged files' places; the others stay untouched.
+Results are the same byte for byte whenever they are computed. So the damaged parts are recomputed and written
+like the whole sweep, beside the dataset, and then replace the damaged files; the others stay untouched.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from pmjoint_codegen.sweep.sums import is_sound, recorded
 
 @dataclass(frozen=True)
 class Damage:
-    """What of a dataset is not what was written.
+    """The damage to a dataset.
 
     Attributes:
-        files: names in the dataset: removed, altered, or put where only the sweep writes.
-        starts: first runs of the chunks that must be computed to write them anew.
+        files: names in the dataset: removed, altered, or foreign.
+        starts: first runs of the chunks that must be computed to rewrite them.
     """
 
     files: tuple[str, ...]
@@ -33,14 +33,14 @@ class Damage:
 
 
 def find_damage(store: Store, manifest: Manifest) -> Damage:
-    """Read a whole dataset and compare it with what was recorded when it was written.
+    """Read a whole dataset and compare it with the hashes recorded when it was written.
 
     Args:
         store: of the sweep; its dataset exists.
         manifest: the model.
 
     Raises:
-        UsageError: nothing is recorded of it, so that nothing can be said.
+        UsageError: there is no record of its hashes.
     """
     sums = _sums(store)
     altered = {name for name, digest in sums.items() if not is_sound(store.dataset / name, digest)}
@@ -55,12 +55,12 @@ def find_damage(store: Store, manifest: Manifest) -> Damage:
 
 
 def mend(store: Store, manifest: Manifest, damage: Damage) -> None:
-    """Write the damaged files anew, from chunks that were made for it and go afterwards.
+    """Rewrite the damaged files from chunks that were computed for this and are removed afterwards.
 
     Args:
-        store: of the sweep; the chunks that `damage` names are made.
+        store: of the sweep; the chunks that `damage` names exist.
         manifest: the model.
-        damage: what `find_damage` found.
+        damage: the result of `find_damage`.
 
     Raises:
         UsageError: the dataset cannot be written.
@@ -82,22 +82,22 @@ def _sums(store: Store) -> dict[str, str]:
     sums = recorded(store.sums)
     if sums is None:
         raise UsageError(
-            "is missing or unreadable: nothing says whether the dataset beside it is what was computed",
+            "is missing or unreadable, so the dataset beside it cannot be verified",
             where=str(store.sums),
-            remedy="--restart computes the sweep anew; or give another --out",
+            remedy="--restart recomputes the sweep; or give another --out",
         )
     return {name.partition("/")[2]: digest for name, digest in sums.items()}
 
 
 def _standing(dataset: Path, variables: frozenset[str]) -> set[str]:
-    """Files in the folders of the sweep's own variables: Zarr reads them wherever they come from."""
+    """Files in the folders of the sweep's own variables: Zarr reads them whatever their origin."""
     paths = (path for path in dataset.rglob("*") if not path.is_dir())
     files = (path.relative_to(dataset) for path in paths)
     return {file.as_posix() for file in files if file.parts[0] in variables}
 
 
 def _replace(source: Path, dataset: Path, name: str) -> None:
-    """Move a file to its place; leave that empty where there is none: Zarr omits parts without content."""
+    """Move a file to its place; leave that empty if there is none: Zarr omits parts without content."""
     target = dataset / name
     for folder in reversed(target.relative_to(dataset).parents):
         place = dataset / folder

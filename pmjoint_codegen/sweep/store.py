@@ -1,13 +1,13 @@
-"""What is done of a sweep, on disk, so that a killed one goes on where it was.
+"""The progress of a sweep, on disk, so that a killed sweep can resume.
 
-    <folder>/request.json         what the sweep is
+    <folder>/request.json         the definition of the sweep
     <folder>/chunks/<start>.npy   table of the runs from <start> on; <start>.trajectories.npy, if kept;
                                   <start>.sha256, written last, has the hashes of both
     <folder>/sweep.zarr           the dataset, made from all chunks, which are then removed
     <folder>/sweep.sha256         hashes of its files, for ``sha256sum --check`` too
 
 Every file appears whole or not at all, and is on the disk before something else relies on it. One process at
-a time works in a folder. What stands there counts only where its hash is the one that was recorded.
+a time works in a folder. A file counts only if its hash is the recorded one.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ REQUEST: Final = "request.json"
 DATASET: Final = "sweep.zarr"
 SUMS: Final = "sweep.sha256"
 CHUNKS: Final = "chunks"
-DERIVED_FILES: Final = (  # figures and exports beside the dataset, which would pass for a new sweep's
+DERIVED_FILES: Final = (  # figures and exports beside the dataset, which could be taken for a new sweep's
     *("region.png", "curves.png", "histograms.png", "sweep.nc", "sweep.parquet"),
     *(f"map_{name}.png" for name, column in REPORTED.items() if column.row.mapped),
 )
@@ -62,17 +62,17 @@ class Store:
 
     @property
     def dataset(self) -> Path:
-        """Where the finished dataset stands."""
+        """Path of the finished dataset."""
         return self.folder / DATASET
 
     @property
     def sums(self) -> Path:
-        """Where the hashes of its files stand."""
+        """Path of the hashes of its files."""
         return self.folder / SUMS
 
     @property
     def step(self) -> int:
-        """Runs in a chunk: a power of two times `CHUNK_RUNS`, so that there are not too many files."""
+        """Runs in a chunk: a power of two times `CHUNK_RUNS`, to limit the number of files."""
         step = CHUNK_RUNS
         while self.request.plan.runs > step * (MOST_CHUNKS - TAIL * PARTS):
             step *= 2
@@ -92,34 +92,34 @@ class Store:
 
     @property
     def _tail(self) -> int:
-        """The run from which on chunks are short."""
+        """The run from which chunks are short."""
         return max(0, self.request.plan.runs // self.step - TAIL) * self.step
 
     @contextmanager
     def alone(self) -> Iterator[None]:
-        """Keep other processes out of the folder; a process that dies lets them in again.
+        """Lock the folder against other processes; the lock ends with the process.
 
         Raises:
-            UsageError: another process is at work there, or the folder cannot be written.
+            UsageError: another process uses the folder, or it cannot be written.
         """
         ensure_folder(self.folder)
         handle = os.open(self.folder, os.O_RDONLY)
         try:
             if not lock(handle, wait=False):
                 raise UsageError(
-                    "another sweep is at work there",
+                    "another sweep is running there",
                     where=str(self.folder),
-                    remedy="wait until it has ended, or give another --out",
+                    remedy="wait until it ends, or give another --out",
                 )
             yield
         finally:
             os.close(handle)  # releases the lock
 
     def open(self, *, restart: bool = False) -> None:
-        """Make the folder this sweep's.
+        """Claim the folder for this sweep.
 
         Args:
-            restart: forget what is there.
+            restart: discard its contents.
 
         Raises:
             UsageError: it holds another sweep, or cannot be written.
@@ -139,12 +139,12 @@ class Store:
         text = json.dumps({"hash": self.request.hash, **self.request.document}, indent=1) + "\n"
         _write(path, text.encode())
         if self.dataset.exists():
-            self.clear_chunks()  # which a kill may have left
+            self.clear_chunks()  # leftovers of a killed process
         else:
             ensure_folder(chunks)
 
     def _clear(self) -> None:
-        """Forget the sweep that is there: its request first, so that half of it never passes for whole."""
+        """Delete the sweep in the folder, its request first: a partial sweep must never count as whole."""
         (self.folder / REQUEST).unlink(missing_ok=True)
         self.clear_chunks()
         shutil.rmtree(self.dataset, ignore_errors=True)
@@ -153,19 +153,19 @@ class Store:
             (self.folder / name).unlink(missing_ok=True)
 
     def missing(self) -> list[int]:
-        """First runs of the chunks that are to be made, or are not what was written; reads all of them."""
+        """First runs of the chunks that are missing or damaged; reads all of them."""
         return [start for start in self.starts() if self._faults(start)]
 
     def damaged(self, starts: Iterable[int]) -> list[Path]:
-        """Files of these chunks that were finished once and are gone or altered since."""
+        """Files of these chunks that were finished and have since been removed or altered."""
         return [path for start in starts if self._record(start).exists() for path in self._faults(start)]
 
     def done(self) -> int:
-        """Number of runs whose chunks were finished, by their records alone."""
+        """Number of runs whose chunks were finished, by their records only."""
         return sum(self.length(start) for start in self.starts() if self._record(start).exists())
 
     def renew(self, starts: Iterable[int]) -> None:
-        """Make room for chunks that are to be made, and forget what is recorded of them.
+        """Prepare for chunks that will be computed, and delete their records.
 
         Raises:
             UsageError: the folder cannot be written.
@@ -175,7 +175,7 @@ class Store:
             self._record(start).unlink(missing_ok=True)
 
     def keep(self, start: int, result: Result) -> None:
-        """Write a chunk; the hashes last, since their presence says that the chunk is whole.
+        """Write a chunk; the hashes last, since they mark the chunk as whole.
 
         Raises:
             UsageError: the folder cannot be written.
@@ -200,7 +200,7 @@ class Store:
         return self._rows(self._trajectories, self.request.instants, self.size + 2, start, stop)
 
     def _rows(self, path: Callable[[int], Path], each: int, width: int, start: int, stop: int) -> Array:
-        """Rows start..stop-1 of what all chunks hold, `each` rows a run; no more of a file is read."""
+        """Rows start..stop-1 of all chunks, `each` rows per run; no more of a file is read."""
         result = np.empty((stop - start, width))
         for first in self.starts():
             low, high = first * each, (first + self.length(first)) * each
@@ -225,14 +225,14 @@ class Store:
         return self.folder / CHUNKS / f"{start:010d}.sha256"
 
     def _files(self, start: int) -> tuple[Path, ...]:
-        """What a chunk is made of."""
+        """The files of a chunk."""
         table = (self._table(start),)
         return (*table, self._trajectories(start)) if self.request.output_step else table
 
     def _faults(self, start: int) -> tuple[Path, ...]:
-        """Files of a chunk that are not what was recorded when it was finished; all of an unfinished one.
+        """Files of a chunk that differ from its record; all files of an unfinished chunk.
 
-        A sound table of another width, as with other metrics, is another version's and counts as well.
+        A sound table of another width, as with other metrics, is from another version and counts as well.
         """
         sums = recorded(self._record(start)) or {}
         bad = tuple(path for path in self._files(start) if not is_sound(path, sums.get(path.name)))
@@ -243,16 +243,16 @@ class Store:
 
 
 def _npy(array: Array) -> memoryview:
-    """An array as the bytes of an .npy file: NumPy's own writing to a file hides why it fails."""
+    """An array as the bytes of an .npy file: NumPy's own writing to a file hides the cause of a failure."""
     buffer = io.BytesIO()
     np.save(buffer, array)
     return buffer.getbuffer()
 
 
 def _write(path: Path, data: bytes | memoryview) -> None:
-    """Write a file down to the disk before it gets its name, so that a power cut leaves no hollow file.
+    """Flush a file to the disk before it gets its name, so that a power cut leaves no empty file.
 
-    The folder is the sweep's own: what stands there and is no file, such as a named pipe, gives way.
+    The folder belongs to the sweep: anything there that is not a file, such as a named pipe, is replaced.
     """
     if path.exists() and not path.is_file() and not path.is_dir():
         path.unlink()

@@ -1,4 +1,4 @@
-"""SHA-256 of files beside them, as ``sha256sum`` writes and checks it: one line a file, hash and name."""
+"""SHA-256 of files beside them, as ``sha256sum`` writes and checks it: one line per file, hash and name."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ _LENGTH = 64  # hexadecimal digits of SHA-256
 
 
 def as_text(sums: Mapping[str, str]) -> str:
-    """Give the file's text for some names and their hashes, ordered by name."""
+    """Format the file's text for some names and their hashes, ordered by name."""
     return "".join(f"{digest}  {name}\n" for name, digest in sorted(sums.items()))
 
 
 def recorded(path: Path) -> dict[str, str] | None:
-    """Read a file of sums: hash by name; None where there is no such file, or it names files elsewhere."""
+    """Read a file of sums: hash by name; None if there is no such file, or it names files elsewhere."""
     if not path.is_file():  # nor a FIFO, which would block
         return None
     try:
@@ -34,13 +34,13 @@ def recorded(path: Path) -> dict[str, str] | None:
 
 
 def _lies_below(name: str) -> bool:
-    """Whether a name is that of something below the folder: what is elsewhere is never looked at."""
+    """Whether a name is below the folder: files elsewhere are never read."""
     path = PurePosixPath(name)
     return bool(name) and not path.is_absolute() and ".." not in path.parts
 
 
 def is_sound(path: Path, digest: str | None) -> bool:
-    """Whether a regular file stands there and has this hash; a FIFO or a device is never opened."""
+    """Whether the path is a regular file with this hash; a FIFO or a device is never opened."""
     try:
         return path.is_file() and sha256_file(path) == digest
     except OSError:
@@ -48,7 +48,7 @@ def is_sound(path: Path, digest: str | None) -> bool:
 
 
 def sums_of(folder: Path) -> dict[str, str]:
-    """Hash of every regular file below a folder, by its name from there on.
+    """Hash of every regular file below a folder, by its relative name.
 
     Raises:
         OSError: one cannot be read.

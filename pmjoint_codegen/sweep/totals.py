@@ -1,4 +1,4 @@
-"""A finished sweep in a few numbers, read part by part: how runs ended, and quantiles of those that hold."""
+"""A finished sweep in a few numbers, read part by part: how runs ended, and quantiles of bounded runs."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ PERCENTS: Final = {"p5": 5.0, "median": 50.0, "p95": 95.0}
 
 @dataclass(frozen=True)
 class Totals:
-    """What became of all runs.
+    """The outcome of all runs.
 
     Attributes:
         status: number of runs by how they ended, in words; only endings that occurred.
-        held: number of runs that hold the joint.
-        quantiles: of the runs that do, by metric and by quantile; None where no run has the metric.
+        held: number of runs that keep the joint bounded.
+        quantiles: of these runs, by metric and by quantile; None if no run has the metric.
     """
 
     status: Mapping[str, int]
@@ -39,7 +39,7 @@ class Totals:
 
 
 def totals(dataset: Path) -> Totals:
-    """Count and sort; in memory at a time are a byte a run and one metric of the runs that hold.
+    """Count and sort; memory holds one byte per run and one metric of the bounded runs at a time.
 
     Args:
         dataset: folder of ``sweep.zarr``.
@@ -63,7 +63,7 @@ def totals(dataset: Path) -> Totals:
 
 
 def _quantiles(array: zarr.Array[Any], held: Mask) -> Mapping[str, float] | None:
-    """Of what is finite among the runs that hold."""
+    """Quantiles of the finite values among the bounded runs."""
     values = np.empty(int(held.sum()))
     count = 0
     for part in blocks(array.shape):

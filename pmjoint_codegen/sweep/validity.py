@@ -1,7 +1,7 @@
 """The rules of :mod:`pmjoint_codegen.values` for many designs at once: which rows of p a sweep may simulate.
 
-A draw from a normal distribution may make a gain negative: such a run is marked, not made, and the sweep goes
-    on.
+A draw from a normal distribution may make a gain negative: such a run is marked, not computed, and the sweep
+    continues.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ Mask = npt.NDArray[np.bool_]
 
 
 def valid_rows(manifest: Manifest, p: Array, x0: Array) -> Mask:
-    """Which runs keep all rules of the design.
+    """Which runs satisfy all rules of the design.
 
     Args:
         manifest: the model.

@@ -20,7 +20,7 @@ from pmjoint_codegen.tune.search import Found, own_gains
 
 MOST_DRAWN: Final = 40  # plants in a figure
 ROWS: Final = 1500  # of a trajectory in a figure
-TRANSIENT: Final = (1 / 40, 1 / 4)  # of the horizon: the least and the most that is shown enlarged
+TRANSIENT: Final = (1 / 40, 1 / 4)  # of the horizon: the least and the most that is enlarged
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Comparison:
     Attributes:
         manifest: the model.
         request: of the tuning.
-        found: what the search has found.
+        found: the result of the search.
         before: gains of the model.
         metrics: shape (2, plants, columns): before, after.
     """
@@ -81,7 +81,7 @@ def traces(costing: CostFunction, comparison: Comparison, until: float) -> Trace
 
 
 def transient(comparison: Comparison) -> float:
-    """How long the beginning that is shown enlarged lasts, s: three times the saturation, within bounds."""
+    """Length of the enlarged beginning, s: three times the saturation, within bounds."""
     horizon = comparison.request.runs.horizon
     saturated = np.nan_to_num(comparison.metrics[:, 0, Column.SATURATED_S])
     low, high = TRANSIENT

@@ -1,8 +1,8 @@
-"""One number for every design: its objective over all plants, or how far it is from having one.
+"""One number per design: its objective over all plants, or how far it is from having one.
 
-The numbers lie in tiers, so that a comparison always decides rightly: designs within the limit of v by their
-objective, then those beyond it by how far, then those that lose a plant by how early, then designs that break
-a rule. All are finite.
+The numbers lie in tiers, so that a comparison is always correct: designs within the limit of v by their
+objective, then those beyond it by how far, then those with a diverging plant by how early, then designs that
+break a rule. All are finite.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ def cost(metrics: Array, request: Request) -> Array:
         Shape (designs,), finite.
 
     Raises:
-        UsageError: the objective is not defined on a plant, as settling where the error starts at 0.
+        UsageError: the objective is undefined on a plant, as settling where the error starts at 0.
     """
     status = metrics[..., Column.STATUS]
     done = status == Status.DONE
@@ -91,7 +91,7 @@ def cost(metrics: Array, request: Request) -> Array:
         raise UsageError(
             "has no settling time: the error starts at 0",
             where=f"--objective {request.objective.text}",
-            remedy="leave settling_s out, or start elsewhere with --x0",
+            remedy="omit settling_s, or start elsewhere with --x0",
         )
     kept = np.where(done & (values < BEYOND), values, BEYOND)
     result = np.asarray(np.max(kept, axis=1) if request.over == "worst" else np.mean(kept, axis=1))

@@ -1,4 +1,4 @@
-"""Both designs drawn over each other: the error and v, the beginning enlarged on the left."""
+"""Both designs in one figure: the error and v, the beginning enlarged on the left."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def _curves(panel: Axes, drawn: Traces, values: Array) -> None:
 
 
 def _limits(panels: Array, comparison: Comparison) -> None:
-    """The limit of v that was asked for on the left; on the right, v near the actuator's limit."""
+    """The requested limit of v on the left; on the right, v near the actuator's limit."""
     request, manifest = comparison.request, comparison.manifest
     peak = 1.08 * float(np.nanmax(comparison.metrics[..., Column.MAX_ABS_V]))
     left, right = panels[0], panels[1]

@@ -1,8 +1,8 @@
-"""What is searched: gains on a logarithmic scale within bounds, filter gains by way of the poles of A0.
+"""The search space: gains on a logarithmic scale within bounds, filter gains via the poles of A0.
 
 The filter gains k of (14) must make ``A0 = A - k e1'`` Hurwitz. So the search moves its poles, in pairs:
 ``s^2 + 2 damping w s + w^2`` with w > 0 (``pole1``, ``pole2`` ..., in rad/s) and damping > 0 (``damping1``
-...), and for odd n one real pole ``s + w``. Every point is Hurwitz. Where k1.. themselves are searched,
+...), and for odd n one real pole ``s + w``. Every point is Hurwitz. If k1.. themselves are searched,
 points that are not Hurwitz are refused one by one.
 """
 
@@ -21,9 +21,9 @@ from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.values import GAINS, filter_gains, gain_names
 
-REACH: Final = 5.0  # bounds that are not given: the model's value divided and multiplied by this
-DAMPING: Final = (0.3, 2.0)  # from a lively pair of poles to two real ones, 1 : 14 apart
-DIGITS: Final = 5  # of a gain: what is tried is what is written
+REACH: Final = 5.0  # default bounds: the model's value divided and multiplied by this
+DAMPING: Final = (0.3, 2.0)  # from an oscillatory pair of poles to two real ones, 1 : 14 apart
+DIGITS: Final = 5  # of a gain: the tried value is the written value
 DEFAULT: Final = (*(kind.name for kind in GAINS if not kind.of_filters), "poles")
 _GAIN: Final = re.compile(r"\s*([a-z]+\d*)\s*(?:=([^:]+):([^:]+))?")
 
@@ -36,7 +36,7 @@ class Bound:
         name: of a gain, or ``pole1``, ``damping1`` ...
         low: > 0.
         high: > low.
-        start: where the model stands, moved into the bounds.
+        start: the model's value, moved into the bounds.
     """
 
     name: str
@@ -64,7 +64,7 @@ class Space:
 
     @property
     def start(self) -> Array:
-        """The model's own design, or what is nearest to it, shape (size,), logarithms."""
+        """The model's own design, or the nearest point, shape (size,), logarithms."""
         return np.log([bound.start for bound in self.bounds])
 
     @property
@@ -74,7 +74,7 @@ class Space:
 
     @property
     def gains(self) -> tuple[str, ...]:
-        """Names of all gains that the search may change."""
+        """Names of all gains that the search can change."""
         direct = tuple(bound.name for bound in self.bounds if not _is_polar(bound.name))
         return (*direct, *(filter_gains(self.n) if len(direct) < self.size else ()))
 
@@ -108,7 +108,7 @@ def make_space(manifest: Manifest, wanted: tuple[str, ...]) -> Space:
             kind. Empty: c, e, ck and poles.
 
     Raises:
-        UsageError: one that cannot be read, a name given twice, no such gain, or k beside poles.
+        UsageError: one that cannot be parsed, a name given twice, no such gain, or k together with poles.
     """
     known = _groups(manifest)
     found: dict[str, Bound] = {}
@@ -126,7 +126,7 @@ def make_space(manifest: Manifest, wanted: tuple[str, ...]) -> Space:
 
 
 def _groups(manifest: Manifest) -> dict[str, tuple[str, ...]]:
-    """Every name that may be given, with the coordinates that it stands for."""
+    """Every allowed name, with its coordinates."""
     groups = {kind.name: kind.names(manifest.n, manifest.rho) for kind in GAINS}
     groups |= {
         "poles": gain_names(("pole",), (manifest.n + 1) // 2),
@@ -160,7 +160,7 @@ def _bound(manifest: Manifest, name: str, ends: tuple[float, float] | None) -> B
         ends = DAMPING if name.startswith("damping") else (value / REACH, value * REACH)
         if value <= 0:
             raise UsageError(
-                f"{name} is {value:g} in the model, so that no bounds follow from it",
+                f"{name} is {value:g} in the model, so no default bounds follow",
                 where="--gain",
                 remedy=f"give bounds: {name}=LOW:HIGH, or search poles instead of k",
             )
@@ -168,7 +168,7 @@ def _bound(manifest: Manifest, name: str, ends: tuple[float, float] | None) -> B
 
 
 def _complete(manifest: Manifest, found: dict[str, Bound]) -> tuple[Bound, ...]:
-    """All poles belong together: where one is searched, the others are too."""
+    """All poles belong together: if one is searched, so are the others."""
     if any(_is_polar(name) for name in found):
         if any(re.fullmatch(r"k\d+", name) for name in found):
             raise UsageError(
@@ -186,7 +186,7 @@ def _is_polar(name: str) -> bool:
 
 
 def _present(manifest: Manifest) -> dict[str, float]:
-    """Where the model stands in every coordinate."""
+    """The model's value of every coordinate."""
     values = {item.name: float(item.value) for item in manifest.parameters if item.kind == "gain"}
     roots = np.asarray(
         np.roots([1.0, *(values[name] for name in filter_gains(manifest.n))]), dtype=np.complex128

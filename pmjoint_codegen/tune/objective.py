@@ -22,11 +22,11 @@ Form = Mapping[str, float]
 
 @dataclass(frozen=True)
 class Objective:
-    """What is to be small.
+    """The quantity to minimise.
 
     Attributes:
-        text: as it was asked for.
-        weights: (metric, weight > 0), in the units that the metrics have.
+        text: as given.
+        weights: (metric, weight > 0), in the metrics' units.
     """
 
     text: str
@@ -35,7 +35,7 @@ class Objective:
     def __call__(self, metrics: Array) -> Array:
         """The objective of some runs, shape (...), from their metrics, shape (..., columns).
 
-        NaN where a metric is not defined.
+        NaN where a metric is undefined.
         """
         total = np.zeros(metrics.shape[:-1])
         for name, weight in self.weights:
@@ -62,7 +62,7 @@ def read_objective(text: str) -> Objective:
         raise _refused(text, str(error)) from None
     weights = tuple((name, form[name]) for name in REPORTED if name in form)
     if form.get(_CONSTANT) or not weights:
-        raise _refused(text, "is not a sum of metrics alone")
+        raise _refused(text, "is not a sum of metrics only")
     if not all(0 < weight < math.inf for _, weight in weights):
         raise _refused(text, "rewards a metric for being large")
     return Objective(text.strip(), weights)
@@ -84,7 +84,7 @@ def _form(node: ast.expr) -> Form:
         case ast.Name(id=name) if name in REPORTED:
             return {name: 1.0}
         case ast.Name(id=name):
-            raise ValueError(f"names {name!r}, which is no metric")
+            raise ValueError(f"names {name!r}, which is not a metric")
         case ast.UnaryOp(op=ast.USub(), operand=inner):
             return _scaled(_form(inner), -1.0)
         case ast.BinOp(left=left, op=ast.Add(), right=right):
@@ -95,7 +95,7 @@ def _form(node: ast.expr) -> Form:
             return _product(_form(left), _form(right))
         case ast.BinOp(left=left, op=ast.Div(), right=right):
             return _scaled(_form(left), 1.0 / _number(_form(right)))
-    raise ValueError("is no weighted sum")
+    raise ValueError("is not a weighted sum")
 
 
 def _sum(one: Form, other: Form) -> Form:

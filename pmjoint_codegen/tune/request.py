@@ -28,7 +28,7 @@ Over = Literal["worst", "mean"]
 DEFAULT_PLANTS: Final = 16
 MOST_PLANTS: Final = 10_000
 MOST_RUNS: Final = 5_000_000  # of one generation: what is in memory at once
-MAX_STEPS: Final = 200_000  # of one run: gains that need more are too stiff to be worth the wait
+MAX_STEPS: Final = 200_000  # of one run: gains that need more are too stiff to be worthwhile
 
 
 @dataclass(frozen=True)
@@ -40,12 +40,12 @@ class Request:
         objective: what is minimised.
         over: plants: the worst one counts, or their mean.
         max_v: limit of |v| on every plant, in v's unit; None for none.
-        drawn: which other plants there are beside the model's own.
-        runs: how one run is made.
+        drawn: the plants besides the model's own.
+        runs: settings of every run.
         seed: of the draws and of the search.
         generations: of the search, at most.
         population: designs in a generation, for each coordinate.
-        own: the model's value of everything that can be perturbed, in the model file's units.
+        own: the model's value of every parameter that can be perturbed, in the model file's units.
     """
 
     space: Space
@@ -81,7 +81,7 @@ class Request:
 
 
 class TuneOptions(RunOptions, total=False):
-    """Keywords of a tuning, beside those of its runs; `make_request` says what they are."""
+    """Keywords of a tuning, besides those of its runs; see `make_request`."""
 
     gains: tuple[str, ...]
     objective: str
@@ -116,13 +116,13 @@ def make_request(
         objective: as `read_objective` takes it.
         over: ``worst`` or ``mean``.
         max_v: limit of |v|.
-        perturb: ``NAME~LAW(A,B)``, a parameter of the plant, of which the controller does not know, or an
-            initial state.
+        perturb: ``NAME~LAW(A,B)``, a parameter of the plant, unknown to the controller, or an initial
+            state.
         plants: number of draws.
         seed: not negative.
         generations: at least 1.
         population: at least 1.
-        asked: of every run; see `ClosedLoop.simulate`.
+        asked: settings of every run; see `ClosedLoop.simulate`.
 
     Raises:
         UsageError: for the first setting that is unknown or out of range.
@@ -162,7 +162,7 @@ def make_request(
 
 
 def _check_plants(manifest: Manifest, request: Request) -> None:
-    """Refuse draws that no design could be simulated with, whatever its gains."""
+    """Refuse draws with which no design could be simulated, whatever its gains."""
     if not request.plants:
         return
     x0, p = fill_in(manifest, request.runs, request.plants)
@@ -179,7 +179,7 @@ def _drawn(manifest: Manifest, space: Space, perturb: tuple[str, ...], plants: i
     samples = tuple(_of_plant(manifest, _sample(text)) for text in perturb)
     if plants is not None and not samples:
         raise UsageError(
-            "says how many plants --perturb draws",
+            "is the number of plants that --perturb draws",
             where="--plants",
             remedy="give --perturb 'b0~uniform(1.6,2.4)'",
         )
@@ -204,7 +204,7 @@ def _sample(text: str) -> Sample:
 
 
 def _of_plant(manifest: Manifest, sample: Sample) -> Sample:
-    """The draw of the plant's own value where the controller uses the parameter too: it keeps its belief."""
+    """The draw of the plant's own value if the controller uses the parameter too: the controller's stays."""
     own = {name: own for own, name in manifest.own.items()}
     return replace(sample, name=own.get(sample.name, sample.name))
 

@@ -1,8 +1,8 @@
 """A model file with other gains and another name; every other character stays, comments too.
 
-Where a gain is replaced, the line's comment is kept behind the former value, of which it may speak:
-``k = [31.2, 977] # was [40, 400]: both poles of A0 at -20``. The result is read again: whatever the text
-looked like, what it says is the model with these gains, or there is no result.
+Where a gain is replaced, the line's comment is kept after the former value, which it may describe:
+``k = [31.2, 977] # was [40, 400]: both poles of A0 at -20``. The result is parsed again: it
+is the model with these gains, or there is no result.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ def rewrite(text: str, name: str, gains: Mapping[str, float], note: str, where: 
     Args:
         text: of the file.
         name: of the new model.
-        gains: name -> value, such as ``c1``; gains that are not named stay.
+        gains: name -> value, such as ``c1``; other gains stay.
         note: one line for the comment at the head.
-        where: file that a message begins with.
+        where: file at the start of a message.
 
     Raises:
         ModelError: the file is written in a way that cannot be edited in place.

@@ -14,21 +14,21 @@ from pmjoint_codegen.tune.cost import BEYOND, BROKEN, LOST, CostFunction
 from pmjoint_codegen.tune.gains import Space
 
 SPREAD: Final = 1e-4  # of the costs in a generation, relative, at which the search ends
-NEAR: Final = 0.01  # of the way between two bounds: as good as at one
+NEAR: Final = 0.01  # of the distance between two bounds: counts as at a bound
 
 Tell = Callable[[int], None]
 
 
 @dataclass(frozen=True)
 class Found:
-    """What a search has found.
+    """The result of a search.
 
     Attributes:
         gains: name -> value.
         cost: the objective over all plants.
-        before: cost of the model's own gains; from `BEYOND` on, they keep no limit or lose a plant.
+        before: cost of the model's own gains; from `BEYOND` on, they violate the limit or a plant diverges.
         designs: number of designs tried.
-        generations: number of generations made.
+        generations: number of generations.
         settled: whether the search ended because all designs had become alike.
         edges: coordinates that ended at a bound; beyond it there may be better designs.
     """
@@ -43,14 +43,14 @@ class Found:
 
 
 def search(costing: CostFunction, tell: Tell = lambda designs: None) -> Found:
-    """Look for the gains of least cost; the same seed finds the same.
+    """Search for the gains of least cost; the same seed finds the same gains.
 
     Args:
         costing: evaluates designs.
-        tell: told the number of designs tried.
+        tell: called with the number of designs tried.
 
     Raises:
-        UsageError: nothing in the bounds keeps the limit, or nothing is better than the model.
+        UsageError: no design in the bounds satisfies the limit, or none is better than the model.
     """
     request, tried = costing.request, 0
     space = request.space
@@ -132,11 +132,11 @@ def _check(best: float, before: float, tried: int, costing: CostFunction) -> Non
 
 def _shortfall(best: float, costing: CostFunction) -> tuple[str, str]:
     """What even the best design lacks, by the tier of its cost, and what may help."""
-    remedy = "wider bounds (--gain NAME=LOW:HIGH), more --generations, or less to ask for"
+    remedy = "wider bounds (--gain NAME=LOW:HIGH), more --generations, or weaker requirements"
     if best >= BROKEN:
-        return "keeps the rules of the design (finite gains, a Hurwitz A0)", remedy
+        return "satisfies the rules of the design (finite gains, a Hurwitz A0)", remedy
     if best >= LOST:
-        return "survives on all plants", remedy
+        return "reaches the horizon on all plants", remedy
     if best > BEYOND:
         return f"keeps |v| <= {costing.request.max_v:g}", remedy
     return f"has an objective below {BEYOND:g}", "give smaller weights in --objective"

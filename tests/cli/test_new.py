@@ -46,7 +46,7 @@ def test_nothing_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[st
     os.symlink("nowhere", tmp_path / "models" / "link.toml")
     for name in ("mine", "link"):
         assert run(["new", name]) == 2
-        assert f"models/{name}.toml: is there already; choose another name" in capsys.readouterr().err
+        assert f"models/{name}.toml: exists already; choose another name" in capsys.readouterr().err
     assert (tmp_path / "models" / "mine.toml").read_text() == "mine"
     assert (tmp_path / "models" / "link.toml").is_symlink()
 
@@ -55,7 +55,7 @@ def test_nothing_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[st
 def test_a_bad_name_is_one_clear_line(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["new", "--", name]) == 2
     error = capsys.readouterr().err
-    assert "is no name for a model; allowed: letters, digits, - and _" in error
+    assert "is not a valid model name; allowed: letters, digits, - and _" in error
     assert error.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
 

@@ -92,5 +92,5 @@ def test_changes_are_told_in_mathematics() -> None:
         "    + alpha1 = -2*c1*z1",
         "    + Omega = xi2",
         "    - z3 = v0_3",
-        "    to mend it: pmjoint regenerate paper",
+        "    to fix it: pmjoint regenerate paper",
     ]

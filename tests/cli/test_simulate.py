@@ -161,7 +161,7 @@ def test_old_figures_are_called_old(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["simulate", "paper", *KERNELS, "--horizon", "0.1", "--out", "a"]) == 0
     capsys.readouterr()
     assert run(["simulate", "paper", *KERNELS, *SHORT, "--out", "a"]) == 0
-    assert capsys.readouterr().err == "pmjoint: the figures in a are of an earlier run\n"
+    assert capsys.readouterr().err == "pmjoint: the figures in a are from an earlier run\n"
 
 
 @pytest.mark.parametrize("figures", [True, False], ids=["figures", "no figures"])

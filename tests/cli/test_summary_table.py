@@ -30,7 +30,7 @@ def test_what_a_failed_run_lost_is_told_in_words() -> None:
     lines = summary_table(replace(run, ise=math.inf, signals=signals, peaks=peaks), (), ()).splitlines()
     for label in ("settling", "ISE", "max |e|", "final e"):
         assert [line.split() for line in lines if line.startswith(f"  {label} ")] == [
-            [*label.split(), "beyond", "floating", "point"]
+            [*label.split(), "overflow"]
         ]
 
 

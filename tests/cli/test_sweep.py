@@ -98,7 +98,7 @@ def test_a_sample_time_without_the_sampled_controller_is_said_to_do_nothing(
         ([], "nothing is varied"),
         (["--grid", "x1"], "--grid: is 'x1'"),
         (["--grid", "q=1,2"], "no 'q' to vary"),
-        (["--sample", "d1~normal(0.2,0.1)"], "--runs says how many"),
+        (["--sample", "d1~normal(0.2,0.1)"], "--runs is the number of draws"),
         (["--grid", "c1=1,2", "--set", "c1=3"], "both set and varied"),
         (["--grid", "c1=1,2", "--horizon", "0"], "horizon"),
         (["--grid", "c1=1:2:1000000", "--trajectories", "0.001"], "--trajectories: would keep"),

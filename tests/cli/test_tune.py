@@ -103,7 +103,7 @@ def test_no_file_but_one_that_tune_has_written_is_replaced(
     (tmp_path / "folder.toml").mkdir()
     for taken in (other, tmp_path / "folder.toml"):
         assert run(["tune", "paper", *QUICK, "--out", str(taken)]) == 2
-        assert "is there already" in capsys.readouterr().err
+        assert "exists already" in capsys.readouterr().err
     assert other.read_bytes() == (root / "models" / "joint.toml").read_bytes()
     for _ in range(2):
         assert run(["tune", "paper", *QUICK, "--no-figure", "--out", str(tuned)]) == 0

@@ -104,7 +104,7 @@ def test_a_changed_model_is_told_in_mathematics(
     assert run(["regenerate", "--check"]) == 1
     said = capsys.readouterr().out
     assert said.startswith("paper  model changed\n")
-    assert said.endswith("    to mend it: pmjoint regenerate paper\n")
+    assert said.endswith("    to fix it: pmjoint regenerate paper\n")
     for line in told:
         assert line in said
 
@@ -180,7 +180,7 @@ def test_an_edited_file_is_told_with_its_remedy_and_mended(
     assert run(["regenerate", "--check"]) == 1
     assert capsys.readouterr().out == (
         "paper  edited by hand\n    kernels.c was edited by hand\n"
-        "    to mend it: edit the model file, not generated/; then pmjoint regenerate paper\n"
+        "    to fix it: edit the model file, not generated/; then pmjoint regenerate paper\n"
     )
     assert run(["regenerate"]) == 0
     assert path.read_bytes() == good
@@ -196,9 +196,9 @@ def test_missing_surplus_and_orphans_count(project: Path, capsys: pytest.Capture
     folder.rename(folder.with_name("lost"))
     assert run(["regenerate", "--check"]) == 1
     assert capsys.readouterr().out == (
-        "paper  missing\n    nothing is generated yet\n    to mend it: pmjoint regenerate paper\n"
+        "paper  missing\n    nothing is generated yet\n    to fix it: pmjoint regenerate paper\n"
         "lost   orphan\n    no model file has this name\n"
-        "    to mend it: delete the folder, or restore models/lost.toml\n"
+        "    to fix it: delete the folder, or restore models/lost.toml\n"
     )
 
 
@@ -251,7 +251,7 @@ def test_a_slip_in_the_sources_is_a_changed_generator(
     assert done.returncode == 1, done.stderr
     assert done.stdout.startswith("paper  generator changed\n")
     assert "kernels.tape has other content" in done.stdout
-    assert done.stdout.endswith("    to mend it: pmjoint regenerate paper, and review what changed\n")
+    assert done.stdout.endswith("    to fix it: pmjoint regenerate paper, and review what changed\n")
     if equation is not None:
         before, after = (
             re.search(rf"^    {sign} {equation} = .*$", done.stdout, re.M) for sign in (r"-", r"\+")

@@ -95,7 +95,7 @@ def test_a_run_that_ends_far_away_at_its_limit_is_lost(paper: ClosedLoop) -> Non
     lost = paper.simulate(x0=[60.0, 20.0], horizon=5.0)
     assert lost.summary["status"] == "done"
     assert lost.summary["held"] is False
-    assert "the reference is left for good" in summary_table(lost, (), ())
+    assert "tracking is lost for good" in summary_table(lost, (), ())
     kept = paper.simulate()
     assert kept.summary["held"] is True
-    assert "lost" not in summary_table(kept, (), ())
+    assert "diverging" not in summary_table(kept, (), ())

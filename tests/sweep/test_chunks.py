@@ -213,6 +213,6 @@ def test_a_parameter_that_is_named_as_a_result_cannot_be_varied(case: Case, name
     known = case.manifest.parameters
     renamed = tuple(replace(item, name=item.name.replace("d1", name)) for item in known)
     manifest = replace(case.manifest, parameters=renamed)
-    with pytest.raises(UsageError, match=f"names a parameter '{name}'"):
+    with pytest.raises(UsageError, match=f"has a parameter '{name}'"):
         make_request(manifest, make_plan((f"{name}=1,2",), (), None, 0, "sobol"))
     make_request(manifest, make_plan(("c1=1,2",), (), None, 0, "sobol"))

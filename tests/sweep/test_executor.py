@@ -178,7 +178,7 @@ def test_what_is_no_address_is_refused_before_anybody_is_asked(
     monkeypatch.setattr("distributed.Client", None)
     store = Store(tmp_path, case.request, case.manifest.nX)
     store.open()
-    with pytest.raises(UsageError, match="is no address"):
+    with pytest.raises(UsageError, match="is not an address"):
         execute(store, case.inputs, threads=1, scheduler=address, tell=lambda done: None)
 
 

@@ -184,7 +184,7 @@ def test_a_curve_shows_points_that_no_line_reaches(case: Case, tmp_path: Path) -
 
 def test_captions_name_every_reason_for_a_gap(case: Case, tmp_path: Path) -> None:
     plain = made(case, tmp_path / "plain", ("c1=5,6",), x0=(0.0, 0.0), horizon=2.0)
-    assert maps._absence(plain, "ise") == "the joint is lost"
+    assert maps._absence(plain, "ise") == "the joint diverges"
     assert "no initial error" in maps._absence(plain, "settling_s")
     broken = made(case, tmp_path / "broken", ("c1=-5,6",), x0=(0.0, 0.0), horizon=2.0)
     assert "break a rule of the design" in maps._absence(broken, "ise")

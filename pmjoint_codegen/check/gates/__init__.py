@@ -1,1 +1,1 @@
-"""One module a gate of `pmjoint_codegen.check.table`."""
+"""One module per gate of `pmjoint_codegen.check.table`."""

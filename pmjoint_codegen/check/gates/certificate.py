@@ -1,4 +1,4 @@
-"""V along the default run against (35).
+"""The Lyapunov function V along the default run against (35).
 
 From row to row, h apart, ``V <= V_0 exp(-f h) + (Y/f) (1 - exp(-f h))``: (35), integrated.
 """
@@ -24,7 +24,7 @@ ROUNDOFF = 2.0**-53
 
 
 def check(subject: Subject) -> GateResult:
-    """V along the default run, against (35) with the model's bound of the disturbance, or the run's."""
+    """Check V along the default run against (35) with the model's bound of the disturbance, or the run's."""
     if not subject.model.gains.compensator:
         return not_run("the certificate is that of the loop with compensator")
     evaluator, stated = subject.compiled or subject.interpreted, subject.model.disturbance_bound
@@ -45,7 +45,7 @@ def disturbances(evaluator: Evaluator, run: Run) -> Array:
 
 
 def decrease(run: Run, certificate: Certificate) -> GateResult:
-    """Check V of every row against what (35) allows after the row before.
+    """Check V of every row against the bound of (35) from the previous row.
 
     Args:
         run: the run.
@@ -54,7 +54,7 @@ def decrease(run: Run, certificate: Certificate) -> GateResult:
     V = energy(run, certificate)
     falling = np.exp(-certificate.f * np.diff(run.t))
     allowed = V[:-1] * falling + (certificate.Y or 0.0) / certificate.f * (1 - falling)
-    allowed += ACCURACY * (1 + V[:-1])  # what the trajectory itself is worth
+    allowed += ACCURACY * (1 + V[:-1])  # the accuracy of the trajectory itself
     ratio = V[1:] / allowed
     row = int(np.argmax(ratio))
     detail = f"largest V / what (35) allows, row to row; V goes from {V[0]:.4g} to {V[-1]:.3g}"

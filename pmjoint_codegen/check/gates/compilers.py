@@ -1,8 +1,8 @@
-"""Compilers and analysers: the generated C is strict, quiet C that touches nothing but its arguments.
+"""Compilers and analysers: the generated C compiles without warnings and accesses only its arguments.
 
-CasADi's calling convention hands every function ``iw``, ``w`` and ``mem`` whether it uses them or not; so
-``-Wno-unused-parameter`` is the one exception that the warnings make. It is confined: a parameter of any
-other name that goes unused is an error of the gate.
+CasADi's calling convention passes ``iw``, ``w`` and ``mem`` to every function whether it uses them or not, so
+``-Wno-unused-parameter`` is the one disabled warning. It is confined: an unused parameter of any other name
+makes the gate fail.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from pmjoint_codegen.scratch import scratch
 
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror")
 CONVENTION = ("arg", "res", "iw", "w", "mem", "i")  # of CasADi: kernels take all but i; its accessors take i
-BITS = (*ARITHMETIC, "-O0", "-g")  # unoptimised: what the source says, quickly
+BITS = (*ARITHMETIC, "-O0", "-g")  # unoptimised: the source's arithmetic, compiled quickly
 SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer")
 TIME_LIMIT = 120  # s, for any one tool
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a tool did.
+    """The result of a tool.
 
     Attributes:
         code: its exit code.
@@ -46,7 +46,7 @@ class Outcome:
 
     @property
     def first_line(self) -> str:
-        """The first line that says what is wrong."""
+        """The first line that states the error."""
         lines = [line for line in self.messages.splitlines() if line.strip()]
         telling = [line for line in lines if "error" in line.lower() or "warning" in line.lower()]
         return (telling or lines or [f"exit code {self.code}"])[0].strip()
@@ -70,17 +70,17 @@ def run(command: Sequence[str], folder: Path, given: bytes = b"") -> Outcome:
 
 
 def sources(subject: Subject) -> dict[str, str]:
-    """The generated C as it stands."""
+    """The generated C as it is."""
     return {name: (subject.folder / name).read_text(encoding="utf-8") for name in GENERATED}
 
 
 def units(files: Mapping[str, str]) -> list[str]:
-    """Names of those that are compiled; headers are included."""
+    """Names of the compiled files; headers are included by them."""
     return sorted(name for name in files if name.endswith(".c"))
 
 
 def write(folder: Path, files: Mapping[str, str]) -> None:
-    """Put sources into a folder."""
+    """Write sources into a folder."""
     for name, text in files.items():
         (folder / name).write_text(text, encoding="utf-8")
 
@@ -106,7 +106,7 @@ def _warnings(subject: Subject, tool: str) -> GateResult:
 
 
 def warnings(tool: str, files: Mapping[str, str]) -> GateResult:
-    """Compile with all warnings; unused parameters are looked at apart: the calling convention makes some.
+    """Compile with all warnings; unused parameters are checked separately: the calling convention has some.
 
     Args:
         tool: compiler.
@@ -158,12 +158,12 @@ def watched(
     watch: Sequence[str],
     files: Mapping[str, str] | None = None,
 ) -> GateResult:
-    """Run every kernel under a tool that watches, and compare bits with the interpreter's.
+    """Run every kernel under a checking tool, and compare bits with the interpreter's.
 
     Args:
         subject: the model.
         compiler: command and flags.
-        watch: command that runs the program; empty to run it as it is.
+        watch: command that runs the program; empty to run it directly.
         files: C sources by name, the generated ones by default.
     """
     questions, answers = harness.feed(subject.interpreted)
@@ -191,7 +191,7 @@ def watched(
 
 
 def check_objects(subject: Subject) -> GateResult:
-    """Nothing allocates, nothing is remembered, nothing recurs: read off the object files."""
+    """No allocation, no static state, no recursion: read off the object files."""
     if subject.compiler is None:
         return not_run("no C compiler")
     if lacking := missing(subject, "nm", "objdump"):
@@ -200,7 +200,7 @@ def check_objects(subject: Subject) -> GateResult:
 
 
 def objects(compiler: Sequence[str], files: Mapping[str, str]) -> GateResult:
-    """Look at the symbols and relocations of the compiled kernels, a section a function.
+    """Check the symbols and relocations of the compiled kernels, one section per function.
 
     Args:
         compiler: command.
@@ -232,7 +232,7 @@ def objects(compiler: Sequence[str], files: Mapping[str, str]) -> GateResult:
 
 
 def symbol_faults(listing: str) -> list[str]:
-    """What ``nm`` must not list: calls that are not mathematics, and data that can be written."""
+    """Symbols that ``nm`` must not list: calls that are not mathematics, and writable data."""
     faults = []
     library = {name for name, item in by_name().items() if "(" in item.scalar}
     for line in listing.splitlines():
@@ -245,7 +245,7 @@ def symbol_faults(listing: str) -> list[str]:
 
 
 def recursion_faults(listing: str) -> list[str]:
-    """Cycles in the calls that ``objdump -r`` lists, a section ``.text.NAME`` a function."""
+    """Cycles in the calls that ``objdump -r`` lists, one section ``.text.NAME`` per function."""
     calls: dict[str, set[str]] = {}
     section = ""
     for line in listing.splitlines():

@@ -1,4 +1,4 @@
-"""Current: every byte of ``generated/<name>/`` is what the model and the tools give."""
+"""Current: every byte of ``generated/<name>/`` equals fresh output of the model and the tools."""
 
 from __future__ import annotations
 
@@ -12,31 +12,31 @@ from pmjoint_codegen.workspace import called
 
 
 def check(subject: Subject) -> GateResult:
-    """Generate anew, in memory, and compare."""
+    """Regenerate in memory, and compare."""
     return judge(subject, read_folder(subject.folder), generate(subject.document, subject.model))
 
 
 def judge(subject: Subject, files: Mapping[str, bytes], fresh: Artifacts) -> GateResult:
-    """Hold a folder's files against what would be written.
+    """Check a folder's files against fresh output.
 
     Args:
         subject: the model.
-        files: name -> content of what stands there.
-        fresh: what would be written.
+        files: name -> content of the existing files.
+        fresh: the files that would be written.
     """
     comparison = compare(files, fresh.files, fresh.manifest)
     differing = {name for name, text in fresh.files.items() if files.get(name) != text.encode()} | set(
         files
     ) - set(fresh.files)
     if comparison.verdict is Verdict.CURRENT:
-        return passed(f"files that differ, of {len(files)} generated anew", 0, 0)
+        return passed(f"files that differ, of {len(files)} regenerated", 0, 0)
     remedy = REMEDIES[comparison.verdict].format(name=called(subject.file))
     changes = [
         f"{item.name}: {item.before} -> {item.after}"
         for item in comparison.changes
         if item.before is not None
     ]
-    findings = (*comparison.details, *changes, f"to mend it: {remedy}")
+    findings = (*comparison.details, *changes, f"to fix it: {remedy}")
     first = Difference(
         str(subject.folder), min(differing), "", "as generated", comparison.verdict.value, "", ""
     )

@@ -1,7 +1,7 @@
 """Derivatives: emitted partial derivatives against algorithmic differentiation of emitted virtual controls.
 
 SymPy differentiated the expressions; CasADi differentiates its own instruction list of ``law``. The two share
-no code. Both sides carry a running error bound, and differ by no more than the two together. A derivative
+no code. Both sides have a running error bound, and must differ by at most the sum of the two. A derivative
 that the manifest does not name must be zero.
 """
 
@@ -44,12 +44,12 @@ def check(subject: Subject) -> GateResult:
 
 
 def compare(subject: Subject, arguments: Sequence[Array], results: Array) -> GateResult:
-    """Hold the results of ``partials`` against derivatives of ``law``.
+    """Check the results of ``partials`` against derivatives of ``law``.
 
     Args:
         subject: the model.
         arguments: of ``partials``, shape (points, size) each.
-        results: what ``partials`` gave, shape (points, number of partials).
+        results: of ``partials``, shape (points, number of partials).
     """
     (jacobian,) = walk(jacobian_tape(subject.tapes["law"]), arguments)
     (emitted,) = walk(subject.tapes["partials"], arguments)
@@ -78,7 +78,7 @@ def compare(subject: Subject, arguments: Sequence[Array], results: Array) -> Gat
 
 
 def jacobian_tape(law: Tape) -> Tape:
-    """Derivatives of ``alpha`` by y, s and y_r, row by row, as an instruction list of its own."""
+    """Derivatives of ``alpha`` by y, s and y_r, row by row, as a separate instruction list."""
     function = rebuild(law)
     inputs = [ca.SX.sym(function.name_in(i), function.size1_in(i)) for i in range(function.n_in())]
     alpha = function.call(inputs, True, False)[function.index_out("alpha")]

@@ -1,8 +1,8 @@
-"""Golden trajectories: the closed loop as it was when somebody last reviewed it, in ``golden/<name>.csv``.
+"""Golden trajectories: the closed loop as last reviewed, in ``golden/<name>.csv``.
 
-One row an instant: t, every state of the closed loop, v, 17 digits. The switching instants stand beside it in
-``golden/<name>.switches.csv``. A change of behaviour is thus a difference that a reviewer reads; ``pmjoint
-check NAME --update-golden`` writes them anew.
+One row per instant: t, every state of the closed loop, v, 17 digits. The switching instants are beside it in
+``golden/<name>.switches.csv``. So a reviewer sees a change of behaviour as a difference of these files;
+``pmjoint check NAME --update-golden`` rewrites them.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def read(rows: Path, switches: Path) -> Trajectory:
 
     Raises:
         OSError: they are missing.
-        ValueError: they are not what :func:`write` writes.
+        ValueError: they do not have the format of :func:`write`.
     """
     header, *lines = list(csv.reader(io.StringIO(rows.read_text(encoding="utf-8"))))
     table = np.array([[float(cell) for cell in line] for line in lines]).reshape(-1, len(header))
@@ -50,7 +50,7 @@ def read(rows: Path, switches: Path) -> Trajectory:
 
 
 def write(subject: Subject) -> tuple[Path, Path]:
-    """Write the golden files of a model anew.
+    """Rewrite the golden files of a model.
 
     Raises:
         UsageError: they cannot be written.
@@ -70,7 +70,7 @@ def write(subject: Subject) -> tuple[Path, Path]:
 
 
 def check(subject: Subject) -> GateResult:
-    """Run the model as its file says and compare with the golden trajectory."""
+    """Run the model with its file's settings and compare with the golden trajectory."""
     remedy = f"pmjoint check {subject.model.name} --update-golden writes it"
     missing = [path for path in paths(subject) if not path.exists()]
     if len(missing) == 2:  # nobody has reviewed a run of this model

@@ -1,9 +1,9 @@
-"""Guards: what the kernels say a step can miss against what the derivation does in the complex plane.
+"""Guards: the kernels' bounds on a step's error against the derivation in the complex plane.
 
 A guard bounds the nonlinear part N of every rate and value on a disc: ``|N(z) - N(c)| <= rest``. With F = L
-+ N and L linear, ``F(c + d) + F(c - d) - 2 F(c)`` is N's alone and at most ``2 rest``. It is computed at
-sixty digits from the SymPy expressions, at points on the rims of the discs; CasADi and the rules of balls
-have no part in it.
++ N and L linear, ``F(c + d) + F(c - d) - 2 F(c)`` depends on N only and is at most ``2 rest``. It is computed
+at sixty digits from the SymPy expressions, at points on the rims of the discs, without CasADi or the rules of
+balls.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ LIMIT = 1.0 + 1e-9  # of a swing over its bound: the bound's own rounding, at ga
 
 
 def check(subject: Subject) -> GateResult:
-    """Look for a point at which a guard promises too much."""
+    """Search for a point that violates a guard's bound."""
     evaluator = subject.compiled or subject.interpreted
     random = np.random.default_rng(SEED)
     worst, values, first = 0.0, 0, None
@@ -43,7 +43,7 @@ def check(subject: Subject) -> GateResult:
                 swings = _swings(reference, point, random)
                 finite = np.isfinite(bound)
                 values += int(finite.sum())
-                # Not `swings > 0`: a swing that is nan bounds nothing, and must not count as none.
+                # Not `swings > 0`: a swing that is nan bounds nothing, and must not count as zero.
                 judged, ratios = finite & ~(swings <= 0.0), np.zeros(len(bound))
                 np.divide(swings, np.maximum(bound, 1e-300), out=ratios, where=judged)
                 entry = int(np.argmax(ratios))
@@ -55,7 +55,7 @@ def check(subject: Subject) -> GateResult:
 
 
 def _swings(reference: Reference, point: list[Array], random: np.random.Generator) -> Array:
-    """Half the largest ``|F(c + d) + F(c - d) - 2 F(c)|`` found on the rims, less what rounding could be."""
+    """Half the largest ``|F(c + d) + F(c - d) - 2 F(c)|`` found on the rims, less the possible rounding."""
     numbers = Numbers()
     *centre, R, P = point
     exact = {

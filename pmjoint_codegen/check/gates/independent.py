@@ -1,11 +1,11 @@
 """An independent solver: heyoka, with located events, on the derivation's own expressions.
 
-It shares nothing with what it checks but the symbolic derivation: no CasADi, no C of ours, no Taylor
-recurrence, no event search of ours, no step control either: its steps are short, and compared with the
-right-hand side at points inside. Compared with it are the model's own run and runs with a drawn limit of u
-from drawn initial states. heyoka says which of these saturate and come back, so that a switch that our loop
-does not see keeps no run from being compared. heyoka locates kinks too. A run that is stuck to a kink ends
-with a word: it must end between the same rows in both, and is then left out.
+It shares only the symbolic derivation with the checked side: no CasADi, none of our C, Taylor recurrences or
+event search, and no step control either: its steps are short, and are compared with the right-hand side at
+points inside. It checks the model's own run and runs with a drawn limit of u from drawn initial states.
+heyoka decides which of these saturate and return, so a switch that our loop misses does not exclude a run
+from the comparison. heyoka locates kinks too. A run that is stuck to a kink ends early: it must end between
+the same rows in both, and is then left out.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.simulate.run import Run, initial_state, run
 from pmjoint_codegen.simulate.settings import Settings, make_settings
 
-RUNS: Final = (2, 48)  # drawn runs that are compared: at least, at most
-STEPS: Final = {"compiled": 500_000, "interpreted": 2_000}  # what they may take between them: some seconds
+RUNS: Final = (2, 48)  # drawn runs to compare: at least, at most
+STEPS: Final = {"compiled": 500_000, "interpreted": 2_000}  # for all of them together: some seconds
 TRIES: Final = 4  # draws for each of them at most: a limit may be too wide, or the run diverge
 
 
@@ -62,7 +62,7 @@ def check(subject: Subject) -> GateResult:
 
 
 def compare_run(loop: Loop, subject: Subject, done: Run) -> GateResult:
-    """Hold a run against heyoka's from the same state, at the instants that a golden file keeps.
+    """Check a run against heyoka's from the same state, at the instants that a golden file keeps.
 
     Args:
         loop: heyoka's side.
@@ -91,7 +91,7 @@ def compare_drawn(
         loop: heyoka's side.
         subject: the model.
         evaluator: of our side.
-        default: what the model's own run gave.
+        default: result of the model's own run.
         wanted: how many runs.
     """
     worst, compared, switches, untrusted, stuck = default, 0, 0, 0, 0
@@ -135,7 +135,7 @@ def compare_drawn(
 
 
 def _both_stuck(found: SlidingError, done: Run) -> GateResult:
-    """Where heyoka's run is stuck to a kink, ours must end too, between the same rows."""
+    """If heyoka's run is stuck to a kink, ours must end too, between the same rows."""
     if done.status != Status.SLIDING:
         return failed(f"heyoka's run {found}, and the run does not end there: {done.message}")
     around = np.array([found.t - ACCURACY, found.t + ACCURACY])
@@ -152,11 +152,11 @@ def drawn_settings(subject: Subject, draw: Draw) -> Settings:
 
 
 def reference(loop: Loop, subject: Subject, settings: Settings) -> Trajectory:
-    """What heyoka makes of some settings, at the instants that a golden file keeps.
+    """The heyoka run of some settings, at the instants that a golden file keeps.
 
     Raises:
         SlidingError: heyoka's run is stuck to a kink.
-        UntrustedError: heyoka's run leaves its own equations.
+        UntrustedError: heyoka's run deviates from its own equations.
     """
     times = settings.times()
     limit, start = settings.parameters[subject.manifest.limit], initial_state(subject.manifest, settings)
@@ -179,6 +179,6 @@ def _actuator(subject: Subject, settings: Settings) -> Actuator:
 
 
 def _options(subject: Subject, draw: Draw) -> str:
-    """The options of `pmjoint simulate` that make a drawn run again."""
+    """The options of `pmjoint simulate` that reproduce a drawn run."""
     x0 = ",".join(repr(value) for value in draw.x0.tolist())
     return f"--set {subject.manifest.limit}={draw.limit!r} --x0={x0}"

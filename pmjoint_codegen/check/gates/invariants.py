@@ -1,9 +1,9 @@
-"""What theory says of every trajectory: invariants of the closed loop.
+"""Properties of every trajectory by theory: invariants of the closed loop.
 
 errors        y - y_r = z_1 + r_1 at every instant                          to the rounding of four operations
 estimation    without disturbance, x - x_hat = exp(A0 t) (x - x_hat)(0)     as epsilon' = A0 epsilon
-limits        without disturbance, z(t) does not depend on u_max            the z-dynamics hold no u; where
-                                                                            d alpha_i / dy moves, they hold y
+limits        without disturbance, z(t) does not depend on u_max            the z-dynamics do not contain u; where
+                                                                            d alpha_i / dy moves, they contain y
 no saturation with u_max out of reach, r = 0                                bit for bit
 """
 
@@ -53,7 +53,7 @@ def quiet_evaluator(subject: Subject) -> Evaluator:
     """The same closed loop without disturbance, derived into the cache.
 
     Raises:
-        ModelError: the model's disturbance follows from its physics and cannot be taken away.
+        ModelError: the model's disturbance follows from its physics and cannot be removed.
     """
     kind = "compiled" if subject.compiler else "interpreted"
     zeros = ("0",) * subject.manifest.n
@@ -97,7 +97,7 @@ def estimation_gap(evaluator: Evaluator, run: Run) -> float:
     epsilon = estimation_errors(run)
     A0 = evaluator.call("filter_matrix", run.settings.p)[0].reshape(run.manifest.n, run.manifest.n)
     poles, vectors = np.linalg.eig(A0 + 0j)
-    if np.linalg.cond(vectors) > 1e6:  # poles that coincide: step by step, each a small power series
+    if np.linalg.cond(vectors) > 1e6:  # coinciding poles: step by step, each a small power series
         exact = _stepped(A0, epsilon[0], run.t)
     else:
         start = np.linalg.solve(vectors, epsilon[0])
@@ -131,7 +131,7 @@ def _block(run: Run, name: str) -> Array:
 
 
 def judge(findings: list[Finding], *notes: str) -> GateResult:
-    """One result from several findings, the worst of them in the foreground."""
+    """One result from several findings, showing the worst."""
     broken = [item for item in findings if not item[1] <= item[2]]
     lines = (*(f"{what}: {figure:.2e}, bound {bound:.2e}" for what, figure, bound in findings), *notes)
     if broken:

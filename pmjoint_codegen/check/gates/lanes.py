@@ -1,8 +1,8 @@
 """The functions over lanes, as compiled for sweeps, against their tapes, bit for bit.
 
-``lanes.c`` is printed by this project from CasADi's instruction lists. Here the same lists are walked by
-other means (:mod:`lane_tape`), over points drawn as for the gate `interpreter`. Neighbours in a vector are
-different points, so that what one lane does to another is seen as well.
+``lanes.c`` is printed by this project from CasADi's instruction lists. Here the same lists are evaluated by
+other means (:mod:`lane_tape`), at points drawn as for the gate `interpreter`. Neighbours in a vector are
+different points, so any effect of one lane on another shows as well.
 """
 
 from __future__ import annotations
@@ -76,11 +76,11 @@ class LaneLibrary:
 
         Args:
             name: of the function.
-            arguments: one an input, shape (points, size).
+            arguments: one per input, shape (points, size).
             sizes: of the results.
 
         Returns:
-            One array a result, shape (points, size).
+            One array per result, shape (points, size).
         """
         function, points = getattr(self.library, f"pmj_{name}"), len(arguments[0])
         given = [self._vectors(max(array.shape[1], 1)) for array in arguments]
@@ -88,7 +88,7 @@ class LaneLibrary:
         pointers = [self.ffi.cast("void *", array.ctypes.data) for array in (*given, *taken)]
         results = tuple(np.zeros((points, size)) for size in sizes)
         for first in range(0, points, self.width):
-            rows = np.arange(first, first + self.width) % points  # the last vector takes rows again
+            rows = np.arange(first, first + self.width) % points  # the last vector repeats rows
             for block, array in zip(given, arguments, strict=True):
                 block[: array.shape[1]] = array[rows].T
             function(*pointers)
@@ -98,7 +98,7 @@ class LaneLibrary:
         return results
 
     def _vectors(self, count: int) -> Array:
-        """Room for some vectors, aligned as the compiler expects it."""
+        """Memory for some vectors, aligned as the compiler expects."""
         room = np.zeros(count * self.width * 8 + ALIGNMENT, dtype=np.uint8)
         offset = -room.ctypes.data % ALIGNMENT
         whole = room[offset : offset + count * self.width * 8].view(np.float64)

@@ -1,4 +1,4 @@
-"""Proof: the certificate of the model at hand: identities that expand to zero, and definite matrices."""
+"""Proof: the certificate of the model: identities that expand to zero, and definite matrices."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def prove_for(derivation: Derivation, values: Mapping[str, float]) -> GateResult
 
 
 def unfit_gains(derivation: Derivation, values: Mapping[str, float]) -> list[str]:
-    """What the certificate needs of the gains, and these do not give: positive ones, A0 Hurwitz."""
+    """Conditions of the certificate that the gains violate: positive gains, A0 Hurwitz."""
     faults = [
         f"gain {name} = {values[name]:g} is not positive"
         for name in positive_gains(derivation.plant.rho)
@@ -71,7 +71,7 @@ def unfit_gains(derivation: Derivation, values: Mapping[str, float]) -> list[str
 
 
 def remainder_text(derivation: Derivation) -> str:
-    """What V' gives away, as the sum of squares that it is."""
+    """The terms dropped from the bound of V', as a sum of squares."""
     return f"squares given away: {' + '.join(str(square) for square in given_away(derivation))}"
 
 

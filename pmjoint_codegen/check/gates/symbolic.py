@@ -1,8 +1,8 @@
 """Symbolic = C: every result of every kernel against the derivation at sixty digits, within a derived bound.
 
-The bound comes from :mod:`error_bound`, which walks the emitted instructions at the very point; so it is
-tight where nothing cancels and wide exactly where cancellation makes a result uncertain. A limit in ULP could
-be neither.
+The bound comes from :mod:`error_bound`, which evaluates the emitted instructions at the same point. It is
+tight where nothing cancels, and wide exactly where cancellation makes a result uncertain. A limit in ULP
+would be neither.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ LARGEST = float(np.finfo(np.float64).max)
 
 @dataclass(frozen=True)
 class Prepared:
-    """A kernel's points with everything that the code's results are checked against.
+    """A kernel's points with the reference for the code's results.
 
     Attributes:
         function: the kernel, as the manifest describes it.
-        reference: what it should compute.
+        reference: its symbolic reference.
         arguments: one for each input, shape (points, size).
-        exact: results at 60 digits, one table an output.
-        bounds: error bound of each result, one array an output, shape (points, size).
+        exact: results at 60 digits, one table per output.
+        bounds: error bound of each result, one array per output, shape (points, size).
     """
 
     function: Function
@@ -58,7 +58,7 @@ class Prepared:
 
 @dataclass(frozen=True)
 class Judgement:
-    """What the comparison of one kernel found.
+    """The result of the comparison of one kernel.
 
     Attributes:
         values: number of results compared.
@@ -80,7 +80,7 @@ class Judgement:
 
 
 def check(subject: Subject) -> GateResult:
-    """Compare every compiled kernel with its reference; those that are bounds have a gate of their own."""
+    """Compare every compiled kernel with its reference; kernels that are bounds have their own gate."""
     if subject.compiled is None:
         return not_run("no C compiler")
     mismatch = vocabulary_mismatch(subject)
@@ -96,7 +96,7 @@ def check(subject: Subject) -> GateResult:
 
 
 def vocabulary_mismatch(subject: Subject) -> str:
-    """What the manifest names differently from the derivation, or nothing."""
+    """Names in the manifest that differ from the derivation, or nothing."""
     manifest, loop = subject.manifest, subject.table["closed_loop"]
     words = {label: tuple(symbol.name for symbol in symbols) for label, symbols in loop.inputs}
     partials = tuple(symbol.name for symbol in subject.table["partials"].outputs[0][1])
@@ -115,7 +115,7 @@ def vocabulary_mismatch(subject: Subject) -> str:
 
 
 def kernel_reference(subject: Subject, function: Function) -> Reference:
-    """The reference of any kernel, those included that are composed from the table's rows."""
+    """The reference of any kernel, including those composed from the table's rows."""
     derivation, table, manifest = subject.derivation, subject.table, subject.manifest
     if function.name in table:
         return reference_of(derivation, table[function.name])
@@ -147,11 +147,11 @@ def prepare_at(
 
 
 def judge(prepared: Prepared, results: Sequence[Array]) -> Judgement:
-    """Hold results against the reference.
+    """Check results against the reference.
 
     Args:
         prepared: points, exact results and bounds.
-        results: what the code computed there, one array an output.
+        results: the code's results there, one array per output.
     """
     numbers = Numbers()
     values = unbounded = 0
@@ -163,7 +163,7 @@ def judge(prepared: Prepared, results: Sequence[Array]) -> Judgement:
             values += 1
             found, allowed = float(result[row, column]), float(bound[row, column])
             if not np.isfinite(found) and abs(table[row][column]) > LARGEST:
-                continue  # the exact value is beyond doubles, and the code says so
+                continue  # the exact value overflows, and so does the code
             error = float(abs(numbers.exactly(found) - table[row][column])) if np.isfinite(found) else np.inf
             if not np.isfinite(allowed):
                 unbounded += 1
@@ -183,7 +183,7 @@ def judge(prepared: Prepared, results: Sequence[Array]) -> Judgement:
 
 
 def conclude(judgements: Sequence[Judgement]) -> GateResult:
-    """One result from the kernels' judgements."""
+    """One result from the comparisons of all kernels."""
     values = sum(item.values for item in judgements)
     unbounded = sum(item.unbounded for item in judgements)
     worst = max(judgements, key=lambda item: item.ratio)

@@ -1,1 +1,1 @@
-"""Where generated code is looked at: points for kernels, settings for runs."""
+"""Inputs of the checks: points for kernels, settings for runs."""

@@ -1,7 +1,7 @@
-"""Settings that nobody chose: limits of u and initial states, drawn, equal in every session.
+"""Drawn settings: limits of u and initial states, the same in every session.
 
-A model's own run saturates once at most, from one state, at round numbers. What depends on where v meets a
-limit, and on how that limit rounds, shows elsewhere.
+A model's own run saturates at most once, from one state, at round numbers. Errors that depend on where v
+meets a limit, and on how that limit rounds, show only elsewhere.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Draw:
 
 
 def draws(manifest: Manifest) -> Iterator[Draw]:
-    """Settings of one model without end, seeded by its name.
+    """An endless sequence of settings of one model, seeded by its name.
 
     Args:
         manifest: gives names, the limit and the usual initial state.

@@ -1,8 +1,8 @@
-"""Where a model's functions are of order one: there alone can a fault in them be seen.
+"""Finds where a model's functions are of order one: only there can an error in them show.
 
-``exp(-(y - 30)**2)`` is 0 in doubles wherever y is of order one, and so is whatever a wrong law makes of it.
+``exp(-(y - 30)**2)`` is 0 in doubles wherever y is of order one, and so is its contribution to a wrong law.
 So points are also drawn where the arguments of exponentials, hyperbolic tangents, logarithms and powers are
-near 0 or 1. The places are found by numbers, for the very parameters of a point: a scan over all magnitudes
+near 0 or 1. The places are found numerically, for the parameters of each point: a scan over all magnitudes
 of one input, then ever finer ones about the best.
 """
 
@@ -25,8 +25,8 @@ Array = npt.NDArray[np.float64]
 Values = Callable[[Mapping[sp.Symbol, float | Array]], Array]
 
 NEAR: Final = 0.75  # of the target: logarithms and powers keep arguments above 1/4
-FAR: Final = 30.0  # from the target at best: exp(-30) is nothing beside 1
-LARGEST: Final = 1e6  # of an input that is looked at
+FAR: Final = 30.0  # from the target at best: exp(-30) is negligible compared with 1
+LARGEST: Final = 1e6  # of an input that is scanned
 ZOOMS: Final = 12
 WIDEST: Final = 3.0  # of the surroundings of a place, as wide as inputs are drawn elsewhere
 
@@ -36,7 +36,7 @@ class Feature:
     """A function whose value matters at some places only.
 
     Attributes:
-        argument: what the function is applied to; for a power, its base.
+        argument: of the function; for a power, its base.
         target: value of the argument at which the function and its slopes are of order one.
     """
 
@@ -46,13 +46,13 @@ class Feature:
 
 @dataclass(frozen=True)
 class Features:
-    """All features of a model, with what is needed to place them among the inputs of a kernel.
+    """All features of a model, with the data to place them among the inputs of a kernel.
 
     Attributes:
         items: the features.
-        equations: definitions of names that are no inputs.
-        moving: symbols that a point can be moved in: t, y and the plant's states.
-        blocks: label -> symbols of the blocks that features speak of.
+        equations: definitions of names that are not inputs.
+        moving: symbols along which a point can be moved: t, y and the plant's states.
+        blocks: label -> symbols of the blocks in features.
     """
 
     items: tuple[Feature, ...]
@@ -65,7 +65,7 @@ class Features:
         """The features of a model.
 
         Args:
-            derivation: every expression in it is looked at.
+            derivation: every expression in it is searched.
             p: symbols of the parameters, as kernels take them.
             x: states of the simulated plant, as kernels take them.
         """
@@ -82,9 +82,9 @@ class Features:
         """Move points to where features are of order one, each row to the next feature; None without any.
 
         Args:
-            function: whose points they are.
-            arguments: the points, one array an input, shape (points, size); they are not changed.
-            random: places in the surroundings of a feature.
+            function: the kernel.
+            arguments: the points, one array per input, shape (points, size); they are not changed.
+            random: chooses places near a feature.
         """
         moved = tuple(array.copy() for array in arguments)
         places = self._places(function)
@@ -104,7 +104,7 @@ class Features:
         return sum(1 for _ in self._movers(self._places(function)))
 
     def _places(self, function: Function) -> dict[sp.Symbol, tuple[int, int]]:
-        """Input and entry of every symbol that a kernel takes and features may speak of."""
+        """Input and entry of every symbol that a kernel takes and features may contain."""
         return {
             symbol: (block, entry)
             for block, (label, _) in enumerate(function.inputs)
@@ -156,7 +156,7 @@ def _in(expression: sp.Expr, moving: frozenset[sp.Symbol]) -> Iterator[Feature]:
 
 
 def _is_plain(argument: sp.Expr) -> bool:
-    """Whether NumPy evaluates it without help."""
+    """Whether NumPy can evaluate it directly."""
     return not argument.has(sp.Max, sp.Min, sp.Abs, sp.sign)
 
 

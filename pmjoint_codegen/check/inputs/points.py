@@ -1,8 +1,8 @@
-"""Where kernels are looked at: random points, and points chosen to be hard.
+"""Points for kernels: random points, and points chosen to be hard.
 
 Hard points: zeros of either sign, denormal, tiny and huge numbers, control values at and beside the
-actuator's limit, and control values that cancel to nearly nothing. And points where the model's functions
-are of order one, wherever that is: see :mod:`features`.
+actuator's limit, and control values that cancel to nearly nothing. There are also points where the
+model's functions are of order one: see :mod:`features`.
 """
 
 from __future__ import annotations
@@ -48,12 +48,12 @@ def batches(
     """Points for one kernel.
 
     Args:
-        evaluator: to place the control value; its manifest says what the inputs are.
+        evaluator: to place the control value; its manifest describes the inputs.
         function: the kernel.
         count: points of each kind.
         seed: of the random numbers; equal seeds give equal points.
         extreme: include magnitudes that overflow and underflow.
-        features: of the model, to look where its functions are of order one, at each of them at least once.
+        features: of the model, to visit each place where its functions are of order one at least once.
     """
     random = np.random.default_rng([seed, *function.name.encode()])
     draws = _draws(random) if extreme else _moderate_draws(random)
@@ -79,7 +79,7 @@ def batches(
 
 
 def _unforced(function: Function, arguments: tuple[Array, ...]) -> tuple[Array, ...]:
-    """Without input: in Taylor coefficients, fast motion hides slow motion, and motion what time drives."""
+    """Points without input: in Taylor coefficients, fast motion hides slow motion and time dependence."""
     return tuple(
         np.zeros_like(array) if label in ("g", "w") else array
         for (label, _), array in zip(function.inputs, arguments, strict=True)
@@ -126,7 +126,7 @@ def _draws(random: np.random.Generator) -> dict[str, Draw]:
 def _arguments(
     evaluator: Evaluator, function: Function, draw: Draw, count: int, random: np.random.Generator
 ) -> tuple[Array, ...]:
-    """One array an input: parameters near their defaults, time in the horizon, real modes, others drawn."""
+    """One array per input: parameters near their defaults, time in the horizon, real modes, others drawn."""
     manifest = evaluator.manifest
     special: Mapping[str, Callable[[int], Array]] = {
         "p": lambda _size: parameter_values(manifest, count, random),
@@ -166,7 +166,7 @@ def _modes(evaluator: Evaluator, count: int, random: np.random.Generator) -> Arr
 
 
 def _with_sides(actuation: Array, manifest: Manifest, random: np.random.Generator) -> Array:
-    """What is given of the actuator, then a random side of every kink."""
+    """The given actuator entries, then a random side of every kink."""
     sides = random.choice(np.array([-1.0, 1.0]), (len(actuation), len(manifest.kinks)))
     return np.ascontiguousarray(np.hstack([actuation, sides]))
 
@@ -183,7 +183,7 @@ def _place(
     level: str,
     random: np.random.Generator,
 ) -> tuple[Array, ...] | None:
-    """Move the last compensator state, in which v is affine, until v stands at a level; None without v."""
+    """Move the last compensator state, in which v is affine, until v is at a level; None without v."""
     labels = [label for label, _ in function.inputs]
     state = next((labels.index(label) for label in ("X", "s") if label in labels), None)
     if state is None or not ({"t", "X", "p"} <= set(labels) or {"y", "s", "y_r", "p"} <= set(labels)):

@@ -1,1 +1,1 @@
-"""What gates check against: references that share no code with what they judge."""
+"""The references of the gates; they share no code with the checked side."""

@@ -1,4 +1,4 @@
-"""The certificate's numbers (33)-(35) for a model's gains: how fast V falls, and where the errors end up."""
+"""The certificate's numbers (33)-(35) for a model's gains: decay rate of V, ultimate error bounds."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ class Certificate:
         poles: eigenvalues of A0, 1/s.
         f_minus: smallest of c_i and 1/(4 e_i).
         f_plus: largest of 1/2 and lambda_max(P)/(2 e_i).
-        f: their quotient; V falls like exp(-f t) at least, 1/s.
+        f: their quotient; V decays at least like exp(-f t), 1/s.
         Y: sum of |P|^2 D_max^2 / (2 e_i), or of (2 |P|^2 + 1) D_max^2 / (2 e_i) for a model that disturbs y'
             itself; None without a bound of the disturbance.
         z_bound: ultimate bound sqrt(2 Y / f) of |z|, and so of |z_1|.
-        eta: what is not known of y', by name: epsilon_2, D_1 or their sum.
-        z_sharp: ultimate bound of |z| by way of eta alone; D reaches epsilon_2 through exp(A0 t).
+        eta: the unknown part of y', by name: epsilon_2, D_1 or their sum.
+        z_sharp: ultimate bound of |z| through eta only; D acts on epsilon_2 through exp(A0 t).
         z1_sharp: ultimate bound of |z_1| from ``z_1' = -(c_1 + e_1) z_1 + b_m z_2 + eta``.
     """
 
@@ -68,7 +68,7 @@ class Certificate:
         )
 
     def unbounded(self) -> tuple[str, ...]:
-        """Names of the constants that are no finite number: gains beyond what floating point can carry."""
+        """Names of the constants that are not finite: the gains cause overflow."""
         constants = {
             name: getattr(self, name)
             for name in ("P", "poles", "f_minus", "f_plus", "f", "Y", "z_bound", "z_sharp", "z1_sharp")
@@ -87,7 +87,7 @@ def certify(derivation: Derivation, values: Mapping[str, float], bound: float | 
     Args:
         derivation: the design.
         values: every parameter and gain by name.
-        bound: D_max of the disturbance, or None when it is not known.
+        bound: D_max of the disturbance, or None if it is unknown.
     """
     s = derivation.signals
     A0, P = (numeric(matrix, values) for matrix in (filter_matrix(s), lyapunov_matrix(s)))
@@ -118,10 +118,10 @@ def numeric(matrix: sp.MatrixBase, values: Mapping[str, float]) -> Array:
 
 
 def estimation_gain(A0: Array) -> float:
-    """``int_0^inf |row 2 of exp(A0 t)| dt``: the most that a disturbance of unit size makes of epsilon_2, s.
+    """``int_0^inf |row 2 of exp(A0 t)| dt``: the largest epsilon_2 from a disturbance of unit size, s.
 
     Simpson's rule; the integrand is analytic, as no row of exp(A0 t) vanishes. The grid is 1/100 of the
-    fastest time constant among the poles that have not decayed by exp(-40). Infinite where that takes more
+    fastest time constant among the poles that have not decayed by exp(-40). Infinite if that takes more
     than `MOST_POINTS`, as for oscillations of a damping ratio below 0.001. n = 1 has no epsilon_2.
     """
     from scipy.integrate import simpson  # slow to import
@@ -149,7 +149,7 @@ def _powers(row: Array, A: Array, count: int) -> Array:
     from scipy.linalg import expm  # slow to import
 
     transition = expm(A)
-    while len(row) <= count:  # twice as many a pass
+    while len(row) <= count:  # doubled in each pass
         row = np.concatenate([row, row @ transition])
         transition = transition @ transition
     return row[: count + 1]

@@ -1,13 +1,13 @@
-"""How far a kernel's result can be from the exact value: a running error bound, derived, not guessed.
+"""A derived running error bound on a kernel's result.
 
-The emitted instruction list is walked at a point. With hats for computed values and ``e`` for bounds on their
-errors, each operation adds what its own rounding can do to what its operands' errors become; the table of
-operations says by which rule (`rounding`).
+The emitted instruction list is evaluated at a point. With hats for computed values and ``e`` for bounds on
+their errors, each operation propagates its operands' errors and adds its own rounding; the table of
+operations gives the rule (`rounding`).
 
 Inputs are exact. A literal of the code is a rounded exact number, unless it is a whole number that every
 double near it could have been (up to 2^53; beyond, rounded ones are whole too). The bound is computed in
-double precision itself; all its terms are positive, so its own roundings are covered by one small factor an
-operation. See Higham, Accuracy and Stability of Numerical Algorithms (2002), 3.3.
+double precision itself; all its terms are positive, so one small factor per operation covers its own
+roundings. See Higham, Accuracy and Stability of Numerical Algorithms (2002), 3.3.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from pmjoint_codegen.operations import by_name
 
 INFLATION = 1 + 32 * ROUNDOFF  # each rule rounds fewer than 16 times
 LITERAL_ROUNDINGS = (
-    4  # a literal may be a quotient of rounded numbers that were folded when the code was made
+    4  # a literal may be a quotient of rounded numbers that were folded when the code was generated
 )
 
 
@@ -33,8 +33,8 @@ def walk(tape: Tape, arguments: Sequence[Array], literal_roundings: int = LITERA
     Args:
         tape: the kernel's instructions.
         arguments: one for each input, shape (points, size); exact.
-        literal_roundings: how many roundings a literal may hold; a Taylor kernel's ``1/k!`` is folded factor
-            by factor.
+        literal_roundings: how many roundings a literal may contain; a Taylor kernel's ``1/k!`` is folded
+            factor by factor.
 
     Returns:
         One for each output, arrays of shape (points, size).

@@ -1,8 +1,8 @@
-"""The kinks of a model as heyoka's loop sees them: arguments of ``abs`` and ``sign``, and their sides.
+"""The kinks of a model in heyoka's loop: arguments of ``abs`` and ``sign``, and their sides.
 
-Sides are run-time parameters, as the actuator's mode is. Events say where an argument is zero; here stands
-what no event says: the sides at the start, whether both sides point back to the kink, and whether an argument
-was on the wrong side without an event.
+Sides are run-time parameters, like the actuator's mode. Events locate the zeros of an argument. This module
+finds the rest: the sides at the start, whether both sides point back to the kink, and whether an argument was
+on the wrong side without an event.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 Rates = Callable[[Array, Array, Array], tuple[Array, Array]]
 
-UNIT: Final = 2.0**-53  # half an ulp of 1: what one operation rounds by, relative
+UNIT: Final = 2.0**-53  # half an ulp of 1: relative rounding of one operation
 
 
 class UntrustedError(ArithmeticError):
-    """A run of heyoka's that is no reference: its message says why, as what follows "it"."""
+    """A heyoka run that cannot serve as reference; its message states why, to be read after "it"."""
 
 
 class SlidingError(UntrustedError):
@@ -54,7 +54,7 @@ class Kinks:
             arguments: of the kinks, with time as the last variable.
             variables: the states, then time.
             rates: (t, X, parameters) -> X' and its derivatives.
-            operations: how many make the arguments.
+            operations: number of operations in the arguments.
         """
         self.count: Final = len(arguments)
         self.moving: Final = tuple(bool(heyoka.get_variables(argument)) for argument in arguments)
@@ -65,7 +65,7 @@ class Kinks:
         self._compiled: Final = heyoka.cfunc([*arguments, *np.ravel(gradient)], vars=list(variables))
 
     def values(self, t: Array, states: Array, given: Array) -> tuple[Array, Array, Array]:
-        """Arguments, their rates, and what rounding can make of them, each of shape (rows, k).
+        """Arguments, their rates, and bounds on their rounding, each of shape (rows, k).
 
         Args:
             t: instants, s, shape (rows,).
@@ -141,7 +141,7 @@ class Kinks:
         return sides
 
     def wrong(self, t: Array, states: Array, given: Array) -> npt.NDArray[np.bool_]:
-        """Where an argument is not on its side, by more than rounding explains, shape (rows,)."""
+        """Where an argument is on the wrong side by more than rounding, shape (rows,)."""
         arguments, _, rounding = self.values(t, states, given)
         sides = given[:, given.shape[1] - 1 - self.count : given.shape[1] - 1]
         off: npt.NDArray[np.bool_] = ~np.all(arguments * sides >= -rounding, axis=1)

@@ -1,11 +1,11 @@
-"""The closed loop as heyoka integrates it: the derivation's own expressions, events located by heyoka.
+"""The closed loop integrated by heyoka: the derivation's own expressions, events located by heyoka.
 
-Its steps are short, for a step that is sized from derivatives at its start may pass over what is narrow and
-lies inside. Short steps too are compared with the right-hand side at points inside: a run that leaves its
-equations there is no reference.
+Its steps are short, because a step sized from derivatives at its start may miss narrow features inside it.
+Short steps are also compared with the right-hand side at points inside: a run that deviates from its
+equations there is not a valid reference.
 
 What changes from run to run (the limit of u, thresholds of v, the actuator's mode, the sides of kinks) is a
-run-time parameter of heyoka's, so that many runs need one compilation; other parameters are numbers.
+run-time parameter of heyoka's, so many runs need only one compilation; other parameters are numbers.
 """
 
 from __future__ import annotations
@@ -25,9 +25,14 @@ from pmjoint_codegen.loops.modes import Actuator
 
 Array = npt.NDArray[np.float64]
 
-LONGEST_STEPS: Final = (2e-3, 2e-4)  # s; the shorter one where the longer leaves a run's equations
+LONGEST_STEPS: Final = (
+    2e-3,
+    2e-4,
+)  # s; the shorter one if a run with the longer one deviates from its equations
 POINTS: Final = (0.25, 0.5, 0.75, 1.0)  # of a step, where its polynomial is compared with the right-hand side
-TRUSTED: Final = 0.1 * ACCURACY  # what a run may leave its equations by: the defect's integral, relative
+TRUSTED: Final = (
+    0.1 * ACCURACY
+)  # allowed deviation of a run from its equations: the defect's integral, relative
 MOST_FLIPS: Final = 10_000  # of sides in a run; more is sliding by ever shorter steps
 ONE_THRESHOLD: Final = 1e-3 * ACCURACY  # relative distance below which two thresholds are one
 
@@ -62,7 +67,7 @@ class Expressions:
 
 
 class Loop:
-    """One model's closed loop, made ready for runs from any state, with any limit of u.
+    """One model's closed loop, prepared for runs from any state, with any limit of u.
 
     Attributes:
         names: of the states.
@@ -123,17 +128,17 @@ class Loop:
         """Integrate, changing mode or side where v crosses a threshold, or a kink's argument zero.
 
         Args:
-            t: instants that are asked for, s.
+            t: output instants, s.
             start: state at the first of them, shape (nX,).
             limit: of u.
-            actuator: which values of v are thresholds, and what lies between them.
+            actuator: its thresholds of v, and the modes between them.
 
         Returns:
-            The trajectory; NaN from where heyoka could not go on.
+            The trajectory; NaN from the instant at which heyoka could not continue.
 
         Raises:
             SlidingError: both sides of a discontinuity point to it.
-            UntrustedError: the trajectory leaves its own equations between the ends of its steps.
+            UntrustedError: the trajectory deviates from its own equations between the ends of its steps.
         """
         *longer, last = LONGEST_STEPS
         for longest in longer:
@@ -146,7 +151,7 @@ class Loop:
         return self._run(t, start, limit, actuator, last)
 
     def _run(self, t: Array, start: Array, limit: float, actuator: Actuator, longest: float) -> Trajectory:
-        """The same, with steps of some length at most."""
+        """The same, with a given longest step."""
         coarse = without_narrow_modes(actuator)
         thresholds = coarse.thresholds.tolist()
         mode = int(np.searchsorted(thresholds, self.law(t[:1], start[np.newaxis], limit)[0, 0]))
@@ -173,7 +178,9 @@ class Loop:
 
     def law(self, t: Array, states: Array, limit: float) -> Array:
         """v, and its derivatives with respect to the states, shape (rows, 1 + nX)."""
-        given = np.repeat([[0.0]] * self._width + [[limit]], len(t), axis=1)  # v knows neither mode nor side
+        given = np.repeat(
+            [[0.0]] * self._width + [[limit]], len(t), axis=1
+        )  # v depends on neither mode nor side
         values = self._law(
             np.ascontiguousarray(states.T),
             pars=given[: self._law.nparams],
@@ -182,9 +189,9 @@ class Loop:
         return np.asarray(values, dtype=np.float64).T
 
     def defect(self, output: Any, given: Array) -> Array:
-        """By how much every step leaves the equations, shape (steps,): the worst |p' - f| times its length.
+        """Deviation of every step from the equations, shape (steps,): the worst |p' - f| times its length.
 
-        Relative to max(1, |X_i|), beyond what rounding explains.
+        Relative to max(1, |X_i|), beyond rounding.
 
         Args:
             output: heyoka's continuous output.
@@ -194,8 +201,8 @@ class Loop:
             UntrustedError: a kink's argument is on the wrong side.
         """
         powers = np.arange(output.tcs.shape[2])
-        # What a rate may be rounded by, relative to itself and to sum |df/dX_j| max(1, |X_j|): each operation
-        # by half an ulp of something no larger, those of the polynomial's sum and of its derivative's too.
+        # Rounding of a rate, relative to itself and to sum |df/dX_j| max(1, |X_j|): each operation adds at
+        # # most half an ulp of these, and so do the polynomial's sum and its derivative's.
         unit = self._rounding + UNIT * 4 * len(powers)
         lengths = np.diff(output.times)
         worst = np.zeros(len(lengths))
@@ -231,7 +238,7 @@ class Loop:
         return both[:, :count], both[:, count:].reshape(-1, count, count)
 
     def _trust(self, output: Any, along: Sequence[tuple[float, Array]]) -> None:
-        """Raise `UntrustedError` where a run leaves its equations, or a side that it should not."""
+        """Raise `UntrustedError` if a run deviates from its equations, or leaves a side wrongly."""
         began = np.array([t for t, _ in along])
         given = np.array([parameters for _, parameters in along])
         middles = 0.5 * (output.times[:-1] + output.times[1:])
@@ -244,10 +251,10 @@ class Loop:
             )
 
     def scales(self, trajectory: Trajectory, limit: float) -> Array:
-        """What the entries of a trajectory are compared relative to, shape (rows, columns).
+        """Scales of the errors of a trajectory's entries, shape (rows, columns).
 
-        A state's is max(1, |X_i|). v is a function of the states, which multiplies what they are off by: its
-        scale is max(1, |v|) and, on top of it, the sum of |dv/dX_i| times the state's.
+        A state's is max(1, |X_i|). v is a function of the states and amplifies their errors: its scale is
+        max(1, |v|) plus the sum of |dv/dX_i| times the state's.
         """
         plain = np.maximum(1.0, np.abs(trajectory.values))
         slopes = np.abs(self.law(trajectory.t, trajectory.values[:, :-1], limit)[:, 1:])
@@ -260,11 +267,11 @@ class Loop:
 
     @property
     def _sides(self) -> slice:
-        """Places of the sides among the parameters."""
+        """Indices of the sides among the parameters."""
         return slice(self._width - self._n_kinks, self._width)
 
     def _solver(self, count: int) -> tuple[Any, _Crossings]:
-        """A solver for a number of thresholds, and what its events read and fill."""
+        """A solver for a number of thresholds, and the record that its events use."""
         if count not in self._solvers:
             crossings, first, kinks = _Crossings(), self._width + 1, self._kinks
             thresholds = [self._heyoka.par[first + place] for place in range(count)]
@@ -287,23 +294,23 @@ class Loop:
 
 
 class _Crossings:
-    """What the events of a solver share with the run that goes on.
+    """The data that the events of a solver share with the run.
 
     Attributes:
         found: (t in s, mode that begins) in order.
         along: (t in s, parameters from there on) in order; the first is the start's.
-        ended: why the run went no further.
+        ended: why the run ended.
     """
 
     def __init__(self) -> None:
-        """Nothing is found yet."""
+        """Start without findings."""
         self._modes: list[list[float]] = []
         self.found: list[tuple[float, int]] = []
         self.along: list[tuple[float, Array]] = []
         self.ended: UntrustedError | None = None
 
     def begin(self, modes: list[list[float]], mode: int, t: float, given: Array) -> None:
-        """Make ready for a run.
+        """Prepare for a run.
 
         Args:
             modes: offsets and slopes of every channel, for every mode.
@@ -314,7 +321,7 @@ class _Crossings:
         self._modes, self.found, self.along, self.ended = modes, [], [(t, given.copy())], None
 
     def crossing(self, place: int) -> Callable[[Any, int], bool]:
-        """What happens where v crosses a threshold: the mode on its other side begins."""
+        """The callback for a crossing of a threshold by v: the mode on its other side begins."""
 
         def crossed(solver: Any, direction: int) -> bool:
             mode = place + 1 if direction > 0 else place
@@ -326,7 +333,7 @@ class _Crossings:
         return crossed
 
     def flipping(self, kinks: Kinks, place: int) -> Callable[[Any, int], bool]:
-        """What happens where a kink's argument is zero: its other side begins, unless it points back."""
+        """The callback for a zero of a kink's argument: its other side begins, unless it points back."""
 
         def flipped(solver: Any, direction: int) -> bool:
             t, given = float(solver.time), self.along[-1][1].copy()
@@ -362,8 +369,8 @@ def operation_count(program: Program) -> int:
 def without_narrow_modes(actuator: Actuator) -> Actuator:
     """The actuator without modes that are narrower than anything compared here.
 
-    Limits of two channels that follow one another are thresholds which round apart. No event can be located
-    between them; w is continuous in v, so that leaving the mode between out changes w by as little.
+    Coinciding limits of two channels may round to different thresholds. No event can be located between them;
+    w is continuous in v, so omitting the mode between them changes w as little.
     """
     at = actuator.thresholds
     last = [
@@ -378,6 +385,6 @@ def without_narrow_modes(actuator: Actuator) -> Actuator:
 
 
 def _changes(label: int, found: list[tuple[float, int]]) -> Switches:
-    """The crossings at which u enters or leaves a limit; those of other channels alone are left out."""
+    """The crossings at which u enters or leaves a limit; those of other channels only are omitted."""
     before = [label, *(later for _, later in found)]
     return tuple(item for item, earlier in zip(found, before, strict=False) if item[1] != earlier)

@@ -1,9 +1,9 @@
-"""The arithmetic that a function over lanes is to do, walked along its tape in NumPy.
+"""The arithmetic that a function over lanes must do, evaluated along its tape in NumPy.
 
 What NumPy does here is exact by IEEE 754: sums, products, quotients, square roots, choices. Sine, cosine,
-exponential, logarithm and the like are the lanes' own, called one by one. Two rules of ``lanes.c`` are not
-those of the tape: a divisor that occurs more than once is inverted once and multiplied with; and sine and
-cosine of one argument are computed together, which changes no bit.
+exponential, logarithm and the like are the lanes' own, called one by one. ``lanes.c`` departs from the tape
+in two rules: a repeated divisor is inverted once, and its inverse multiplied; and sine and cosine of one
+argument are computed together, which changes no bit.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ def walk(tape: Tape, arguments: Sequence[Array], elementary: Mapping[str, Operat
 
     Args:
         tape: of a function over lanes.
-        arguments: one an input, shape (points, size).
+        arguments: one per input, shape (points, size).
         elementary: the lanes' functions by the tape's names, on arrays of shape (points,).
 
     Returns:
-        One array a result, shape (points, size).
+        One array per result, shape (points, size).
     """
     points = len(arguments[0])
     results = tuple(np.zeros((points, size)) for _, size in tape.outputs)
@@ -64,7 +64,7 @@ def _names(tape: Tape) -> list[Name]:
 
 
 def _often(tape: Tape, names: Sequence[Name]) -> frozenset[Name]:
-    """Divisors of more than one quotient, literals left out."""
+    """Divisors of more than one quotient, without literals."""
     defining = [item for item in tape.instructions if item.operation != "output"]
     divided = Counter(names[item.operands[1]] for item in defining if _moves(item, defining))
     return frozenset(name for name, count in divided.items() if count > 1)
@@ -79,10 +79,10 @@ def _choose(where: npt.NDArray[np.bool_], a: Array, b: Array) -> Array:
 
 
 def _exact() -> Mapping[str, Operation]:
-    """Operations that are exact by IEEE 754; choices of two zeros, and beside NaN, are those of the lanes."""
+    """Operations that are exact by IEEE 754; choices of two zeros, and with NaN, are those of the lanes."""
     exact = {name: row.of(np) for name, row in by_name().items() if row.exact}
     return exact | {
-        "fmin": lambda a, b: _choose(a < b, a, b),  # of two zeros, and beside NaN, the second
+        "fmin": lambda a, b: _choose(a < b, a, b),  # of two zeros, and with NaN, the second
         "fmax": lambda a, b: _choose(a > b, a, b),
         "fabs": lambda a: _choose(a > -a, a, -a),
         "sign": lambda a: np.select([a > 0.0, a < 0.0], [1.0, -1.0], 0.0),

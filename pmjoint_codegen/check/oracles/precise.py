@@ -1,7 +1,7 @@
 """Sixty-digit arithmetic for the reference: numbers, and truncated power series of them.
 
-The series know nothing of the recurrences that the Taylor kernels are made with: a function of a series is
-its Taylor expansion about the leading coefficient, evaluated at the rest, which is nilpotent.
+The series do not use the recurrences of the Taylor kernels: a function of a series is its Taylor expansion
+about the leading coefficient, evaluated at the rest, which is nilpotent.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class Numbers:
     """Real numbers of :data:`DIGITS` digits."""
 
     def __init__(self) -> None:
-        """Make a context of its own, so that nobody else's precision matters."""
+        """Make a separate context, independent of any other precision setting."""
         self.context = mpmath.MPContext()
         self.context.dps = DIGITS
 
@@ -59,7 +59,7 @@ class Numbers:
 
 
 class PowerSeries:
-    """Power series in time, cut after ``order``; a list of coefficients, short where the rest is zero.
+    """Power series in time, truncated after ``order``; a list of coefficients, shorter if the rest is zero.
 
     Attributes:
         numbers: the coefficients' arithmetic.
@@ -80,7 +80,7 @@ class PowerSeries:
         return [entry + shorter[i] if i < len(shorter) else entry for i, entry in enumerate(longer)]
 
     def multiply(self, a: Series, b: Series) -> Series:
-        """Product, cut."""
+        """Product, truncated."""
         size = min(len(a) + len(b) - 1, self.order + 1)
         product = [self.numbers.context.zero] * size
         for i, left in enumerate(a):
@@ -104,7 +104,7 @@ class PowerSeries:
     def apply(self, function: str, *arguments: Series) -> Series:
         """A named function: its Taylor expansion about the leading coefficient.
 
-        On a kink, where there is none, ``abs`` is flat, as in the kernels.
+        On a kink, which has none, ``abs`` is flat, as in the kernels.
         """
         (a,) = arguments
         if function in ("Abs", "sign"):

@@ -1,8 +1,8 @@
 """Named equations as a straight-line program over any algebra: numbers of 60 digits, or power series of them.
 
-This is the reference that generated code is checked against. It is read off the SymPy expressions of the
-derivation alone; CasADi has no part in it, so that a fault of the translation to CasADi, of CasADi itself, of
-its C printer or of the C compiler shows as a difference.
+This is the reference for generated code. It comes only from the SymPy expressions of the derivation, without
+CasADi. So an error in the translation to CasADi, in CasADi itself, in its C printer or in the C compiler
+shows as a difference.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pmjoint_derive import Equations
 
 
 class Algebra(Protocol):
-    """What a program computes with."""
+    """The arithmetic of a program."""
 
     def constant(self, value: sp.Expr) -> Any:
         """An exact number."""
@@ -37,11 +37,11 @@ class Algebra(Protocol):
 
 @dataclass(frozen=True)
 class Operation:
-    """One step: what to do, to which earlier steps, with which constant.
+    """One step: an operation, its operands among earlier steps, a constant.
 
     Attributes:
         kind: ``input``, ``constant``, ``add``, ``multiply``, ``power`` or a function's name.
-        operands: places of earlier steps.
+        operands: indices of earlier steps.
         payload: the symbol, number or exponent.
     """
 
@@ -56,7 +56,7 @@ class Program:
 
     Attributes:
         operations: in order.
-        results: place of each expression.
+        results: index of each expression.
     """
 
     operations: tuple[Operation, ...]
@@ -66,7 +66,7 @@ class Program:
         """Evaluate every expression.
 
         Args:
-            algebra: what to compute with.
+            algebra: the arithmetic.
             inputs: value of each input symbol.
         """
         values: list[Any] = []
@@ -105,11 +105,11 @@ def compile_program(
         expressions: what to evaluate.
         inputs: symbols whose values are given.
         equations: definitions of all other names.
-        given: definitions that go before them.
-        sides: argument of a kink -> the input that says on which side it is.
+        given: definitions with priority over them.
+        sides: argument of a kink -> the input that gives its side.
 
     Raises:
-        KeyError: for a name that is neither input nor defined.
+        KeyError: for a name that is neither an input nor defined.
     """
     known, definitions, places_of_sides = set(inputs), given or {}, sides or {}
     operations: list[Operation] = []

@@ -17,23 +17,23 @@ from pmjoint_codegen.emit.vocabulary import vocabulary
 from pmjoint_derive import Derivation
 
 Array = npt.NDArray[np.float64]
-Rows = list[list[Number]]  # one row a point
+Rows = list[list[Number]]  # one row per point
 
 
 @dataclass(frozen=True)
 class Reference:
-    """What a kernel should compute.
+    """The correct results of a kernel.
 
     Attributes:
         name: of the kernel.
-        entries: name of every result, one tuple an output.
+        entries: name of every result, one tuple per output.
         inputs: symbols of every argument, in order.
         program: the expressions of all results.
         taylor: number of states whose rates the first results are, for a kernel of Taylor coefficients; else
             0.
         order: highest Taylor coefficient.
         plant: for ``sample``, the reference of the plant's coefficients under the w of output 1; they are
-            output 2, which the program leaves out.
+            output 2, which the program omits.
         kinks: how many of the last results of a rate are arguments of kinks.
     """
 
@@ -47,7 +47,7 @@ class Reference:
     kinks: int = 0
 
     def values(self, arguments: Sequence[Array]) -> list[Rows]:
-        """Exact results, rounded to 60 digits: one table an output, a row a point."""
+        """Exact results, rounded to 60 digits: one table per output, one row per point."""
         numbers = Numbers()
         rows = [self._row(numbers, [array[k] for array in arguments]) for k in range(len(arguments[0]))]
         tables: list[Rows] = []
@@ -129,7 +129,7 @@ def sample_reference(derivation: Derivation, update: Kernel, plant: Reference) -
     Args:
         derivation: the symbolic reference.
         update: row of the table that gives the controller's next state.
-        plant: reference of the coefficients of the plant under the w that is held.
+        plant: reference of the coefficients of the plant under constant w.
     """
     words, v = vocabulary(derivation), derivation.signals.v
     (label, s_next), (h,) = update.outputs[0], [block for block in update.inputs if block[0] == "h"]
@@ -139,7 +139,7 @@ def sample_reference(derivation: Derivation, update: Kernel, plant: Reference) -
     }
     inputs = ((derivation.signals.t,), (*words.x, *words.s), tuple(map(sp.sympify, h[1])), words.p)
     known = [symbol for symbols in inputs for symbol in symbols]
-    # The compensator is driven by what is applied: entry 0 of w is u.
+    # The compensator is driven by the applied input: entry 0 of w is u.
     program = compile_program([v, *words.w, *s_next], known, derivation.equations, actuated)
     entries = (
         (v.name,),

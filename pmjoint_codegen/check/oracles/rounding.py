@@ -1,4 +1,4 @@
-"""Rounding errors of single operations: what a result can be off by, from what its operands can.
+"""Rounding errors of single operations: error bounds of a result from those of its operands.
 
 With hats for computed values, ``e`` for bounds on their errors, unit roundoff ``u = 2^-53`` and underflow
 ``2^-1074``:
@@ -9,8 +9,8 @@ With hats for computed values, ``e`` for bounds on their errors, unit roundoff `
     tan        e_a / (|cos a^| (|cos a^| - e_a)) + ULP   min, max  max(e_a, e_b)
     others     e_a times the largest slope + ULP
 
-ULP is the accuracy that the C library documents for the function; it and the slope stand in the function's
-row of the table of operations.
+ULP is the accuracy that the C library documents for the function; it and the slope are in the function's row
+of the table of operations.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ POWER_ULPS = 1.5  # as of `library`
 
 @dataclass(frozen=True)
 class Bounded:
-    """Computed values with bounds on their errors; one row a point.
+    """Computed values with bounds on their errors; one row per point.
 
     Attributes:
-        value: what the code computes.
-        error: how far that can be from the exact value; infinite where the walk cannot tell.
+        value: the code's result.
+        error: bound on its distance from the exact value; infinite if none is known.
     """
 
     value: Array
@@ -46,7 +46,7 @@ Rule = Callable[..., tuple[Array, Array]]
 
 
 def linear(apply: Callable[[Array, Array], Array]) -> Rule:
-    """``a + b`` or ``a - b``; one that underflows is exact."""
+    """``a + b`` or ``a - b``; exact on underflow."""
 
     def rule(a: Bounded, b: Bounded) -> tuple[Array, Array]:
         value = apply(a.value, b.value)
@@ -83,7 +83,7 @@ def root(a: Bounded) -> tuple[Array, Array]:
 
 
 def _by_library(name: str, *operands: Array) -> Array:
-    """The C library's function, which Python's ``math`` calls too; NaN where it has no value."""
+    """The C library's function, which Python's ``math`` calls too; NaN where it is undefined."""
     function: Callable[..., float] = getattr(math, name)
 
     def evaluate(*numbers: float) -> float:
@@ -101,9 +101,9 @@ def library(name: str, ulps: float, propagate: Callable[[Array, Array, Array], A
     Args:
         name: in C and in Python's ``math``.
         ulps: largest error in units in the last place. Of the GNU C Library (2.36:
-            sysdeps/x86_64/fpu/libm-test-ulps, and the same for aarch64) it is the one that is listed and 1/2
-            more, as the list counts from the rounded value; 1 where none is listed.
-        propagate: what the operand's error becomes, from the operand, its error and the value.
+            sysdeps/x86_64/fpu/libm-test-ulps, and the same for aarch64) it is the listed one plus
+            1/2, as the list counts from the rounded value; 1 if none is listed.
+        propagate: the propagated error, from the operand, its error and the value.
     """
 
     def rule(a: Bounded) -> tuple[Array, Array]:
@@ -116,18 +116,18 @@ def library(name: str, ulps: float, propagate: Callable[[Array, Array, Array], A
 
 
 def of_tangent(x: Array, e: Array, value: Array) -> Array:
-    """Error of tan from that of its operand, its own rounding left out."""
+    """Error of tan from that of its operand, without its own rounding."""
     cosine = np.abs(np.cos(x)) * (1 - 8 * ROUNDOFF)
     return np.where(cosine > e, e / (cosine * (cosine - e)), np.inf)
 
 
 def of_logarithm(x: Array, e: Array, value: Array) -> Array:
-    """Error of log from that of its operand, its own rounding left out."""
+    """Error of log from that of its operand, without its own rounding."""
     return np.where(x > e, -np.log1p(-e / np.abs(x)) * (1 + 8 * ROUNDOFF), np.inf)
 
 
 def of_exponential(x: Array, e: Array, value: Array) -> Array:
-    """Error of exp from that of its operand, its own rounding left out."""
+    """Error of exp from that of its operand, without its own rounding."""
     return value * (1 + 8 * ROUNDOFF) * np.expm1(e) * (1 + 8 * ROUNDOFF)
 
 
@@ -147,6 +147,6 @@ def invert(a: Bounded) -> tuple[Array, Array]:
 
 
 def above(name: str, x: Array) -> Array:
-    """A function of NumPy's that is not negative, or a little more."""
+    """A non-negative function of NumPy's, rounded up."""
     found: Array = getattr(np, name)(x)
     return found * (1 + 16 * ROUNDOFF)

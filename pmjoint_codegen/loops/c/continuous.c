@@ -8,7 +8,7 @@ static double *coefficients(const pmj_problem *problem, const pmj_memory *memory
     return memory->coefficients + buffer * ((problem->order + 1) * problem->n_channels + PMJ_PADDING);
 }
 
-/* A mode and the present sides, as the kernels take them. */
+/* A mode and the present sides, as the kernels expect them. */
 static const double *actuation(const pmj_problem *problem, const pmj_memory *memory, long long mode)
 {
     const long long size = 2 * problem->n_actuated;
@@ -45,7 +45,7 @@ static void write_rows(const pmj_problem *problem, pmj_progress *progress, const
     }
 }
 
-/* Add the integral of e^2 over the step, and note when e is last outside its band. */
+/* Add the integral of e^2 over the step, and record when e is last outside its band. */
 static void note_error(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory, const double *c,
                        double size, double end)
 {
@@ -64,7 +64,7 @@ static void note_error(const pmj_problem *problem, pmj_progress *progress, const
     pmj_note_settled(progress, c + place, problem->n_channels, problem->order, memory->trial[place], size, end);
 }
 
-/* Whether v certainly keeps between the thresholds of its mode. */
+/* Whether v certainly stays between the thresholds of its mode. */
 static int keeps_mode(const pmj_problem *problem, const pmj_progress *progress, const pmj_memory *memory,
                       const double *c, double h)
 {
@@ -98,8 +98,8 @@ static long long first_passage(const pmj_problem *problem, const pmj_progress *p
     return found;
 }
 
-/* How much of what is allowed the polynomials miss at the points of comparison inside the step and at its end, where
- * `next` is what the kernels say; above 1 the step is too long. -1 where a kernel fails. */
+/* The error of the polynomials, relative to the allowed one, at the points of comparison inside the step and at its end,
+ * where `next` comes from the kernels; above 1 the step is too long. -1 if a kernel fails. */
 static double missed(const pmj_problem *problem, const pmj_function *rates, const pmj_progress *progress,
                      const pmj_memory *memory, const double *c, const double *next, double tau)
 {
@@ -119,7 +119,7 @@ static double missed(const pmj_problem *problem, const pmj_function *rates, cons
     return problem->lebesgue * most / (PMJ_DEFECT * problem->tolerance);
 }
 
-/* Write down a change of mode at time t; a touch, there and back at one instant, is none. */
+/* Record a change of mode at time t; a touch, there and back at one instant, is none. */
 static void note_switch(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory, double t,
                         long long mode)
 {
@@ -194,8 +194,8 @@ static void cross(const pmj_problem *problem, pmj_progress *progress, const pmj_
     note_switch(problem, progress, memory, t, progress->mode);
 }
 
-/* Whether a channel may exceed its peak inside a step: the larger end of its straight line, and what the higher of its
- * terms can add, whose magnitudes sum up to `term_sum`. */
+/* Whether a channel may exceed its peak inside a step. The bound is the larger end of its linear part plus the most that
+ * the higher terms can add; the magnitudes of all terms add up to `term_sum`. */
 static int may_exceed(double start, double rise, double term_sum, double peak)
 {
     const double end = fabs(start + rise);
@@ -270,7 +270,7 @@ static void pass_at_once(const pmj_problem *problem, const pmj_kernels *run, pmj
     }
 }
 
-/* The step to try first: what the last coefficients allow, and no more than others do. */
+/* The first trial step: the length that the last coefficients allow, within the other limits. */
 static double first_step(const pmj_problem *problem, const pmj_progress *progress, const pmj_memory *memory,
                          const double *c, double remaining)
 {
@@ -282,7 +282,7 @@ static double first_step(const pmj_problem *problem, const pmj_progress *progres
     return h < remaining ? h : remaining;
 }
 
-/* One step, to the first threshold or kink; cut until the guard and the points of comparison agree to it. */
+/* One step, to the first threshold or kink; cut until the guard and the points of comparison accept it. */
 static void step(const pmj_problem *problem, const pmj_kernels *run, pmj_progress *progress, const pmj_memory *memory)
 {
     const long long n = problem->n_states;
@@ -349,7 +349,7 @@ static void step(const pmj_problem *problem, const pmj_kernels *run, pmj_progres
     }
 }
 
-/* Back to the start of a run from `memory->state`: what a fresh `progress` and `memory` hold. */
+/* Reset a run to start from `memory->state`: `progress` and `memory` become as when they were made. */
 void pmj_begin(const pmj_problem *problem, pmj_progress *progress, pmj_memory *memory)
 {
     const pmj_progress fresh = {.touching = -1, .row = 1, .last_cut = HUGE_VAL};
@@ -367,8 +367,8 @@ void pmj_begin(const pmj_problem *problem, pmj_progress *progress, pmj_memory *m
     }
 }
 
-/* Advance the closed loop by at most `budget` steps; `progress->status` says whether and how it ended.
- * Between calls the caller may look at `progress`, tell its user, or stop. `memory->state` starts as X(0). */
+/* Advance the closed loop by at most `budget` steps; `progress->status` records whether and how it ended.
+ * Between calls the caller may read `progress`, report it, or stop. `memory->state` starts as X(0). */
 void pmj_continuous(const pmj_problem *problem, const pmj_function *taylor, const pmj_function *guard,
                     const pmj_function *rates, pmj_progress *progress, pmj_memory *memory, long long budget)
 {

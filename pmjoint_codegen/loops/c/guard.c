@@ -1,4 +1,4 @@
-/* Whether a step follows the right-hand side all along, and where it meets a kink: for both loops. The step is that of a
+/* Whether a step follows the right-hand side throughout, and where it meets a kink: for both loops. The step is that of a
  * Taylor kernel whose first channels have rates and whose others are values; see loops/guard.py. */
 #include "pmjoint_runtime.h"
 
@@ -36,8 +36,8 @@ int pmj_beyond(const pmj_problem *problem, const double *X)
     return 0;
 }
 
-/* The largest of `values`, each relative to its channel's scale; of rates, over a step of size h. Infinite where one is
- * no number. High gains leave more rounding in v than its present value tells, so that its scale is its peak so far. */
+/* The largest of `values`, each relative to its channel's scale; for rates, over a step of size h. Infinite if one is
+ * NaN. High gains leave more rounding in v than its present value shows, so its scale is its peak so far. */
 double pmj_largest(const pmj_problem *problem, const pmj_memory *memory, const double *values, double h)
 {
     const double peak = memory->peaks[problem->n_states] > 1.0 ? memory->peaks[problem->n_states] : 1.0;
@@ -53,8 +53,8 @@ double pmj_largest(const pmj_problem *problem, const pmj_memory *memory, const d
     return most;
 }
 
-/* The longest step up to h whose polynomials the guard shows to follow the right-hand side all along, if their defect at
- * the points of comparison is small; 0 where there is none above `smallest`, -1 where the kernel fails. */
+/* The longest step up to h whose polynomials the guard shows to follow the right-hand side throughout, if their defect at
+ * the points of comparison is small; 0 if there is none above `smallest`, -1 if the kernel fails. */
 double pmj_guarded(const pmj_problem *problem, const pmj_function *guard, pmj_progress *progress,
                    const pmj_memory *memory, const double *actuation, const double *c, double h, double smallest)
 {
@@ -95,14 +95,14 @@ double pmj_guarded(const pmj_problem *problem, const pmj_function *guard, pmj_pr
 }
 
 /* How far the polynomials are from the right-hand side at the time `at` of a step of size tau that starts at t, relative
- * to the channels' scales; -1 where the kernel fails. */
+ ** to the channels' scales; -1 if the kernel fails. */
 double pmj_defect(const pmj_problem *problem, const pmj_function *rates, double t, const pmj_memory *memory,
                   const double *actuation, const double *c, double at, double tau)
 {
     const long long n = problem->n_rates;
     const double when = t + at;
     double *values = memory->rates;
-    double *slopes = memory->majorants; /* the guard has done with them */
+    double *slopes = memory->majorants; /* the guard no longer needs them */
     pmj_arrive(c, problem->n_channels, problem->order, at, values, slopes);
     rates->arg[0] = &when;
     rates->arg[1] = values;
@@ -123,8 +123,8 @@ double pmj_defect(const pmj_problem *problem, const pmj_function *rates, double 
     return pmj_largest(problem, memory, memory->rest, tau);
 }
 
-/* Whether a channel certainly keeps between two values up to h, where `memory->term_sums` bounds its terms: a straight line,
- * and no more beside it than the higher terms can add. */
+/* Whether a channel certainly stays between two values up to h. The bound is its linear part plus the most that the higher
+ * terms can add; `memory->term_sums` bounds them. */
 int pmj_stays(const pmj_problem *problem, const pmj_memory *memory, const double *c, long long channel, double low,
               double high, double h)
 {
@@ -147,8 +147,8 @@ int pmj_channel_passes(const pmj_problem *problem, const double *c, long long ch
     return pmj_passes(q, problem->order, level, touching, outward, h, tau);
 }
 
-/* The kink that is passed first within h and before `*tau`, which then becomes the time until that; or -1. On kink
- * `touching` the run stands at the start. */
+/* The kink that is passed first within h and before `*tau`, which then becomes the time until that; or -1. At the
+ * start, the run is on kink `touching`. */
 long long pmj_first_kink(const pmj_problem *problem, const pmj_memory *memory, const double *c, long long touching,
                          double h, double *tau)
 {

@@ -5,7 +5,7 @@
 #include <math.h>
 #include <string.h>
 
-/* Integral of e^2 over a step of a hold that takes several. */
+/* Integral of e^2 over one step of a hold with several steps. */
 static double long_integral(const pmj_problem *problem, const double *c, double size)
 {
     double sum = 0.0;
@@ -50,7 +50,7 @@ static void accept(const pmj_problem *problem, pmj_progress *progress, const pmj
     progress->steps += 1;
 }
 
-/* The end of a step on trial, or the status that forbids it. */
+/* The end of a trial step, or the status that forbids it. */
 static void try_step(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory, long long order,
                      double tau)
 {
@@ -73,8 +73,7 @@ static int first_beyond(const pmj_problem *problem, const pmj_memory *memory, lo
     return found;
 }
 
-/* Put a kink on a side. On the other one the right-hand side is another function: what the guard has looked at is of no
- * use. */
+/* Put a kink on a side. On the other side the right-hand side is another function: the guard's window is invalid. */
 static void set_side(const pmj_problem *problem, const pmj_memory *memory, long long kink, double side)
 {
     if (memory->sides[kink] != side) {
@@ -84,7 +83,7 @@ static void set_side(const pmj_problem *problem, const pmj_memory *memory, long 
     memory->w[problem->n_actuated + kink] = side;
 }
 
-/* The sides of all kinks at the state, where an argument of 0 leaves its side as it was; 0 is success. */
+/* The sides of all kinks at the state; an argument of 0 leaves its side unchanged. 0 is success. */
 static int find_sides(const pmj_problem *problem, const pmj_function *rates, const pmj_progress *progress,
                       const pmj_memory *memory)
 {
@@ -123,7 +122,7 @@ static void flip(const pmj_problem *problem, pmj_progress *progress, const pmj_m
     }
 }
 
-/* How much of what is allowed a step of a long hold misses; above 1 it is too long, -1 where a kernel fails. */
+/* The error of a step of a long hold relative to the allowed one; above 1 it is too long, -1 if a kernel fails. */
 static double missed(const pmj_problem *problem, const pmj_kernels *plant, const pmj_progress *progress,
                      const pmj_memory *memory, double tau)
 {
@@ -226,7 +225,7 @@ static void long_hold(const pmj_problem *problem, const pmj_kernels *plant, pmj_
     }
 }
 
-/* The guard on discs of radius R in time and `spreads` of each x; how much of what is allowed a hold of a length misses. */
+/* The error of a hold relative to the allowed one, from the guard on discs of radius R in time and `spreads` of each x. */
 static double hold_miss(const pmj_problem *problem, const pmj_kernels *plant, const pmj_memory *memory, double t,
                         const double *x, double R, const double *spreads, double length, long long disc)
 {
@@ -251,8 +250,8 @@ static double hold_miss(const pmj_problem *problem, const pmj_kernels *plant, co
     return most / (PMJ_DEFECT * problem->tolerance);
 }
 
-/* Whether the guard shows a hold to be one step of the sample's own coefficients. A window of what it has looked at once
- * serves many holds; what varies inside it does so by twice its nonlinear part at most. */
+/* Whether the guard shows a hold to be one step of the sample's own coefficients. A window that it has
+ * evaluated once serves many holds; inside it, variations are at most twice the nonlinear part. */
 static int shown(const pmj_problem *problem, const pmj_kernels *plant, const pmj_progress *progress,
                  const pmj_memory *memory, double length)
 {
@@ -288,7 +287,7 @@ static int shown(const pmj_problem *problem, const pmj_kernels *plant, const pmj
     return 0;
 }
 
-/* Put the sides at a sample where the guard finds them. */
+/* Set the sides at a sample for the guard. */
 static void take_sides(const pmj_problem *problem, const pmj_memory *memory)
 {
     for (int j = 0; j < PMJ_NK; ++j) {
@@ -296,7 +295,7 @@ static void take_sides(const pmj_problem *problem, const pmj_memory *memory)
     }
 }
 
-/* Integrate the plant under constant w for the time `length`, to `end`; the sample's coefficients stand in memory. */
+/* Integrate the plant under constant w for the time `length`, to `end`; the sample's coefficients are in memory. */
 void pmj_hold(const pmj_problem *problem, const pmj_kernels *plant, pmj_progress *progress, const pmj_memory *memory,
               double length, double end, double rows_until)
 {

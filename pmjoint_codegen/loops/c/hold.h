@@ -1,5 +1,5 @@
-/* Holds of the sampled loop. One that is one step: what the sampled loop asks of the polynomials that come with a sample, written so that the
- * compiler can unroll it and keep it in registers.
+/* Holds of the sampled loop. For holds of one step: the checks of the polynomials computed with a sample, written so that
+ * the compiler can unroll them and keep them in registers.
  */
 #ifndef PMJOINT_HOLD_H
 #define PMJOINT_HOLD_H
@@ -18,15 +18,15 @@
 #define PEAK_E (PMJ_NS + 1)
 #define PEAK_RATE (PMJ_NS + 2)
 
-/* Left alone, compilers roll short loops up. */
+/* By default, compilers do not unroll short loops. */
 #if defined(__GNUC__)
 #define UNROLLED _Pragma("GCC unroll 16")
 #else
 #define UNROLLED
 #endif
 
-/* The largest |c_(N-1)| and |c_N|, relative to max(1, |c_0|), at which a hold of this length is one step: a series of
- * which the N-th term is the tolerance, and the one before in proportion, neglects less. */
+/* The largest |c_(N-1)| and |c_N|, relative to max(1, |c_0|), at which a hold of this length is one step: a series whose
+ * N-th term equals the tolerance, and the one before in proportion, neglects less. */
 typedef struct {
     double before;
     double last;
@@ -67,7 +67,7 @@ static inline double value(const double *c, int channel, double tau)
     return sum;
 }
 
-/* Sum of the magnitudes of its terms, which no magnitude on [0, tau] exceeds: rounding is monotonous, so `value` does not exceed it either. */
+/* Sum of the magnitudes of its terms: a bound on its magnitude on [0, tau]. Rounding is monotonic, so it bounds `value` too. */
 static inline double term_sum(const double *c, int channel, double tau)
 {
     double sum = fabs(c[ORDER * CHANNELS + channel]);
@@ -78,7 +78,7 @@ static inline double term_sum(const double *c, int channel, double tau)
     return sum;
 }
 
-/* How far a channel can go from its start where time goes anywhere in a disc of radius R. */
+/* How far a channel can move from its start while time is anywhere in a disc of radius R. */
 static inline double spread(const double *c, int channel, double R)
 {
     double sum = fabs(c[ORDER * CHANNELS + channel]);
@@ -89,7 +89,7 @@ static inline double spread(const double *c, int channel, double R)
     return sum * R;
 }
 
-/* Whether the window of what the guard has looked at holds the disc of radius R around t, and where x goes on it. */
+/* Whether the guard's window contains the disc of radius R around t, and the range of x on it. */
 static inline int covered(const double *window, const double *c, double t, double R)
 {
     int all = PMJ_WINDOWS && fabs(t - window[0]) + R <= window[1];
@@ -100,7 +100,7 @@ static inline int covered(const double *window, const double *c, double t, doubl
     return all;
 }
 
-/* Whether no kink is met: every argument keeps away from 0. */
+/* Whether no kink is met: every argument stays away from 0. */
 static inline int smooth(const double *c, double tau)
 {
     int all = 1;
@@ -137,10 +137,10 @@ static inline double integral(const double *c, double size)
     return size * sum;
 }
 
-/* hold.c: the next output row, as at the sample at time t_sample, into which the plant's states go */
+/* hold.c: the next output row, as at the sample at time t_sample, to be filled with the plant's states */
 double *pmj_next_row(pmj_progress *progress, const pmj_memory *memory, double t_sample);
 
-/* Integrate the plant under constant w for the time `length`, to `end`; the sample's coefficients stand in memory. */
+/* Integrate the plant under constant w for the time `length`, to `end`; the sample's coefficients are in memory. */
 void pmj_hold(const pmj_problem *problem, const pmj_kernels *plant, pmj_progress *progress, const pmj_memory *memory,
               double length, double end, double rows_until);
 

@@ -1,11 +1,11 @@
-/* Runs of the closed loop over generated kernels: the C half of pmjoint_codegen/simulate, which is its reference.
+/* Runs of the closed loop over generated kernels: the C twin of the Python loops in pmjoint_codegen/loops.
  *
  * The Python modules polynomial.py, continuous.py and sampled.py do the same arithmetic in the same order; read
- * them first. Nothing here allocates, holds state of its own or knows a model: kernels, sizes, limits and scratch
- * memory all come from the caller; sampled.c alone takes its two kernels and their sizes from the model's sampled.h.
+ * them first. Nothing here allocates, has static state or depends on a model: kernels, sizes, limits and scratch
+ * memory all come from the caller. Only sampled.c takes its two kernels and their sizes from the model's sampled.h.
  * Times are in seconds; states have the units of model.json.
  *
- * Python reads the declarations below as they stand, without preprocessing: keep `#` lines free of declarations.
+ * Python reads the declarations below without preprocessing: keep `#` lines free of declarations.
  */
 #ifndef PMJOINT_RUNTIME_H
 #define PMJOINT_RUNTIME_H
@@ -24,14 +24,14 @@ typedef struct {
     double *w;
 } pmj_function;
 
-/* The kernels that a run takes its steps by. */
+/* The kernels for a run's steps. */
 typedef struct {
     const pmj_function *taylor;
     const pmj_function *guard;
     const pmj_function *rates;
 } pmj_kernels;
 
-/* What does not change during a run. Arrays are row-major; sizes in brackets. */
+/* The constants of a run. Arrays are row-major; sizes in brackets. */
 typedef struct {
     long long n_plant;        /* nx: plant states x, first in X */
     long long n_states;       /* nX: plant states, then controller states */
@@ -47,22 +47,22 @@ typedef struct {
     const double *hold;       /* sampled: zero-order-hold matrices of `sampled_update` */
     const double *nodes;      /* [n_nodes] Gauss nodes on (0, 1) for the integral of e^2 */
     const double *weights;    /* [n_nodes] */
-    long long n_nodes;        /* 0: nothing is asked of e */
-    long long n_searched;     /* continuous: channels whose largest magnitudes are searched for inside steps too */
-    long long notes_rate;     /* whether the largest magnitude of the rate of channel 0, y, is asked for */
-    const double *inside;     /* [n_inside] points of a step, as parts of it, at which it is compared with the rates */
+    long long n_nodes;        /* 0: no metrics of e */
+    long long n_searched;     /* continuous: channels whose largest magnitudes are also searched for inside steps */
+    long long notes_rate;     /* whether the largest magnitude of the rate of channel 0, y, is recorded */
+    const double *inside;     /* [n_inside] points of a step, as fractions of it, at which it is compared with the rates */
     long long n_inside;
     double lebesgue;          /* factor on the largest defect found there and at the end */
     const double *ratios;     /* [n_ratios] radii of discs, as multiples of a step */
-    const double *factors;    /* [n_ratios] what the step can miss, as a multiple of the nonlinear part on the disc */
+    const double *factors;    /* [n_ratios] bound on a step's error, as a multiple of the nonlinear part on the disc */
     long long n_ratios;
-    double max_step;          /* s; infinite where nobody asks */
-    double settled;           /* part of |e(0)|: e has settled once it stays within it */
+    double max_step;          /* s; infinite by default */
+    double settled;           /* fraction of |e(0)|: e has settled once it stays within it */
     const double *times;      /* [n_rows] output instants, ascending, the first 0, the last the horizon */
     long long n_rows;
     double sample_time;       /* s; 0: continuous */
     const double *hold_ratios;        /* sampled: [n_hold_ratios] radii of discs, as multiples of a hold; the first for windows */
-    const double *hold_rate_factors;  /* sampled: what a hold of order `sample` can miss, as a multiple of the nonlinear */
+    const double *hold_rate_factors;  /* sampled: bound on the error of a hold of order `sample`, as a multiple of the nonlinear */
     const double *hold_value_factors; /* part on the disc: of rates, and of values */
     long long n_hold_ratios;
     double tolerance;         /* local error, relative to max(1, |value|) */
@@ -73,7 +73,7 @@ typedef struct {
     long long max_switches;
 } pmj_problem;
 
-/* Where a run stands: whatever must survive between two calls. */
+/* The progress of a run: all that must survive between two calls. */
 typedef struct {
     double t;
     double integral;          /* of e^2 from 0 to t */
@@ -83,39 +83,39 @@ typedef struct {
     long long status;         /* PMJ_... */
     long long mode;           /* index of the interval of v between thresholds */
     long long first_mode;     /* at t = 0 */
-    long long touching;       /* threshold that v stands on at t, n_thresholds + j on kink j, or -1 */
-    long long idle;           /* switches since time last moved */
-    long long flips;          /* changes of side at a kink since time last moved */
+    long long touching;       /* threshold that v is on at t, n_thresholds + j on kink j, or -1 */
+    long long idle;           /* switches since time last advanced */
+    long long flips;          /* changes of side at a kink since time last advanced */
     long long row;            /* output rows written */
     long long steps;          /* accepted steps of the state */
-    long long rejected;       /* steps tried again at half the size */
+    long long rejected;       /* steps repeated at half the size */
     long long evaluations;    /* calls of the Taylor kernel */
     long long switches;       /* changes of mode */
     long long sample;         /* sampled: index of the next sample */
     long long buffer;         /* which half of the coefficient memory is current */
-    long long disc;           /* the disc that showed the last step to be sound */
+    long long disc;           /* the disc that proved the last step sound */
 } pmj_progress;
 
 /* Memory that a run writes. */
 typedef struct {
     double *coefficients;     /* [2 ((N + 1) channels + 3)]: this step's and the next's, padded for blocked reading */
     double *state;            /* [nX]: X at t */
-    double *trial;            /* [channels + 3]: values at the end of a step on trial, padded */
+    double *trial;            /* [channels + 3]: values at the end of a trial step, padded */
     double *slope;            /* [channels + 3]: slopes there, padded */
     double *term_sums;        /* [channels + 3]: sums of the magnitudes of their terms there, padded */
     double *scales;           /* [channels + 3]: 1/max(1, |c_0|) at the step's start, to a power of two, padded */
-    double *majorants;        /* [channels + 3]: how far channels can go on a disc, padded */
-    double *rest;             /* [channels]: what the guard gives */
+    double *majorants;        /* [channels + 3]: how far channels can move on a disc, padded */
+    double *rest;             /* [channels]: results of the guard */
     double *rates;            /* [channels + 3]: values inside a step, padded */
     double *g;                /* continuous: [2 nw + nk]: the mode, then sides */
     double *w;                /* sampled: [nw + nk]: w, then sides */
-    double *window;           /* sampled: [2 + 2 nx]: t and its radius, x and its radii, of which the guard is known */
+    double *window;           /* sampled: [2 + 2 nx]: t and its radius, x and its radii, for which the guard is known */
     double *sides;            /* [nk]: on which side of each kink the run is, +1 or -1 */
     double *sample;           /* sampled: [nX], X at the last sample */
-    double *rows;             /* [n_rows][nX]; the first row comes filled in */
+    double *rows;             /* [n_rows][nX]; the first row is filled in at the start */
     double *row_samples;      /* sampled: [n_rows][nX], X at the last sample before each row */
     double *row_sample_times; /* sampled: [n_rows] */
-    double *peaks;            /* [nX + 3]: largest |X_i|, |v|, |e| and, where it is asked for, |dy/dt| so far */
+    double *peaks;            /* [nX + 3]: largest |X_i|, |v|, |e| and, if requested, |dy/dt| so far */
     double *peak_times;       /* the same */
     double *switch_times;     /* [max_switches] */
     long long *switch_modes;  /* [max_switches] */
@@ -138,7 +138,7 @@ void pmj_note_rate(const double *c, long long width, long long order, double t, 
 int pmj_exceeds(const double *c, long long width, long long order, double limit, double *tau);
 double pmj_last_outside(const double *c, long long width, long long order, double tau, double band);
 
-/* steps.c: results have room for whole blocks of four channels, but `out`, which takes n */
+/* steps.c: results have room for whole blocks of four channels, except `out`, which has n */
 void pmj_arrive(const double *c, long long width, long long order, double tau, double *values, double *slopes);
 void pmj_bounds(const double *c, long long width, long long order, double tau, long long from, double *term_sums);
 void pmj_values(const double *c, long long width, long long order, double tau, double *out, long long n);

@@ -68,7 +68,7 @@ static int sign_outside(double value, double noise)
     return (value > noise) - (value < -noise);
 }
 
-/* Sign changes among b, leaving out what is noise; the first and the last sign that is not (0: none). */
+/* Sign changes among b without noise; the first and the last sign that is not noise (0: none). */
 static int variations(const double *b, long long degree, double noise, int *first, int *last)
 {
     int changes = 0;
@@ -97,7 +97,7 @@ static void halve(double *left, double *right, long long degree)
     }
 }
 
-/* Where the broken line through the Bernstein coefficients leaves the side `before`: close to the polynomial's root. */
+/* Where the polyline through the Bernstein coefficients leaves the side `before`: close to the polynomial's root. */
 static double guess(const double *b, long long degree, double low, double width, int before, double noise)
 {
     long long j = 1;
@@ -107,8 +107,8 @@ static double guess(const double *b, long long degree, double low, double width,
     return low + width * ((double)(j - 1) + b[j - 1] / (b[j - 1] - b[j])) / (double)degree;
 }
 
-/* The root of sum_k a_k s^k in (low, high), where the sign `before` ends: Newton, kept inside by bisection. Its last
- * step is not taken again: the error that it leaves is the square of a relative error below PMJ_CLOSE. */
+/* The root of sum_k a_k s^k in (low, high), where the sign `before` ends: Newton's method, kept inside by bisection.
+ * Its last step is not repeated: the remaining error is the square of a relative error below PMJ_CLOSE. */
 static double refine(const double *a, long long degree, double start, double low, double high, int before,
                      double noise)
 {
@@ -138,13 +138,13 @@ static double refine(const double *a, long long degree, double start, double low
     return s;
 }
 
-/* What rounding may leave of a zero of a polynomial whose terms add up to `size`. */
+/* Bound on the rounding error at a zero of a polynomial whose terms add up to `size`. */
 static double noise_of(long long degree, double size)
 {
     return 4.0 * (double)(degree + 1) * DBL_EPSILON * size;
 }
 
-/* Descartes' rule on [0, 1], halving where it leaves a doubt, from left to right: the first roots, at most `most`. */
+/* Descartes' rule on [0, 1], halving where it is inconclusive, from left to right: the first roots, at most `most`. */
 static long long isolate(const double *a, long long degree, double size, double *roots, long long most)
 {
     double stack[PMJ_MAX_DEPTH + 2][PMJ_MAX_ORDER + 1];
@@ -191,7 +191,7 @@ static long long isolate(const double *a, long long degree, double size, double 
     return found;
 }
 
-/* How many of the lowest coefficients are zero, or rounding, against the terms at h; the highest counts as none. */
+/* How many of the lowest coefficients are zero, or rounding, relative to the terms at h; the highest does not count. */
 long long pmj_leading_zeros(const double *q, long long degree, double h)
 {
     long long zeros = 0;
@@ -211,7 +211,7 @@ long long pmj_leading_zeros(const double *q, long long degree, double h)
 }
 
 /* Where in (0, h) sum_k q_k tau^k changes its sign, ascending: the first `most` of them; returns how many.
- * A zero at h itself is left to the next step; a zero without change of sign is none. */
+ * A zero at h itself is left to the next step; a zero without change of sign does not count. */
 long long pmj_crossings(const double *q, long long degree, double h, double *roots, long long most)
 {
     double a[PMJ_MAX_ORDER + 1];
@@ -233,8 +233,8 @@ long long pmj_crossings(const double *q, long long degree, double h, double *roo
     return found;
 }
 
-/* The value of q at the start of a step of size h: 0 where the run stands on q's zero. With a kink's side the argument of
- * another may jump: it has then passed its zero without standing on it. */
+/* The value of q at the start of a step of size h: 0 where the run stands on q's zero. When a kink changes its side, the
+ * argument of another may jump past its zero without taking that value. */
 static double on_level(const double *q, long long degree, double h, int touching)
 {
     double rest = 0.0;
@@ -261,7 +261,7 @@ int pmj_passes(double *q, long long degree, double level, int touching, int outw
     return pmj_crossings(q + zeros, degree - zeros, h, tau, 1) > 0;
 }
 
-/* Keep the largest magnitude and its time; NaN counts as larger than anything. */
+/* Keep the largest magnitude and its time; NaN counts as the largest. */
 void pmj_note_value(double value, double t, double *peak, double *peak_time)
 {
     if (!(fabs(value) <= *peak)) {
@@ -270,7 +270,7 @@ void pmj_note_value(double value, double t, double *peak, double *peak_time)
     }
 }
 
-/* The largest magnitude of one channel inside a step: it stands where the slope changes its sign. */
+/* The largest magnitude of one channel inside a step: it is where the slope changes its sign. */
 void pmj_note_extremum(const double *c, long long width, long long order, double t, double tau, double *peak,
                        double *peak_time)
 {

@@ -8,7 +8,7 @@
 
 #define N_CONTROLLER (PMJ_NS - PMJ_NX) /* the controller's states */
 
-/* A compiler that is not told puts the rare path into the frequent one, and its registers in memory. */
+/* By default, the compiler inlines the rare path into the frequent one and spills its registers. */
 #if defined(__GNUC__)
 #define RARE __attribute__((noinline, cold))
 #define SELDOM(condition) __builtin_expect(!!(condition), 0)
@@ -17,7 +17,7 @@
 #define SELDOM(condition) (condition)
 #endif
 
-/* Keep the mode of v at a sample, and its change. */
+/* Record the mode of v at a sample, and its change. */
 static void note_mode(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory, double t,
                       double v)
 {
@@ -34,7 +34,7 @@ static void note_mode(const pmj_problem *problem, pmj_progress *progress, const 
     progress->mode = mode;
 }
 
-/* The state at the next sample, and its peaks; or the status that forbids going on. */
+/* The state at the next sample, and its peaks; or the status that ends the run. */
 static void settle(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory, const double *next)
 {
     memcpy(memory->sample, memory->state, PMJ_NX * sizeof(double));
@@ -51,7 +51,7 @@ static void settle(const pmj_problem *problem, pmj_progress *progress, const pmj
     }
 }
 
-/* Everything that may happen at a sample and in its hold: the coefficients, X and w stand in memory. */
+/* Everything that may happen at a sample and in its hold: the coefficients, X and w are in memory. */
 static RARE void whole_sample(const pmj_problem *problem, const pmj_kernels *plant, pmj_progress *progress, const pmj_memory *memory,
                               double t, double v, const double *next)
 {
@@ -92,7 +92,7 @@ static RARE void whole_sample(const pmj_problem *problem, const pmj_kernels *pla
     }
 }
 
-/* What a sample must stay within to be an ordinary one, which changes X, the integral and peaks alone. */
+/* Limits of an ordinary sample, which changes only X, the integral and peaks. */
 typedef struct {
     bounds accuracy;   /* one step for the whole hold */
     double low;        /* thresholds of v on both sides of the mode */
@@ -129,7 +129,7 @@ static void note_start(const pmj_problem *problem, pmj_progress *progress, const
     }
 }
 
-/* What |y'| can be during a hold of some size, at most. */
+/* Upper bound on |y'| during a hold of some size. */
 static inline double steepest(const double *c, double size)
 {
     double sum = 0.0;
@@ -140,7 +140,7 @@ static inline double steepest(const double *c, double size)
     return sum * PMJ_ROUNDED_UP;
 }
 
-/* Keep the peaks of an ordinary sample and its hold; or 0, and keep nothing, where the run may diverge. */
+/* Record the peaks of an ordinary sample and its hold; or return 0, and record nothing, if the run may diverge. */
 static RARE int note_sample(const pmj_problem *problem, const pmj_memory *memory, double t, double end, double v,
                             const double *next)
 {
@@ -171,11 +171,11 @@ static RARE int note_sample(const pmj_problem *problem, const pmj_memory *memory
     return 1;
 }
 
-/* Advance the sampled loop by at most `budget` samples; `progress->status` says whether and how it ended.
+/* Advance the sampled loop by at most `budget` samples; `progress->status` records whether and how it ended.
  * `memory->state` and `memory->sample` start as X(0).
  *
- * What a sample usually does stands here, on values that the compiler keeps in registers; as soon as anything else may
- * happen (a switch, an output row, a second step, an end), `whole_sample` does it all, with the same arithmetic. */
+ ** The ordinary sample is handled here, on values that the compiler keeps in registers. If anything else may happen (a
+ * switch, an output row, a second step, an end), `whole_sample` handles all of it, with the same arithmetic. */
 void pmj_sampled(const pmj_problem *problem, const pmj_function *taylor, const pmj_function *guard,
                  const pmj_function *rates, pmj_progress *progress, pmj_memory *memory, long long budget)
 {

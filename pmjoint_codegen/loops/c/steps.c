@@ -15,7 +15,7 @@
 /* Adding and taking away 1.5 * 2^52 rounds to a whole number. */
 #define ROUNDER 6755399441055744.0
 
-/* A block of channels: vectors of the extension that GCC and Clang share, each lane rounding as a double does. */
+/* A block of channels: vectors of the extension common to GCC and Clang, each lane rounding as a double does. */
 typedef double block __attribute__((vector_size(8 * BLOCK)));
 typedef long long mask __attribute__((vector_size(8 * BLOCK)));
 
@@ -46,7 +46,7 @@ static inline block magnitude(block b)
     return (block)((mask)b & 0x7fffffffffffffffLL);
 }
 
-/* a where a > b, else b, NaN of a too. */
+/* a where a > b, else b, also where a is NaN. */
 #if defined(__AVX__)
 static inline block larger(block a, block b)
 {
@@ -86,8 +86,8 @@ void pmj_arrive(const double *c, long long width, long long order, double tau, d
     }
 }
 
-/* Sums of the magnitudes of the terms at tau >= 0, which no value up to there exceeds, of the channels from the block
- * of `from`. */
+/* Sums of the magnitudes of the terms at tau >= 0, bounds on all values up to tau, of the channels from the block of
+ * `from`. */
 void pmj_bounds(const double *c, long long width, long long order, double tau, long long from, double *term_sums)
 {
     const block square = tau * tau + (block){0.0};
@@ -169,7 +169,7 @@ void pmj_scales(const double *c, long long width, double *scales)
     }
 }
 
-/* The largest |c_k| of a row, relative to max(1, |c_0|); NaN counts as nothing. */
+/* The largest |c_k| of a row, relative to max(1, |c_0|); NaN is ignored. */
 static double norm(const double *row, const double *scales, long long width)
 {
     block most = {0.0};
@@ -183,7 +183,7 @@ static double norm(const double *row, const double *scales, long long width)
     return largest;
 }
 
-/* log2 of a number that is not negative, to 0.01; 0 counts as tiny, infinity as huge. */
+/* log2 of a non-negative number, to 0.01; 0 counts as tiny, infinity as huge. */
 static double rough_log2(double a)
 {
     long long bits;
@@ -209,7 +209,7 @@ static double rough_exp2(double a)
     return m * power;
 }
 
-/* Factor on a step that misses by `miss` times what is allowed, an error of the given order: 0.55 to 0.95. */
+/* Factor on a step whose error is `miss` times the allowed one, by the error's order: 0.55 to 0.95. */
 double pmj_shrink(double miss, long long order)
 {
     const double factor = PMJ_MOST_SHRINK * rough_exp2(rough_log2(miss) * (-1.0 / (double)order));

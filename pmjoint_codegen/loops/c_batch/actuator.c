@@ -19,7 +19,7 @@ static void insert(pmj_actuator *actuator, double value)
     actuator->thresholds += 1;
 }
 
-/* Which limit a channel stands at for v in (low, high): -1, 0 or 1. */
+/* The limit of a channel for v in (low, high): -1, 0 or 1. */
 static int side(const double *channel, double low, double high)
 {
     const double offset = channel[0];

@@ -14,7 +14,7 @@ static void cross_kink(pmj_group *all, int w)
     one->crossing = -1;
 }
 
-/* The long way for lane w: the step to the first threshold or kink within h. 0 where it is passed without a step. */
+/* The slow path for lane w: the step to the first threshold or kink within h. 0 if it is passed without a step. */
 static int search(pmj_group *all, const pmj_flow *flow, const pmj_lanes *c, int w, double h)
 {
     pmj_lane *one = &all->runs.lanes[w];
@@ -67,7 +67,7 @@ static int search(pmj_group *all, const pmj_flow *flow, const pmj_lanes *c, int 
     return 1;
 }
 
-/* A run begins: its sides, and its mode from v(0). 1 where the coefficients hold on these sides in that mode. */
+/* A run begins: its sides, and its mode from v(0). 1 if the coefficients are valid on these sides in that mode. */
 static int begin(const pmj_sweep *sweep, pmj_group *all, const pmj_lanes *c, int w)
 {
     pmj_lane *one = &all->runs.lanes[w];
@@ -98,7 +98,7 @@ static int finite_rows(const pmj_lanes *c, int w, int rows)
     return 1;
 }
 
-/* How much of what is allowed the steps on trial miss: at their ends, where `next` is what the kernels say, and inside. */
+/* The error of the trial steps relative to the allowed one: at their ends, where `next` comes from the kernels, and inside. */
 static pmj_lanes missed(const pmj_sweep *sweep, const pmj_flow *flow, const pmj_group *all, const pmj_lanes *next)
 {
     const pmj_stand at = {&all->t_before, next, all->g, all->runs.p, all->scales, all->control};
@@ -111,7 +111,7 @@ static pmj_lanes missed(const pmj_sweep *sweep, const pmj_flow *flow, const pmj_
     return pmj_max(all->missed, end);
 }
 
-/* Lane w goes back to where its step began and tries a part of it; the status, where that is too small. */
+/* Lane w returns to the start of its step and tries a part of it; the status, if that is too small. */
 static int reject(pmj_group *all, const pmj_lanes *next, int w, double part)
 {
     pmj_lane *one = &all->runs.lanes[w];
@@ -129,8 +129,8 @@ static int reject(pmj_group *all, const pmj_lanes *next, int w, double part)
     return PMJ_RUNNING;
 }
 
-/* What an accepted step of lane w leaves to do beyond the arithmetic that all lanes share; the status. Beyond a kink
- * the coefficients are others: the lane is not `ready`. */
+/* The work for an accepted step of lane w besides the arithmetic common to all lanes; the status. Beyond a kink the
+ * coefficients differ: the lane is not `ready`. */
 static int settle(const pmj_sweep *sweep, pmj_group *all, int w, int *ready)
 {
     pmj_lane *one = &all->runs.lanes[w];
@@ -155,7 +155,7 @@ static int settle(const pmj_sweep *sweep, pmj_group *all, int w, int *ready)
     return all->runs.t[w] >= sweep->horizon ? PMJ_DONE : PMJ_RUNNING;
 }
 
-/* Take in what the steps on trial have come to. Gives the lanes whose coefficients `next` hold for a step. */
+/* Process the trial steps. Gives the lanes whose coefficients `next` are valid for a step. */
 static pmj_mask judge(const pmj_sweep *sweep, const pmj_results *results, const pmj_flow *flow, pmj_group *all,
                       const pmj_lanes *c, const pmj_lanes *next)
 {
@@ -240,7 +240,7 @@ static pmj_mask risky(const pmj_group *all, const pmj_lanes *c, pmj_mask ready)
     return found;
 }
 
-/* The steps that the guard lets pass, in the lanes that are ready; those in which it finds none are `stalled`. */
+/* The steps that the guard accepts, in the lanes that are ready; those in which it finds none are `stalled`. */
 static pmj_mask guard(const pmj_sweep *sweep, const pmj_flow *flow, pmj_group *all, const pmj_stand *at,
                       pmj_lanes remaining, pmj_mask ready)
 {
@@ -252,7 +252,7 @@ static pmj_mask guard(const pmj_sweep *sweep, const pmj_flow *flow, pmj_group *a
     return ready & ~all->runs.stalled;
 }
 
-/* Make a step in the lanes that are ready; the others stand still. */
+/* Make a step in the lanes that are ready; the others do not advance. */
 static void advance(const pmj_sweep *sweep, const pmj_flow *flow, pmj_group *all, const pmj_lanes *c, pmj_mask ready)
 {
     const pmj_lanes remaining = sweep->horizon - all->runs.t;

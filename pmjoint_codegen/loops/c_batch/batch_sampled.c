@@ -51,7 +51,7 @@ static void write_last(const pmj_sweep *sweep, const pmj_results *results, pmj_s
     }
 }
 
-/* What v is and does at the sample of each lane in `at`. */
+/* The value of v, its mode and metrics at the sample of each lane in `at`. */
 static void take(const pmj_sweep *sweep, pmj_sampled_group *all, pmj_mask at)
 {
     pmj_sample_lanes(&all->runs.t, all->runs.X, all->h, all->runs.p, &all->v, all->w, all->c, all->next);
@@ -62,8 +62,8 @@ static void take(const pmj_sweep *sweep, pmj_sampled_group *all, pmj_mask at)
     all->runs.metrics.max_v = pmj_select(at, pmj_max(pmj_abs(all->v), all->runs.metrics.max_v), all->runs.metrics.max_v);
 }
 
-/* After a hold: the states at the next sample, and the runs that end there. A horizon that is a sample is taken as one,
- * though nothing follows; if it is, it is for all runs, since all have the same. */
+/* After a hold: the states at the next sample, and the runs that end there. A horizon that is a sample is treated as
+ * one, though nothing follows; this is the same for all runs, since all have the same horizon. */
 static void settle(const pmj_sweep *sweep, const pmj_results *results, pmj_sampled_group *all, pmj_lanes e, pmj_mask whole_hold,
                    pmj_mask last)
 {

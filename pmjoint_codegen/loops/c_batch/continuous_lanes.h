@@ -1,4 +1,4 @@
-/* The lanes of the continuous loop: what they hold, how runs enter and leave them. */
+/* The lanes of the continuous loop: their contents, and how runs enter and leave them. */
 #ifndef PMJOINT_CONTINUOUS_LANES_H
 #define PMJOINT_CONTINUOUS_LANES_H
 
@@ -12,33 +12,33 @@
 /* A group of lanes. */
 typedef struct {
     pmj_runs runs;
-    pmj_lanes c[2][(PMJ_ORDER + 1) * CHANNELS]; /* coefficients: of the step on trial, and at its end */
-    pmj_lanes X_before[PMJ_NS]; /* where the step on trial began */
+    pmj_lanes c[2][(PMJ_ORDER + 1) * CHANNELS]; /* coefficients: of the trial step, and at its end */
+    pmj_lanes X_before[PMJ_NS]; /* where the trial step began */
     pmj_lanes g[2 * PMJ_NW + PMJ_NK]; /* the mode, then sides */
-    pmj_lanes g_before[2 * PMJ_NW + PMJ_NK]; /* of the step on trial */
+    pmj_lanes g_before[2 * PMJ_NW + PMJ_NK]; /* of the trial step */
     pmj_lanes slope[PMJ_NS];
-    pmj_lanes ends[CHANNELS - PMJ_NS]; /* values of the other channels at the end of the step on trial */
-    pmj_lanes missed;     /* what the step on trial misses at points inside it, of what is allowed */
-    pmj_lanes scales[CHANNELS]; /* 1/max(1, |c_0|) of the step on trial */
+    pmj_lanes ends[CHANNELS - PMJ_NS]; /* values of the other channels at the end of the trial step */
+    pmj_lanes missed;     /* the trial step's error at points inside it, relative to the allowed one */
+    pmj_lanes scales[CHANNELS]; /* 1/max(1, |c_0|) of the trial step */
     pmj_lanes control;    /* the same of v at its peak so far */
-    pmj_lanes v[PMJ_ORDER + 1];  /* of the step on trial, a_k = c_k h^k */
+    pmj_lanes v[PMJ_ORDER + 1];  /* of the trial step, a_k = c_k h^k */
     pmj_lanes e[PMJ_ORDER + 1];
     pmj_lanes square;     /* mean of e^2 over it */
     pmj_lanes t_before;
-    pmj_lanes h;          /* of the step on trial */
-    pmj_lanes h_most;     /* what is left of a rejected step, else infinite */
-    pmj_lanes h_guarded;  /* what the guard has let pass */
-    pmj_lanes h_first;    /* what it was asked for */
+    pmj_lanes h;          /* of the trial step */
+    pmj_lanes h_most;     /* the remaining length of a rejected step, else infinite */
+    pmj_lanes h_guarded;  /* the length that the guard accepted */
+    pmj_lanes h_first;    /* the length requested of it */
     pmj_lanes last_cut;   /* the last step, if the guard cut it, else infinite */
     pmj_lanes tried;      /* steps tried */
-    pmj_lanes limited_before; /* `limited` of the step on trial: a crossing at its end sets the next mode's */
-    pmj_mask on_trial;    /* a step has been made whose end is not checked */
-    pmj_mask alert;       /* a step on trial ends at a threshold, or has begun on one */
-    pmj_mask touching;    /* v stands on a threshold of the mode */
-    pmj_mask stuck;       /* rounding decides the mode: time has not moved */
+    pmj_lanes limited_before; /* `limited` of the trial step: a crossing at its end sets the next mode's */
+    pmj_mask on_trial;    /* there is a step whose end is not checked yet */
+    pmj_mask alert;       /* a trial step ends at a threshold, or began on one */
+    pmj_mask touching;    /* v is on a threshold of the mode */
+    pmj_mask stuck;       /* rounding decides the mode: time has not advanced */
 } pmj_group;
 
-/* The closed loop, as its steps are judged; a constant that the compiler sees. */
+/* The closed loop, for the checks of its steps; a constant that the compiler sees. */
 static inline pmj_flow pmj_closed_loop(void)
 {
     static const int states[] = PMJ_LOOP_BENT_STATES_LIST;
@@ -52,10 +52,10 @@ static inline pmj_flow pmj_closed_loop(void)
 /* Put lane w into a mode. */
 void pmj_set_mode(pmj_group *all, int w, int mode);
 
-/* The next waiting run into lane w; its actuator comes with `pmj_enter`. */
+/* Load the next waiting run into lane w; `pmj_enter` sets its actuator. */
 void pmj_load_lane(const pmj_sweep *sweep, pmj_group *all, int w);
 
-/* The actuators of all lanes that have just been loaded, in the first mode. */
+/* Set the actuators of all lanes that have just been loaded, in the first mode. */
 void pmj_enter(pmj_group *all);
 
 /* The mode of lane w changes at t; a touch, there and back at one instant, is none. */

@@ -1,4 +1,4 @@
-/* Whether steps follow the right-hand side all along, lane by lane: loops/c/guard.c over vectors. */
+/* Whether steps follow the right-hand side throughout, lane by lane: loops/c/guard.c over vectors. */
 #ifndef PMJOINT_GUARD_LANES_H
 #define PMJOINT_GUARD_LANES_H
 
@@ -11,7 +11,7 @@
 /* The most channels that either loop has. */
 #define PMJ_MOST_CHANNELS (PMJ_NS + 2 + PMJ_NK)
 
-/* A right-hand side over lanes: the first `rates` of its channels have rates, the others are values; `v` is the place
+/* A right-hand side over lanes: the first `rates` of its channels have rates, the others are values; `v` is the index
  * of the control among them, or -1. */
 typedef struct {
     int channels;
@@ -28,14 +28,14 @@ typedef struct {
                   pmj_lanes *restrict rates);
 } pmj_flow;
 
-/* The disc that showed each lane's last step, with its radius as a multiple of the step and its factor. */
+/* The disc that proved each lane's last step, with its radius as a multiple of the step and its factor. */
 typedef struct {
     int disc[PMJ_WIDTH];
     pmj_lanes ratio;
     pmj_lanes factor;
 } pmj_choice;
 
-/* Where a step stands. */
+/* The data of a step. */
 typedef struct {
     const pmj_lanes *t;
     const pmj_lanes *c;      /* [(order + 1) channels] */
@@ -45,10 +45,10 @@ typedef struct {
     pmj_lanes control;       /* 1/max(1, |v|), v at its peak so far */
 } pmj_stand;
 
-/* Factor on a step that misses by `miss` times what is allowed, an error of the given order: 0.55 to 0.95. */
+/* Factor on a step whose error is `miss` times the allowed one, by the error's order: 0.55 to 0.95. */
 pmj_lanes pmj_shrink_lanes(pmj_lanes miss, int order);
 
-/* How far a channel can go from its start where time goes anywhere in a disc of radius R. */
+/* How far a channel can move from its start while time is anywhere in a disc of radius R. */
 static inline pmj_lanes pmj_spread(const pmj_lanes *c, int channels, int order, int channel, pmj_lanes R)
 {
     pmj_lanes sum = pmj_abs(c[order * channels + channel]);
@@ -65,7 +65,7 @@ static inline pmj_lanes pmj_relative(const pmj_flow *flow, const pmj_stand *at, 
     return pmj_abs(value) * scale;
 }
 
-/* The largest of `values`, each relative to its channel's scale, of rates over a step of size h; infinite for no number. */
+/* The largest of `values`, each relative to its channel's scale, for rates over a step of size h; infinite for NaN. */
 static inline pmj_lanes pmj_largest_lanes(const pmj_flow *flow, const pmj_stand *at, const pmj_lanes *values, pmj_lanes h)
 {
     pmj_lanes most = pmj_all(0.0);
@@ -78,7 +78,7 @@ static inline pmj_lanes pmj_largest_lanes(const pmj_flow *flow, const pmj_stand 
     return pmj_select(bad, pmj_all(HUGE_VAL), most);
 }
 
-/* The same of nonlinear parts: those of the other channels are 0. */
+/* The same for nonlinear parts: those of the other channels are 0. */
 static inline pmj_lanes pmj_largest_rest(const pmj_flow *flow, const pmj_stand *at, const pmj_lanes *rest, pmj_lanes h)
 {
     pmj_lanes most = pmj_all(0.0);
@@ -92,7 +92,7 @@ static inline pmj_lanes pmj_largest_rest(const pmj_flow *flow, const pmj_stand *
     return pmj_select(bad, pmj_all(HUGE_VAL), most);
 }
 
-/* What steps of size h miss of what is allowed, from the guard on discs of `ratio` steps. */
+/* The error of steps of size h relative to the allowed one, from the guard on discs of `ratio` steps. */
 static inline pmj_lanes pmj_guard_miss(const pmj_flow *flow, double tolerance, const pmj_stand *at, pmj_lanes h, pmj_lanes ratio,
                             pmj_lanes factor)
 {
@@ -114,12 +114,12 @@ static inline void pmj_first_disc(const pmj_rule *rule, pmj_choice *likely, int 
     likely->factor[w] = rule->factors[0];
 }
 
-/* The long way of `pmj_guarded_lanes`, where the likely disc does not do for all lanes in `pending`. */
+/* The slow path of `pmj_guarded_lanes`, if the likely disc is not enough for all lanes in `pending`. */
 pmj_lanes pmj_search_discs(const pmj_flow *flow, const pmj_rule *rule, double tolerance, const pmj_stand *at,
                            pmj_lanes h, pmj_lanes smallest, pmj_mask pending, pmj_choice *likely);
 
-/* The longest steps up to h, in the lanes of `on`, that the guard shows to be sound; 0 where there is none above
- * `smallest`. `likely` is the disc that showed each lane's last step. */
+/* The longest steps up to h, in the lanes of `on`, that the guard shows to be sound; 0 if there is none above
+ * `smallest`. `likely` is the disc that proved each lane's last step. */
 static inline pmj_lanes pmj_guarded_lanes(const pmj_flow *flow, const pmj_rule *rule, double tolerance, const pmj_stand *at,
                             pmj_lanes h, pmj_lanes smallest, pmj_mask on, pmj_choice *likely)
 {
@@ -136,7 +136,7 @@ static inline pmj_lanes pmj_guarded_lanes(const pmj_flow *flow, const pmj_rule *
     return pmj_search_discs(flow, rule, tolerance, at, h, smallest, on, likely);
 }
 
-/* How much of what is allowed steps of size h miss at the time `part` of them. */
+/* The error of steps of size h relative to the allowed one, at the fraction `part` of them. */
 pmj_lanes pmj_missed_lanes(const pmj_flow *flow, const pmj_rule *rule, double tolerance, const pmj_stand *at,
                            pmj_lanes h, double part);
 

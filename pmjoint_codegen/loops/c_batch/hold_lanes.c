@@ -4,7 +4,7 @@
 
 #include <float.h>
 
-/* Output rows of lane w within [t, t + h], or up to but not at its end: x and e go on inside the hold, all else stands as at the sample. */
+/* Output rows of lane w within [t, t + h], or up to but not at its end: x and e change inside the hold, all else is as at the sample. */
 static void write_rows(const pmj_sweep *sweep, const pmj_results *results, pmj_sampled_group *all, int w, double t, double until)
 {
     pmj_lane *one = &all->runs.lanes[w];
@@ -50,7 +50,7 @@ static pmj_flow plant_flow(void)
     return flow;
 }
 
-/* How much of what is allowed holds of a length miss, from the guard on discs of radius R in time and P of each x. */
+/* The error of holds relative to the allowed one, from the guard on discs of radius R in time and P of each x. */
 static pmj_lanes hold_miss(const pmj_sweep *sweep, const pmj_sampled_group *all, pmj_lanes t, const pmj_lanes *x, pmj_lanes R,
                            const pmj_lanes *P, pmj_lanes length, int disc)
 {
@@ -67,7 +67,7 @@ static pmj_lanes hold_miss(const pmj_sweep *sweep, const pmj_sampled_group *all,
     return pmj_select(bad, pmj_all(HUGE_VAL), most) * (1.0 / (PMJ_DEFECT * sweep->tolerance));
 }
 
-/* The lanes whose window holds the discs of radius R around t, and where x goes on them. */
+/* The lanes whose window contains the discs of radius R around t, and the range of x on them. */
 static pmj_mask covered(const pmj_sampled_group *all, double R)
 {
     static const int bent[] = PMJ_PLANT_BENT_STATES_LIST;
@@ -129,7 +129,7 @@ static pmj_mask smooth(const pmj_sampled_group *all, pmj_lanes length)
     return good;
 }
 
-/* Steps of the lanes in `on` that take several for a hold: guarded, compared, up to the first kink; `kink` is that or -1.
+/* Steps of the lanes in `on` that need several per hold: guarded, compared, up to the first kink; `kink` is that or -1.
  * Lanes at a kink that is passed at once make no step. */
 static pmj_lanes long_steps(const pmj_sweep *sweep, const pmj_flow *flow, pmj_sampled_group *all, pmj_mask on, pmj_lanes t,
                             pmj_lanes left, const pmj_lanes *scales, int *kink)
@@ -178,7 +178,7 @@ static pmj_mask stopped(const pmj_sweep *sweep, const pmj_sampled_group *all)
     return all->runs.stalled | all->runs.sliding | (all->runs.steps >= sweep->max_steps);
 }
 
-/* Integrate the plant of the lanes in `on` for the time `length` under constant w; `c` comes expanded at t.
+/* Integrate the plant of the lanes in `on` for the time `length` under constant w; `c` is expanded at t.
  * Gives the error at the end. */
 pmj_lanes pmj_hold_lanes(const pmj_sweep *sweep, const pmj_results *results, pmj_sampled_group *all, pmj_mask on,
                          pmj_lanes length)
@@ -197,7 +197,7 @@ pmj_lanes pmj_hold_lanes(const pmj_sweep *sweep, const pmj_results *results, pmj
     }
     for (int j = 0; j < PMJ_NK; ++j) {
         const pmj_lanes side = pmj_select(all->c[E + 1 + j] < 0.0, pmj_all(-1.0), pmj_all(1.0));
-        /* On the other side the right-hand side is another function: the window is of no use. */
+        /* On the other side the right-hand side is another function: the window is invalid. */
         all->window_R = pmj_select(side == all->w[PMJ_NW + j], all->window_R, pmj_all(-1.0));
         all->w[PMJ_NW + j] = side;
     }

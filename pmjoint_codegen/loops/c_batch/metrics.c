@@ -1,9 +1,9 @@
 #include "metrics.h"
 #include "pmjoint_runtime.h"
 
-/* An extremum that would raise a peak by less than this, relative, is not looked for. */
+/* An extremum that would raise a peak by less than this, relative, is not searched for. */
 #define EXTREMUM 1e-10
-/* Rounding of Bernstein coefficients, relative to the sum of |a_k|: degree^2 additions, generously. */
+/* Rounding of Bernstein coefficients, relative to the sum of |a_k|: degree^2 additions, a safe bound. */
 #define NOISE 1e-12
 
 void pmj_clear_metrics(pmj_metrics *metrics, int w)
@@ -33,7 +33,7 @@ void pmj_scale(const pmj_lanes *c, int width, int degree, pmj_lanes h, pmj_lanes
     }
 }
 
-/* Sum of |a_k|, k >= 2: how far the polynomial can go from the line a_0 + a_1 s. */
+/* Sum of |a_k|, k >= 2: how far the polynomial can deviate from the line a_0 + a_1 s. */
 static pmj_lanes bend(const pmj_lanes *a, int degree)
 {
     pmj_lanes sum = pmj_abs(a[2]);
@@ -94,7 +94,7 @@ static void take_lane(const pmj_lanes *a, int degree, int w, double *one)
     }
 }
 
-/* Raise `peak` to the largest magnitude on the step where the inside may exceed it; the ends are in it already. */
+/* Raise `peak` to the largest magnitude on the step if the inside may exceed it; it includes the ends already. */
 static void look_inside(pmj_lanes *peak, const pmj_lanes *a, const pmj_lanes *b, int degree, pmj_mask among)
 {
     const pmj_mask inside = (hulls(b, degree) > *peak * (1.0 + EXTREMUM)) & among;

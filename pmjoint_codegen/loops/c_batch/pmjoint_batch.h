@@ -1,9 +1,9 @@
-/* Many runs of the closed loop at once, each in a lane of its own: the C side of pmjoint_codegen/sweep.
+/* Many runs of the closed loop at once, each in its own lane: the C side of pmjoint_codegen/sweep.
  *
- * A lane has its own time, step, saturation mode and parameters; when its run ends, the next waiting one takes the lane.
- * Nothing here allocates or keeps state between calls, and calls on disjoint runs may go on in several threads.
+ * A lane has its own time, step, saturation mode and parameters; when its run ends, the next waiting run takes the lane.
+ * Nothing here allocates or keeps state between calls, and calls on disjoint runs may run in several threads.
  *
- * Python reads the declarations below as they stand, without preprocessing: keep `#` lines free of declarations.
+ * Python reads the declarations below without preprocessing: keep `#` lines free of declarations.
  */
 #ifndef PMJOINT_BATCH_H
 #define PMJOINT_BATCH_H
@@ -12,28 +12,28 @@
 
 /* How steps are checked against the right-hand side; see loops/guard.py. */
 typedef struct {
-    const double *inside;    /* [n_inside] points of comparison, as parts of a step, beside its end */
+    const double *inside;    /* [n_inside] points of comparison, as fractions of a step, besides its end */
     long long n_inside;
     double lebesgue;         /* factor on the largest defect found there */
     const double *ratios;    /* [n_ratios] radii of discs, as multiples of a step */
-    const double *factors;   /* [n_ratios] what the step can miss, as a multiple of the nonlinear part on the disc */
+    const double *factors;   /* [n_ratios] bound on a step's error, as a multiple of the nonlinear part on the disc */
     long long n_ratios;
 } pmj_rule;
 
-/* The runs. Arrays are row-major, a row a run; sizes in brackets. */
+/* The runs. Arrays are row-major, one row per run; sizes in brackets. */
 typedef struct {
     long long runs;
     const double *x0;        /* [runs][nX] X(0) */
     const double *p;         /* [runs][np] parameters */
     const double *hold;      /* sampled: [runs or 1][nh] matrices of the zero-order hold */
     long long hold_stride;   /* sampled: nh, or 0 where one serves all runs */
-    const double *times;     /* [rows] instants at which X, v and e are wanted, ascending, from 0; may be null */
+    const double *times;     /* [rows] output instants of X, v and e, ascending, from 0; may be null */
     long long rows;
     double horizon;          /* s */
     double sample_time;      /* s; sampled */
     double tolerance;        /* local error, relative to max(1, |value|) */
     double max_step;         /* s */
-    double settled;          /* part of |e(0)|: e has settled once it stays within it */
+    double settled;          /* fraction of |e(0)|: e has settled once it stays within it */
     pmj_rule rule;           /* of steps of `taylor_lanes`; sampled: of `plant_lanes` */
     pmj_rule hold_rule;      /* sampled: of holds without points of comparison; factors are those of rates */
     const double *hold_value_factors; /* [hold_rule.n_ratios] of values */
@@ -41,7 +41,7 @@ typedef struct {
     double max_steps;        /* limit of steps tried */
 } pmj_sweep;
 
-/* What becomes of them. */
+/* Their results. */
 typedef struct {
     double *metrics;         /* [runs][PMJ_METRICS] */
     double *final;           /* [runs][nX] X at the horizon, or where the run ended */

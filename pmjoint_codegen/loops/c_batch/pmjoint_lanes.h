@@ -1,6 +1,6 @@
-/* PMJ_WIDTH trajectories side by side: one double of each in a vector, and the arithmetic that kernels need on it.
+/* PMJ_WIDTH trajectories side by side: one double of each in a vector, and the arithmetic on it that kernels need.
  *
- * Vectors are the extension that GCC and Clang share. Every operation works on each lane by itself and rounds as the
+ ** Vectors are the extension common to GCC and Clang. Every operation works on each lane separately and rounds as the
  * same operation on a single double does; the functions below use + - * / and comparisons alone. So a lane's result
  * depends neither on its neighbours nor on the width, and is the same on every machine that rounds to IEEE 754.
  */
@@ -106,7 +106,7 @@ static inline pmj_lanes pmj_sqrt(pmj_lanes a)
     return root;
 }
 
-/* A constant exponent that is neither whole nor half: the C library's, lane by lane. */
+/* A constant exponent that is neither whole nor half: by the C library, lane by lane. */
 static inline pmj_lanes pmj_pow(pmj_lanes a, pmj_lanes exponent)
 {
     pmj_lanes power = a;

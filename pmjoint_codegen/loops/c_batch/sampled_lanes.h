@@ -1,4 +1,4 @@
-/* The lanes of the sampled loop: what they hold, and their holds. */
+/* The lanes of the sampled loop: their contents, and their holds. */
 #ifndef PMJOINT_SAMPLED_LANES_H
 #define PMJOINT_SAMPLED_LANES_H
 
@@ -15,17 +15,17 @@ typedef struct {
     pmj_lanes h[PMJ_NH];
     pmj_lanes x[PMJ_NX];      /* plant states inside the hold */
     pmj_lanes next[N_CONTROLLER];        /* controller states at the next sample */
-    pmj_lanes w[PMJ_NW + PMJ_NK]; /* what the actuator delivers, then sides */
-    pmj_lanes window_t;       /* of which the guard is known: t and its radius, */
+    pmj_lanes w[PMJ_NW + PMJ_NK]; /* the actuator's output, then sides */
+    pmj_lanes window_t;       /* for which the guard is known: t and its radius, */
     pmj_lanes window_R;
     pmj_lanes window_x[PMJ_NX]; /* x and its radii */
     pmj_lanes window_P[PMJ_NX];
     pmj_lanes v;
     pmj_lanes sample;         /* index of the sample */
-    pmj_mask overflow;        /* of the stalled ones, those whose coefficients are no numbers */
+    pmj_mask overflow;        /* the stalled lanes whose coefficients are NaN */
 } pmj_sampled_group;
 
-/* Integrate the plant of the lanes in `on` for the time `length` under constant w; `c` comes expanded at t.
+/* Integrate the plant of the lanes in `on` for the time `length` under constant w; `c` is expanded at t.
  * Gives the error at the end. */
 pmj_lanes pmj_hold_lanes(const pmj_sweep *sweep, const pmj_results *results, pmj_sampled_group *all, pmj_mask on,
                          pmj_lanes length);

@@ -34,7 +34,7 @@ static inline pmj_lanes pmj_norm(const pmj_lanes *row, const pmj_lanes *scales, 
     return norm;
 }
 
-/* log2 of a number that is not negative, to 0.01; 0 counts as tiny, infinity and NaN as huge. */
+/* log2 of a non-negative number, to 0.01; 0 counts as tiny, infinity and NaN as huge. */
 static inline pmj_lanes pmj_rough_log2(pmj_lanes a)
 {
     const pmj_mask bits = pmj_bits(a);
