@@ -2,7 +2,7 @@
 
 errors        y - y_r = z_1 + r_1 at every instant                          to the rounding of four operations
 estimation    without disturbance, x - x_hat = exp(A0 t) (x - x_hat)(0)     as epsilon' = A0 epsilon
-limits        without disturbance, z(t) does not depend on u_max            z' does not contain u, but contains
+limits        without disturbance, z(t) does not depend on u_max            z' does not contain u, but has
                                                                             y where d alpha_i / dy moves
 no saturation with u_max out of reach, r = 0                                bit for bit
 """
