@@ -1,7 +1,7 @@
 """Backstepping with saturation compensator (24)-(29), for general relative degree.
 
 Only three things are stated here: the errors z_i (24), the error dynamics that the design requires, and
-the output's rate in terms of the filters (21). Every virtual control alpha_i, every partial derivative and the
+the output's rate from the filters (21). Every virtual control alpha_i, every partial derivative and the
 law v follow by solving
 
     z_i' = -(c_i + e_i s_i^2) z_i - s_i eta - g_i + (coupling to z_{i+1}),
