@@ -1,8 +1,8 @@
 """Backstepping with saturation compensator (24)-(29), for general relative degree.
 
-Only three things are stated here: the errors z_i (24), the error dynamics that the design asks for, and the
-output's rate as the filters know it (21). Every virtual control alpha_i, every partial derivative and the law
-v follow by solving
+Only three things are stated here: the errors z_i (24), the error dynamics that the design requires, and
+the output's rate from the filters (21). Every virtual control alpha_i, every partial derivative and the
+law v follow by solving
 
     z_i' = -(c_i + e_i s_i^2) z_i - s_i eta - g_i + (coupling to z_{i+1}),
     s_1 = -1,  s_i = d alpha_{i-1} / dy,
@@ -105,7 +105,7 @@ class Backstepping(Design):
 
 
 def omega_expression(design: Design) -> sp.Expr:
-    """``Omega``: what is known of y' besides its drive (21), (22).
+    """``Omega``: the known part of y' besides its drive (21), (22).
 
     The drive is ``b_m v_{m,2}`` for rho >= 2 and ``b_m sigma u`` for rho = 1.
     """
@@ -127,12 +127,12 @@ def error_definition(step: Backstepping, i: int) -> sp.Expr:
 
 
 def sensitivity(step: Backstepping, i: int) -> sp.Expr:
-    """``s_i``: how eta, which is not known of y', enters z_i', with its sign turned."""
+    """``s_i``: the factor of eta, the unknown part of y', in z_i', with reversed sign."""
     return sp.Integer(-1) if i == 1 else real_symbol(partial_name(step.signals.alpha[i - 2], step.signals.y))
 
 
 def wanted_rate(step: Backstepping, i: int) -> sp.Expr:
-    """The error dynamics that step i asks for: damping, eta, and couplings that cancel in the sum."""
+    """The error dynamics that step i requires: damping, eta, and couplings that cancel in the sum."""
     s, s_i = step.signals, sensitivity(step, i)
     rate = -(s.c[i - 1] + s.e[i - 1] * s_i**2) * s.z[i - 1] - s_i * step.eta
     if i < step.plant.rho:
@@ -170,7 +170,7 @@ def solve_step(step: Backstepping, i: int, alpha_rate: sp.Expr, partials: list[s
     """The virtual control alpha_i (25), or v (29) at the last step.
 
     Raises:
-        ArithmeticError: when the solution would need u, an estimation error or a disturbance, that is, when
+        ArithmeticError: if the solution would need u, an estimation error or a disturbance, that is, when
             the derivation is wrong.
     """
     s = step.signals
@@ -191,7 +191,7 @@ def total_rate(step: Backstepping, partials: dict[sp.Symbol, sp.Symbol]) -> sp.E
 
 
 def backstep(step: Backstepping, stage: Stage = unwatched) -> list[Equation]:
-    """All named steps of (24)-(29), in the order in which they can be evaluated; each step is told of."""
+    """All named steps of (24)-(29), in the order in which they can be evaluated; each step is reported."""
     plant, signals, units = step.plant, step.signals, step.units
     equations = [*filtered_input_equations(step), omega_equation(step)]
     chain = ChainRule(signals, units, SECTION)

@@ -26,7 +26,7 @@ def output_disturbance(plant: Plant) -> sp.Expr:
 
 
 def unknown_output_rate(design: Design) -> sp.Expr:
-    """``eta``, the unknown part of y': epsilon_2, which a plant of order one has not, and a disturbance."""
+    """``eta``, the unknown part of y': epsilon_2, absent in a plant of order one, and a disturbance."""
     error = design.signals.epsilon[1] if design.plant.order > 1 else sp.Integer(0)
     return error + output_disturbance(design.plant)
 
@@ -89,7 +89,7 @@ def reference_equations(model: Model, design: Design) -> list[Equation]:
 
 
 def actuator_equations(model: Model, design: Design) -> list[Equation]:
-    """Saturation (10): what the actuator delivers, u first."""
+    """Saturation (10): the actuator's output, u first."""
     return [
         Equation(
             channel.symbol,

@@ -4,8 +4,8 @@ Stages in order, each a pure function of what comes before it:
 
     name_constants         design                -> the design with named b, theta, and what they stand for
     plant_equations        design                -> y, D_i, x_i'                            (7), (11), (12)
-    extra_equations        model                 -> what only the simulated plant has
-    actuator_equations     model, design         -> u, and what else the actuator delivers             (10)
+    extra_equations        model                 -> quantities of the simulated plant only
+    actuator_equations     model, design         -> u, and further outputs of the actuator             (10)
     design.filters         design                -> xi', Xi', lambda', x_hat                     (14), (15)
     reference_equations    model, design         -> y_r and its derivatives
     design.law             design                -> z_i, alpha_i, partial derivatives, v   (24), (25), (29)
@@ -13,7 +13,7 @@ Stages in order, each a pure function of what comes before it:
     design.error_rates     design                -> z_i' under the law                           (27), (28)
     error_equations        design                -> e, epsilon                                         (17)
     sampling_equations     design, equations     -> xi, Xi, lambda, r one sample later
-    true_plant             physics, equations    -> the plant in parameters of its own
+    true_plant             physics, equations    -> the plant in its own parameters
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def derive(model: Model, stage: Stage = unwatched) -> Derivation:
         stage: called with the name of each stage and the fraction of it completed.
 
     Raises:
-        OutsideClassError: when a parameter bears the name of an equation; what else is outside the class was
+        OutsideClassError: if a parameter has the name of an equation; anything else outside the class was
             refused when the plant was made.
     """
     made_by = DESIGNS[model.design]
@@ -79,7 +79,7 @@ def derive(model: Model, stage: Stage = unwatched) -> Derivation:
 
 
 def _check_names(model: Model, equations: Equations) -> None:
-    """Refuse a parameter that shares its name, and so its symbol, with what the derivation defines."""
+    """Refuse a parameter that shares its name, and so its symbol, with an equation of the derivation."""
     for item in model.parameters:
         if item.name in equations:
             raise OutsideClassError(

@@ -1,4 +1,4 @@
-"""A design: what every step of a derivation needs, and what a second control law gives beside the first.
+"""A design: the data of every step of a derivation, and the interface of a control law.
 
 A design is one class, such as `pmjoint_derive.backstepping.Backstepping`, and one row of
 `pmjoint_derive.derivation.DESIGNS`. Plant, reference, actuator and the true plant are the same for all.
@@ -73,7 +73,7 @@ class Design(ABC):
 
 @dataclass(frozen=True)
 class Derivation:
-    """Everything that is known of one closed loop.
+    """All equations of one closed loop.
 
     Attributes:
         model: what it was derived from.

@@ -1,7 +1,7 @@
-"""Named equations: the one form in which a derivation is handed on.
+"""Named equations: the one form in which a derivation is passed on.
 
 C, LaTeX, text and checks are all made from these records, so an equation has one home. The right-hand side
-speaks of signals, parameters and *earlier* names, which keeps the law readable: z1, alpha1, dalpha1_dy, z2,
+contains signals, parameters and *earlier* names, which keeps the law readable: z1, alpha1, dalpha1_dy, z2,
 v.
 """
 

@@ -44,7 +44,7 @@ Q1, Q2, P1, P2 = (
 
 POSITIVE = ("J", "r", "l0", "k0", "u0", "k_u", "P_max", LAG)  # what (1)-(4) presume to be greater than 0
 
-# what no parameter of a joint may be called: physical states, commands, pressures, coefficients (8)
+# reserved names: physical states, commands, pressures, coefficients (8)
 TAKEN = ("theta", "theta_dot", "q1", "q2", "p1", "p2", "P1", "P2", "d1", "b0", "a", "kappa", "s")
 
 
@@ -53,12 +53,12 @@ class Joint:
     """A design's view of a joint; the fields are those of `Model`.
 
     Attributes:
-        plant: the plant that the controller is designed for; its disturbance is what the design leaves out.
+        plant: the plant that the controller is designed for; its disturbance is the omitted physics.
         extras: states of the physics that the design does not have.
-        channels: what the actuator delivers: u, and the two pressures' distances from P_0.
+        channels: the actuator's output: u, and the two pressures' distances from P_0.
         constants: the coefficients (8) as named equations.
         reported: the angle theta, its rate theta_dot and the muscle pressures as named equations.
-        demands: what (1)-(4) presume of the parameters.
+        demands: assumptions of (1)-(4) on the parameters.
         start: the physical states that a run starts from.
     """
 
@@ -110,7 +110,7 @@ def reduce_joint(keep: tuple[str, ...], *, lagged: bool, vartheta: sp.Expr, limi
     """Reduce (1)-(4) to the plant class.
 
     Args:
-        keep: what the design keeps, of :data:`KEEP`.
+        keep: the physics that the design keeps, from :data:`KEEP`.
         lagged: whether the pressures follow their commands with the time constant tau.
         vartheta: disturbance torque, a function of t and parameters.
         limit: the parameter that bounds u.
@@ -147,7 +147,7 @@ def reduce_joint(keep: tuple[str, ...], *, lagged: bool, vartheta: sp.Expr, limi
 
 
 def demands(*, lagged: bool) -> tuple[Demand, ...]:
-    """What (1)-(4) presume: positive inertia, lengths and pressures, the base pressure below P_max."""
+    """The assumptions of (1)-(4): positive inertia, lengths and pressures, the base pressure below P_max."""
     names = (name for name in POSITIVE if lagged or name != LAG)
     symbols = (real_symbol(name) for name in names)
     room = real_symbol("P_max") - base_pressure()
@@ -201,14 +201,14 @@ def _constants(keep: tuple[str, ...]) -> tuple[Equation, ...]:
 
 
 def _direct_design(a: sp.Expr, *, quadratic: bool) -> Plant:
-    """N = rho = 2: ``x1' = x2 - a y``, ``x2' = d1 y + b0 sigma(y) u``."""
+    """Coefficients for n = rho = 2: ``x1' = x2 - a y``, ``x2' = d1 y + b0 sigma(y) u``."""
     zero, d1, b0 = sp.Integer(0), real_symbol("d1"), real_symbol("b0")
     sigma = 1 + real_symbol("kappa") * Y**2 if quadratic else sp.Integer(1)
     return Plant(2, (-a * Y, zero), ((zero,), (Y,)), (d1,), (b0,), sigma, (zero, zero))
 
 
 def _lagged_design(a: sp.Expr) -> Plant:
-    """N = rho = 3: the observer form of joint and lag in series, from their characteristic polynomial."""
+    """Coefficients for n = rho = 3: observer form of joint and lag, from the characteristic polynomial."""
     zero, tau = sp.Integer(0), real_symbol(LAG)
     d1, b0, s = real_symbol("d1"), real_symbol("b0"), sp.Symbol("s")
     series = sp.Matrix([[0, 1, 0], [d1, -a, b0], [0, 0, -1 / tau]])
@@ -218,7 +218,7 @@ def _lagged_design(a: sp.Expr) -> Plant:
 
 
 def _effective_input() -> sp.Expr:
-    """The input that the present pressures amount to."""
+    """The input equivalent to the present pressures."""
     return (Q1 + Q2) / (2 * real_symbol("k_u"))
 
 
@@ -285,7 +285,7 @@ def _collected(value: sp.Expr) -> sp.Expr:
 
 
 def _channels(limit: sp.Expr) -> tuple[Channel, ...]:
-    """U within its limit, and both pressures' distances from P_0, clipped where a muscle is empty or full."""
+    """The limited input u, and both pressures' distances from P_0, clipped at an empty or full muscle."""
     P0, P_max, k_u, zero = base_pressure(), real_symbol("P_max"), real_symbol("k_u"), sp.Integer(0)
     reach = k_u * limit
     return (

@@ -1,9 +1,9 @@
 """The certificate (19)-(35): V decreases up to the disturbance, as identities that expand to exactly zero.
 
-Nothing here asks how the law was found. The errors z_i are taken as expressions of what the controller
-measures, differentiated along the *true* dynamics (y' of the plant (11), filters (14), compensator (23), any
-input u), and held against what (27), (28) claim. With ``s_1 = -1`` and ``s_i = d alpha_{i-1} / dy``, and with
-``eta = epsilon_2 + D_1`` for what the controller does not know of y':
+Nothing here depends on how the law was found. The errors z_i are expressions of what the controller
+measures. They are differentiated along the *true* dynamics (y' of the plant (11), filters (14), compensator
+(23), any input u), and checked against (27), (28). With ``s_1 = -1`` and ``s_i = d alpha_{i-1} / dy``, and
+with ``eta = epsilon_2 + D_1``, the unknown part of y':
 
     z_i'  =  -(c_i + e_i s_i^2) z_i - s_i eta + couplings that cancel in the sum                    (27), (28)
     d/dt sum z_i^2/2  =  -sum c_i z_i^2 - sum e_i s_i^2 z_i^2 - (sum s_i z_i) eta                   (31)
@@ -46,7 +46,7 @@ def expand_to_zero(expression: sp.Expr, sigma: sp.Expr) -> sp.Expr:
             products by it and quotients of it then cancel without a common denominator.
 
     Returns:
-        0, or what is left over.
+        0, or the remainder.
     """
     whole = expression.xreplace({sigma: real_symbol("sigma")}) if sigma.is_Add else expression
     rest = sp.expand(whole)
@@ -341,7 +341,7 @@ def lyapunov_identities(derivation: Derivation) -> list[Identity]:
 
 
 def prove(derivation: Derivation) -> tuple[Identity, ...]:
-    """Every identity that the certificate rests on, made anew; all hold, or there is no certificate."""
+    """Every identity that the certificate rests on, recomputed; all hold, or there is no certificate."""
     return (
         *estimation_identities(derivation),
         *partial_identities(derivation),

@@ -1,8 +1,8 @@
-"""What a derivation starts from: a plant of the output-feedback class, the gains and the run to simulate.
+"""The input of a derivation: a plant of the output-feedback class, the gains and the run to simulate.
 
 The class is (11) for general order: ``x' = A x + phi(y) + Phi(y) theta + b sigma(y) u + D(x, t)``, ``y =
-x1``, with ``A`` the upper shift matrix. Members are checked when they are made; what lies outside the class
-is refused with the reason.
+x1``, with ``A`` the upper shift matrix. Members are checked when they are made; anything outside the
+class is refused with the reason.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ class Plant:
     disturbance: tuple[sp.Expr, ...]
 
     def __post_init__(self) -> None:
-        """Refuse what the class does not hold.
+        """Refuse a plant outside the class.
 
         Raises:
             OutsideClassError: lengths that disagree, ``b_m = 0``, ``sigma = 0``, or an expression of a signal
@@ -219,7 +219,7 @@ class Simulation:
 
 @dataclass(frozen=True)
 class Channel:
-    """One thing that the actuator delivers: ``clip(offset + slope v, lower, upper)``, in parameters.
+    """One output of the actuator: ``clip(offset + slope v, lower, upper)``, in parameters.
 
     Attributes:
         symbol: its name in the plant's equations.
@@ -289,7 +289,7 @@ class Demand:
 
 @dataclass(frozen=True)
 class Model:
-    """All that a derivation needs.
+    """The whole input of a derivation.
 
     Attributes:
         name: folder under ``generated/``.
@@ -302,12 +302,12 @@ class Model:
         gains: default gains.
         simulation: default run.
         disturbance_bound: D_max of (9), or None when it is not known.
-        y_range: least and greatest y for which sigma is known not to vanish, or None where nobody said.
+        y_range: least and greatest y for which sigma is known not to vanish, or None if not stated.
         y_unit: unit of the output.
         u_unit: unit of the input.
         constants: named coefficients that the plant's expressions use, such as d1 and b0 of a joint (8).
         extras: states of the simulated plant beyond the design's.
-        channels: what the actuator delivers; the first is u. Empty: u alone, within ``limit``.
+        channels: the actuator's outputs; the first is u. Empty: only u, within ``limit``.
         reported: further named signals of the plant, such as muscle pressures.
         demands: what the physics presumes of its parameters, the controller's and the plant's own.
         start: the physical states that a run starts from; None: those of the plant class.
@@ -337,7 +337,7 @@ class Model:
 
     @property
     def actuator(self) -> tuple[Channel, ...]:
-        """What the actuator delivers, u first (10)."""
+        """The actuator's outputs, u first (10)."""
         zero, one = sp.Integer(0), sp.Integer(1)
         u = Channel(real_symbol("u"), zero, one, -self.limit, self.limit, self.u_unit, "applied input sat(v)")
         return self.channels or (u,)

@@ -8,4 +8,4 @@ Stage = Callable[[str, float], None]  # name of the stage, fraction of it comple
 
 
 def unwatched(name: str, done: float) -> None:
-    """Report to nobody."""
+    """Ignore progress."""

@@ -1,9 +1,9 @@
-"""Algebra that leaves functions as they are written.
+"""Algebra that leaves functions as written.
 
 Multiplying out is exact for symbols and ruinous for doubles: SymPy's `expand` turns ``exp(-(y - 30)**2)``
 into ``exp(-900) exp(60 y) exp(-y**2)``, which is 0 in double precision, and ``(y - 1000)**8`` into terms that
-cancel. So whatever a formula applies a function to, and every power of a sum of what moves, is hidden behind
-a symbol while the rest is rearranged.
+cancel. So every argument of a function, and every power of a sum of moving quantities, is replaced by a
+symbol while the rest is rearranged.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import sympy as sp
 def shielded(
     transform: Callable[[sp.Expr], sp.Expr], value: sp.Expr, moving: Collection[sp.Symbol]
 ) -> sp.Expr:
-    """Rearrange an expression without looking into functions and powers of sums.
+    """Rearrange an expression without changing functions and powers of sums.
 
     Args:
         transform: such as `sympy.expand` or `sympy.factor`.

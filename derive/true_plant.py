@@ -1,8 +1,8 @@
-"""The simulated plant with values of its own for parameters that the controller believes to know.
+"""The simulated plant with its own values of parameters that the controller uses too.
 
-"J is 30 % off" means that the plant has another J than the law. Every parameter that both the plant and the
-controller use, such as ``J``, has a twin ``J_plant`` that the plant alone uses; where the two agree, the run
-is the nominal one. Equations of the plant that depend on such a parameter have twins by the same rule:
+"J is 30 % off" means that the plant's J differs from the law's. Every parameter that both the plant and the
+controller use, such as ``J``, has a twin ``J_plant`` that only the plant uses; if the two agree, the run is
+the nominal one. Equations of the plant that depend on such a parameter have twins by the same rule:
 ``b0_plant``, ``D2_plant``, ``x2_dot_plant``. The design's own equations, and the theory, stay as they are.
 
 To the design, the model mismatch is disturbance. In ``x_i' = x_{i+1} + known_i + D_i`` (11), (12), with
@@ -33,7 +33,7 @@ def own_symbol(symbol: sp.Symbol) -> sp.Symbol:
 
 
 def effective_symbol(symbol: sp.Symbol) -> sp.Symbol:
-    """``D1_effective`` of ``D1``: what is left of x1' when the design's model is taken away."""
+    """``D1_effective`` of ``D1``: the remainder of x1' without the design's model."""
     return real_symbol(f"{symbol.name}_effective")
 
 
@@ -47,7 +47,7 @@ def true_plant(
 
     Args:
         model: what is derived from.
-        design: what the controller believes.
+        design: the controller's model.
         physics: the equations of the plant and of its actuator, u excepted: the controller clips v itself.
         derived: all equations, the design's among them.
 
@@ -74,7 +74,7 @@ def true_plant(
 
 
 def _known_rates(design: Design) -> list[Equation]:
-    """``known_i``: what the design's model says of x_i', beyond x_{i+1}."""
+    """``known_i``: the design's model of x_i', beyond x_{i+1}."""
     x, known = design.signals.x, design.plant.known_rates(design.signals.u)
     return [
         Equation(
@@ -143,7 +143,7 @@ def _twin(item: Equation, twins: Mapping[sp.Symbol, sp.Symbol]) -> Equation:
 
 
 def _effective(disturbance: sp.Symbol, known: Equation) -> tuple[Equation, Equation]:
-    """What the design does not know of one rate."""
+    """The part of one rate that the design does not know."""
     index = disturbance.name.removeprefix("D")
     mismatch = real_symbol(f"mismatch{index}")
     return (

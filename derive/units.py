@@ -2,8 +2,8 @@
 
 A unit is written as engineers write it: ``rad/(s^2 V)``, ``1/s``, ``V s``. Only products, quotients and
 integer powers occur in the derivation, so the algebra is a mapping from base symbol to exponent. Numbers
-hidden in a model's expressions (the 0.1 in ``0.1*sin(x2)``) carry units that nobody wrote down; units
-therefore *label*, they do not judge.
+hidden in a model's expressions (the 0.1 in ``0.1*sin(x2)``) have units that are not written down; so units
+are *labels*, not checks.
 """
 
 from __future__ import annotations

@@ -1,14 +1,14 @@
-"""The linear part of a right-hand side, with as few operations a coefficient as can be found.
+"""The linear part of a right-hand side, with as few operations per coefficient as can be found.
 
 Most of a closed loop is linear: filters, compensator, and often the whole law, with parameters and gains as
 constants. On the page it is nested, error by error and virtual control by virtual control, and a Taylor
 kernel would repeat every line of it for every order. Above order 0 only coefficients of moving quantities
 count, so a nested linear expression may be multiplied out: ``v[k] = K1 x1[k] + K2 x2[k] + ...`` with
-factors that are computed once a call. Which expressions stay as they are and which are multiplied into
-their users is decided by counting.
+factors that are computed once per call. Counting operations decides which expressions stay and which are
+multiplied into their users.
 
 Two factors are the same, or zero, where their residues modulo a large prime are, with every parameter
-replaced by a fixed residue: an identity test that is exact but for a chance of one in 10^18.
+replaced by a fixed residue: an identity test that is exact except for a chance of one in 10^18.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Factor:
     """A constant factor, ``sign * term``; `factor` makes it.
 
     Attributes:
-        residue: of the factor, its sign included; it tells equal ones.
+        residue: of the factor, including its sign; it identifies equal factors.
         term: computes its magnitude, up to the sign; 1 where the factor is 1 or -1.
         sign: 1 or -1.
     """
@@ -93,7 +93,7 @@ def residue_of(value: float) -> int:
 
 
 def residue_named(*names: Hashable) -> int:
-    """A fixed residue for what is known by name alone."""
+    """A fixed residue for a quantity known only by name."""
     return int.from_bytes(sha256(repr(names).encode()).digest()[:8], "big") % PRIME
 
 
@@ -111,7 +111,7 @@ def shortest(forms: Mapping[int, Combination], needed: Iterable[int]) -> dict[in
     Args:
         forms: quantity -> the combination that it is, of quantities that may be combinations themselves; each
             comes after those that it combines.
-        needed: combinations whose values are asked for.
+        needed: combinations whose values are required.
 
     Returns:
         The combinations that remain, needed ones among them, in the same order.

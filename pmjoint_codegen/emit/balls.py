@@ -1,13 +1,13 @@
-"""Complex balls with real centres: how far a function can go from its value on a disc of the complex plane.
+"""Complex balls with real centres: how far a function can deviate from its value on a disc.
 
-A ball ``(c, r)`` encloses what a quantity takes where time is anywhere in a disc and every state anywhere in
-a disc of its own. Beside the radius stands its nonlinear part ``rest``: what is left once everything linear
-in time and states is taken away. A step's polynomials reproduce what is linear exactly, so that ``rest``
-alone bounds what they can miss (docs/theory.md, "Steps that see what is inside them").
+A ball ``(c, r)`` encloses the values of a quantity while time is anywhere in a disc and every state anywhere
+in its own disc. Besides the radius there is the nonlinear part ``rest``: the remainder without everything
+linear in time and states. A step's polynomials reproduce the linear part exactly, so ``rest`` alone bounds
+their error (docs/theory.md, "Steps that see what is inside them").
 
-The table of operations says which rule is whose (`operations`). Each rule is a supremum over the operand's
-ball, or a bound on it; where an operand's ball reaches a singularity the result is infinite or no number,
-which no test of a step passes.
+The table of operations assigns the rules (`operations`). Each rule is a supremum over the operand's ball, or
+a bound on it; if an operand's ball reaches a singularity the result is infinite or NaN, and the step is
+rejected.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ class Ball:
     """A quantity on the disc.
 
     Attributes:
-        centre: its value in the middle.
+        centre: its value at the centre.
         radius: bound on its distance from there.
         rest: bound on its nonlinear part.
-        constant: whether it depends on parameters alone; radius and rest are then 0.
+        constant: whether it depends only on parameters; radius and rest are then 0.
     """
 
     centre: ca.SX

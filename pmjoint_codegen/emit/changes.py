@@ -1,4 +1,4 @@
-"""What generated files say of a model, and what differs between two versions of them.
+"""The contents of a model's generated files, and the differences between two versions of them.
 
 Reads the JSON as it is, not as this version's `Manifest`: an earlier revision may have written other fields.
 """
@@ -18,11 +18,11 @@ EQUATIONS = "equations.json"
 
 @dataclass(frozen=True)
 class Content:
-    """What the files of one generated folder say.
+    """The contents of one generated folder.
 
     Attributes:
         equations: right-hand side of each named equation, in the order of the derivation.
-        values: what the model file states besides equations: numbers in its units, default run, descriptions.
+        values: other statements of the model file: numbers in its units, default run, descriptions.
         operations: number of elementary operations of each kernel.
         sizes: bytes of each file.
         units: of the states and reported signals.
@@ -37,12 +37,12 @@ class Content:
 
 @dataclass(frozen=True)
 class Change:
-    """Something named that is new, gone or different.
+    """A named item that is new, gone or different.
 
     Attributes:
         name: of the equation, value, kernel or file.
-        before: what it was; None when new.
-        after: what it is; None when gone.
+        before: the old content; None if new.
+        after: the new content; None if gone.
     """
 
     name: str
@@ -58,13 +58,13 @@ class Change:
 
 
 def content_of(files: Mapping[str, bytes]) -> Content:
-    """Read what generated files say.
+    """Read the contents of generated files.
 
     Args:
         files: name -> content, `model.json` among them.
 
     Raises:
-        KeyError, TypeError, ValueError: they are not what any version has written.
+        KeyError, TypeError, ValueError: no version has written them.
     """
     manifest = json.loads(files[FILE_NAME])
     stored = json.loads(files.get(EQUATIONS, files[FILE_NAME]))["equations"]
@@ -78,7 +78,7 @@ def content_of(files: Mapping[str, bytes]) -> Content:
 
 
 def changes(before: Mapping[str, Any], after: Mapping[str, Any]) -> tuple[Change, ...]:
-    """What is new, gone or different, in the order of `after`; what is gone stands where it was."""
+    """Items that are new, gone or different, in the order of `after`; gone ones stay at their place."""
     names = list(after)
     place = 0
     for name in before:
@@ -95,7 +95,7 @@ def changes(before: Mapping[str, Any], after: Mapping[str, Any]) -> tuple[Change
 
 
 def _values(manifest: Mapping[str, Any]) -> dict[str, object]:
-    """What a model file states besides its equations, by name."""
+    """The statements of a model file besides its equations, by name."""
     stated = [item for item in manifest["parameters"] if item["kind"] != "own"]
     return {
         **{item["name"]: from_si(item["value"], item.get("scale", SI)) for item in stated},

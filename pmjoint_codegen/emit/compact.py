@@ -1,15 +1,15 @@
-"""Taylor coefficients as compact code: one text for all orders, in two phases an order.
+"""Taylor coefficients as compact code: one text for all orders, in two phases per order.
 
 Straight lines grow with the square of the order and of the right-hand side. Above some thousand instructions
 they no longer fit a processor's instruction cache, and compilers take minutes. Here order k is
 
 * phase A: all sums ``S_i = sum_{j=1}^{k-1} x_j y_{k-j}``. They need lower orders only and do not depend on
-  one another, so that eight of them share a vector, without horizontal sums;
+  one another, so eight of them share a vector, without horizontal sums;
 * phase B: straight lines in which the coefficients of order k enter linearly.
 
-Order 0, and what it fixes for all orders (factors, quotients), is straight code as well, once a call. Squares
-and sums add in another order than straight lines do; `unrolled` is the same arithmetic as one function,
-operation by operation, for whoever evaluates the kernel without a compiler.
+Order 0, and what it fixes for all orders (factors, quotients), is straight code as well, once per call.
+Squares and sums add in another order than straight lines do; `unrolled` is the same arithmetic as one
+function, operation by operation, for evaluation without a compiler.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ MOST_STRAIGHT: Final = (
 
 @dataclass(frozen=True)
 class Compact:
-    """A Taylor kernel in two phases an order.
+    """A Taylor kernel in two phases per order.
 
     Attributes:
         name: of the kernel.
@@ -82,7 +82,7 @@ class Compact:
 
 @contextmanager
 def literally() -> Iterator[None]:
-    """Let CasADi keep every operation as it is written: its rules, such as ``x (1/y) = x/y``, change bits."""
+    """Make CasADi keep every operation as written: simplifications such as ``x (1/y) = x/y`` change bits."""
     before = ca.GlobalOptions.getSimplificationOnTheFly()
     ca.GlobalOptions.setSimplificationOnTheFly(False)
     try:
@@ -92,7 +92,7 @@ def literally() -> Iterator[None]:
 
 
 class _Phase(Order):
-    """Order k as symbols: what phase B reads of order 0, of phase A and of the order below."""
+    """Order k as symbols: the inputs of phase B from order 0, from phase A and from the order below."""
 
     def __init__(self, system: Expansion) -> None:
         self.k, self.per_k, self.tau = ca.SX.sym("k"), ca.SX.sym("per_k"), ca.SX.sym("tau")
@@ -211,7 +211,7 @@ def _partners(nodes: Sequence[Node]) -> dict[Node, Node]:
 
 
 def compact_function(name: str, function: ca.Function, order: int, *, time: str = "t", state: str) -> Compact:
-    """What `taylor.taylor_function` gives, as two phases an order.
+    """What `taylor.taylor_function` gives, as two phases per order.
 
     Raises:
         ModelError: for an operation without a recurrence.

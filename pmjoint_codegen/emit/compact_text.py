@@ -1,4 +1,4 @@
-"""C text of Taylor kernels in two phases an order (see ``compact``)."""
+"""C text of Taylor kernels in two phases per order (see ``compact``)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def phases(compact: Compact, dialect: Dialect) -> tuple[list[str], list[str]]:
     """The functions that a kernel in phases calls, and the lines of its own body.
 
     ``terms[group][0 and 1][j]`` holds the coefficients j of the x and of the y of eight sums. The number of
-    rows is odd: a power of two would put all of them into the same few sets of a cache.
+    rows is odd: a power of two would map all of them to the same few cache sets.
     """
     name, number, (zero, one) = compact.name, dialect.number, map(dialect.literal, (0.0, 1.0))
     start, rise = tape_of(compact.start), tape_of(compact.rise)

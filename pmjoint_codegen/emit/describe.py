@@ -1,4 +1,4 @@
-"""What ``model.json`` says of a derivation and its kernels; ``equations.json``, the derivation alone."""
+"""``model.json``, which describes a derivation and its kernels; ``equations.json``, the derivation only."""
 
 from __future__ import annotations
 
@@ -78,11 +78,11 @@ def describe(
 
     Args:
         document: the parsed model file.
-        derivation: what was derived from it.
+        derivation: the derivation from it.
         functions: the emitted kernels.
         order: highest Taylor coefficient.
         guards: the rule of each kind of steps.
-        windows: whether one look at the plant's guard serves many holds.
+        windows: whether one evaluation of the plant's guard serves many holds.
         files: SHA-256 of the other generated files.
     """
     model, plant, words = derivation.model, derivation.plant, vocabulary(derivation)
@@ -137,7 +137,7 @@ def _states(derivation: Derivation, words: Vocabulary) -> tuple[Variable, ...]:
 
 
 def start_of(derivation: Derivation, words: Vocabulary) -> Start:
-    """The states that x0 gives, and the plant's states in them and in the plant's own parameters."""
+    """The states in x0, and the plant's states as functions of them and of the plant's own parameters."""
     model = derivation.model
     if model.start is None:
         own = _states(derivation, words)[: len(words.x)]
@@ -187,9 +187,9 @@ def _parameters(derivation: Derivation) -> tuple[Parameter, ...]:
 
 
 def rules_of(derivation: Derivation) -> tuple[Rule, ...]:
-    """What the physics presumes, of the plant's own values too; then what the design does.
+    """The rules of the physics, also for the plant's own values; then those of the design.
 
-    The design's rules leave the plant's own values alone: what the controller does not know, it may suffer.
+    The design's rules do not apply to the plant's own values: the controller does not know them.
     """
     model, own = derivation.model, dict(derivation.own_parameters)
     found = [

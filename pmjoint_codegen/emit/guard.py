@@ -1,8 +1,8 @@
-"""The guard of a step: how much of a right-hand side its Taylor polynomials can miss, as a CasADi function.
+"""The guard of a step: a bound on the error of its Taylor polynomials, as a CasADi function.
 
-``guard_function`` walks a function's tape once, in complex balls (`balls`). The loops ask it, for
-a step on trial, for the nonlinear part of every rate and value on a disc around the step's start that is
-larger than the step; by Cauchy's estimate that bounds what the polynomials leave out (`rule`).
+``guard_function`` evaluates a function's tape once, in complex balls (`balls`). For a trial step, it gives
+the loops the nonlinear part of every rate and value on a disc around the step's start that is larger than the
+step; by Cauchy's estimate that bounds the remainder of the polynomials (`rule`).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from pmjoint_codegen.errors import ModelError
 from pmjoint_codegen.manifest import GuardRule
 from pmjoint_codegen.operations import Operation, by_name, remedy
 
-# Where the right-hand side is compared with the polynomials beside the step's end: at `1 - place/(N + 3)`.
+# Where the right-hand side is compared with the polynomials besides the step's end: at `1 - place/(N + 3)`.
 # The remainder of Hermite interpolation is then smallest, to a few percent, for N = 5..24.
 INSIDE = (2.849, 0.8916)
 
@@ -36,7 +36,7 @@ def guard_function(name: str, function: ca.Function, *, time: str = "t", state: 
     Returns:
         Function of the same inputs and ``R``, the disc's radius in time, s, and ``P``, of each entry of the
         state; its one output ``rest`` has an entry for each entry of the results, in order. Where no bound
-        can be shown the entry is infinite or no number.
+        is found the entry is infinite or NaN.
 
     Raises:
         ModelError: for an operation without a rule.
@@ -75,7 +75,7 @@ def _operation(operation: Operation, operands: list[Ball]) -> Ball:
 
 
 def bent(guard: ca.Function) -> tuple[list[int], list[int]]:
-    """Which states a guard looks at, and which of its results can differ from 0: the others are linear."""
+    """Which states a guard reads, and which of its results can differ from 0: the others are linear."""
     places = guard.jac_sparsity(0, guard.index_in("P"))
     symbols = [ca.SX.sym(label, guard.size1_in(i)) for i, label in enumerate(guard.name_in())]
     (rest,) = guard.call(symbols)
@@ -91,7 +91,7 @@ def looks_at_actuator(guard: ca.Function, channels: int) -> bool:
 def rule_of(function: ca.Function, order: int) -> GuardRule:
     """The rule for steps of polynomials of degree `order` over a right-hand side.
 
-    Without singularities the end alone is compared; with them two points inside, too, which lets a step come
+    Without singularities only the end is compared; with them also two points inside, which lets a step come
     closer to a singularity.
     """
     known = by_name()
@@ -100,7 +100,7 @@ def rule_of(function: ca.Function, order: int) -> GuardRule:
 
 
 def _moving_operations(function: ca.Function) -> set[str]:
-    """Operations whose value changes along a run: those on parameters alone are left out."""
+    """Operations whose value changes along a run: those on parameters only are omitted."""
     tape = tape_of(function)
     constant: list[bool] = []
     moving: set[str] = set()
@@ -134,13 +134,13 @@ def rule(order: int, samples: int) -> GuardRule:
             if other != node:
                 term = term * (x - other) / (node - other)
         lebesgue += np.abs(term)
-    step = 1.0 + (order + samples) ** 2 / len(x) ** 2  # between grid points a polynomial rises no further
+    step = 1.0 + (order + samples) ** 2 / len(x) ** 2  # bounds a polynomial between grid points
     return GuardRule(
         order, tuple(nodes[:-1]), _rounded(lebesgue.max() * step), _rounded(product.max() * step)
     )
 
 
 def _rounded(value: float) -> float:
-    """Up, to six digits: the same text on every machine."""
+    """Rounded up to six digits: the same text on every machine."""
     digits = 5 - math.floor(math.log10(value))
     return math.ceil(value * 10.0**digits) / 10.0**digits

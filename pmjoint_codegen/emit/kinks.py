@@ -14,7 +14,7 @@ _INNER = 6  # kinks inside a sign whose sides are all tried
 
 
 def kink_arguments(rates: Iterable[sp.Symbol], equations: Equations) -> tuple[sp.Expr, ...]:
-    """Arguments of ``abs`` and ``sign`` in rates and in what these are defined by, inner ones first.
+    """Arguments of ``abs`` and ``sign`` in rates and in the equations that define them, inner ones first.
 
     Raises:
         ModelError: a ``sign`` whose argument is 0 over an interval: the loops know two sides.

@@ -2,7 +2,7 @@
 
 Continuous: ``taylor_lanes``, coefficients of X, of v, of the tracking error e = y - y_r and of kinks. Its
 order is lower than in single runs: a sweep asks for 1e-6 where a single run asks for 1e-10. See
-docs/sweep.md for the measurement. ``guard_lanes`` and ``rates_lanes`` are what a step is held to. Sampled:
+docs/sweep.md for the measurement. ``guard_lanes`` and ``rates_lanes`` check a step. Sampled:
 ``sample_lanes``, the kernel of a single run, and ``plant_lanes``, the plant's coefficients of the same
 order alone, for holds longer than one step, with ``plant_guard_lanes``.
 """
@@ -19,7 +19,7 @@ from pmjoint_codegen.emit.sampling import sampled_sizes, symbols_of
 from pmjoint_codegen.emit.vocabulary import Vocabulary
 from pmjoint_codegen.loops.quadrature import lane_steps
 
-LANE_ORDER = 12  # continuous: least time a run from 1e-5 to 1e-8
+LANE_ORDER = 12  # continuous: least time per run from 1e-5 to 1e-8
 
 
 def lane_sizes(words: Vocabulary, functions: Mapping[str, ca.Function]) -> dict[str, int | str]:
@@ -44,11 +44,11 @@ def matrices(name: str, *parts: ca.Function) -> ca.Function:
 
 
 def arrive(name: str, loop: ca.Function) -> ca.Function:
-    """The end of a step of ``taylor_lanes``, and what is asked of the step, as straight lines.
+    """The end of a step of ``taylor_lanes``, and its metrics, as straight lines.
 
     X there and its slopes, both by Horner, and the values of the other channels; v and e as
-    ``sum_k a_k s^k`` over s in [0, 1]; the mean of e^2, by five Gauss nodes: what they leave out, the
-    tolerance makes small (below 1e-9 of it).
+    ``sum_k a_k s^k`` over s in [0, 1]; the mean of e^2, by five Gauss nodes: their error is small by
+    the tolerance (below 1e-9 of it).
     """
     order, states = LANE_ORDER, loop.size1_in("X")
     channels = sum(loop.size1_out(i) for i in range(loop.n_out()))
@@ -94,7 +94,7 @@ def bernstein(name: str) -> ca.Function:
 
 
 def stacked(name: str, function: ca.Function) -> ca.Function:
-    """All results in one, in order: what the channels of a Taylor kernel are held to."""
+    """All results in one, in order: the reference for the channels of a Taylor kernel."""
     inputs = symbols_of(function)
     return ca.Function(
         name, inputs, [ca.densify(ca.vertcat(*function.call(inputs)))], function.name_in(), ["rates"]

@@ -1,6 +1,6 @@
-"""What is linear above order 0, and products that differ by constant factors alone.
+"""Linear expressions above order 0, and products that differ only by constant factors.
 
-Order 0 is computed as the right-hand side stands. Above it, constants fall out of sums, so that linear
+Order 0 is computed as the right-hand side is written. Above it, constants fall out of sums, so that linear
 expressions can be multiplied out where that saves operations (`affine`), and one product of moving quantities
 can serve all its multiples.
 """
@@ -90,7 +90,7 @@ def _product(node: Node) -> tuple[Product, Factor] | None:
 
 
 def shared(nodes: Sequence[Node]) -> tuple[list[Node], dict[Node, list[tuple[Node, Factor]]]]:
-    """Let products and quotients that differ by constant factors alone be multiples of one.
+    """Write products and quotients that differ only by constant factors as multiples of one.
 
     Returns:
         the nodes, with those that are new before their first multiple, and each multiple as a sum.
@@ -118,7 +118,7 @@ def shared(nodes: Sequence[Node]) -> tuple[list[Node], dict[Node, list[tuple[Nod
 def simplify(
     nodes: Sequence[Node], multiples: Mapping[Node, list[tuple[Node, Factor]]], asked: Iterable[Node]
 ) -> None:
-    """Replace linear recurrences above order 0 by the shortest combinations of what is asked for."""
+    """Replace linear recurrences above order 0 by the shortest combinations of the required values."""
     linear = dict(multiples)
     for node in nodes:
         parts = None if node.constant or node in linear else _parts(node)

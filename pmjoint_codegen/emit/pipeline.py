@@ -6,12 +6,12 @@ Stages, input to output:
     build_functions  Derivation          -> CasADi functions, one for each row of the table and of LOOPS
     kernels_source   rows' functions     -> kernels.c, which CasADi prints
     tapes_of         functions           -> tapes -> kernels.tape, for the interpreted evaluator
-    loops_source     tapes               -> loops.c, what the loops of single runs call
-    sampled_header   tapes               -> sampled.h, what the sampled loop takes in
+    loops_source     tapes               -> loops.c, called by the loops of single runs
+    sampled_header   tapes               -> sampled.h, included by the sampled loop
     kernels_header   function records    -> kernels.h
     lane_functions   functions           -> functions over lanes -> tapes -> lanes.c, lanes.h, for sweeps
     equations_text   Derivation          -> equations.json, for comparisons
-    derivation_page  Derivation          -> derivation.md, what a reviewer reads
+    derivation_page  Derivation          -> derivation.md, for reviewers
     describe         all of the above    -> model.json
 """
 
@@ -58,7 +58,7 @@ TAYLOR_ORDER = 16  # least time to 1e-9 for the paper's loop; see docs/design.md
 
 @dataclass(frozen=True)
 class Artifacts:
-    """What one model generates.
+    """The generated files of one model.
 
     Attributes:
         manifest: contents of ``model.json``.
@@ -77,17 +77,17 @@ def generate(
     *,
     lanes: bool = True,
 ) -> Artifacts:
-    """Everything that ``generated/<name>/`` holds for a model.
+    """The whole content of ``generated/<name>/`` for a model.
 
     Args:
         document: the parsed model file, for the hashes.
-        model: the same, as the derivation takes it.
+        model: the same, as input of the derivation.
         order: highest Taylor coefficient N of the continuous integrator.
+        stage: called with the name of each stage and the fraction of it completed.
         lanes: whether to write the C for sweeps, too; a single run does without.
-        stage: told what is being made.
 
     Raises:
-        ModelError: when the model needs what no kernel can hold, or is outside the class.
+        ModelError: if no kernel can express the model, or it is outside the class.
     """
     try:
         derivation = derive(model, stage)

@@ -1,8 +1,8 @@
 """C text of tapes as straight lines: every value is one named constant.
 
-So the compiler sees arithmetic without calls through pointers, branches or checks. A dialect says what a
-value is, a double or a vector of them, and which column of the table of operations spells an operation on it.
-No literal reaches the text but through the dialect, those in a column included: on float32, none is a double.
+So the compiler sees arithmetic without calls through pointers, branches or checks. A dialect defines the type
+of a value, a double or a vector of doubles, and the column of the table of operations that spells an
+operation on it. Every literal, also in a column, is written by the dialect: with float32, none is a double.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Dialect:
         number: C type of a value.
         spelling: column of the table.
         literal: writes a number.
-        fill: a literal as a value, where C's operators would not make it one.
+        fill: a literal as a value, where C's operators would not convert it.
         together: two operations on one operand -> the call that gives both results.
         inverts: whether a divisor that occurs more than once is inverted once.
         arrays: name of an argument -> what is read from; entries are then read into constants, at their first
@@ -98,7 +98,7 @@ def print_c(tape: Tape, dialect: Dialect) -> list[str]:
 
 
 def _arranged(listing: Sequence[Step], dialect: Dialect) -> Iterator[Step]:
-    """The steps as a dialect has them: entries read into constants, common divisors inverted once."""
+    """The steps in a dialect: entries read into constants, common divisors inverted once."""
     divisors = Counter(step.operands[1] for step in listing if step.operation == "div")
     for step in listing:
         operands: list[Operand] = []

@@ -1,6 +1,6 @@
 """Recurrences of the elementary operations: coefficient k of a result from its operands' up to k.
 
-The table of operations says which one is whose (`operations`). Coefficients are normalised,
+The table of operations assigns them (`operations`). Coefficients are normalised,
 ``a[k] = (d^k a / dt^k) / k!``. Moore, Interval Analysis (1966); Jorba and Zou,
 Experimental Mathematics 14 (2005), Proposition 2.1.
 
@@ -39,17 +39,17 @@ class Node:
     """One operation of the right-hand side, with the coefficients computed so far.
 
     Attributes:
-        recurrence: gives the coefficients; None for what comes from outside.
+        recurrence: gives the coefficients; None for an input.
         operands: nodes that it reads.
         series: coefficients 0..k.
         constant: whether only coefficient 0 can differ from zero.
         companion: second series of a coupled pair, such as the cosine beside a sine.
         exponent: of a constant power.
-        operation: its name in the table; empty for what comes from outside.
+        operation: its name in the table; empty for an input.
         residue: of a constant, see `affine`.
         rate: of a state: the node whose coefficient k-1 is k times the state's coefficient k.
         sum: what replaces the recurrence above order 0: nodes with the factors that they are summed with.
-        absorbed: whether it has been multiplied out, so that nothing asks for its higher coefficients.
+        absorbed: whether it has been multiplied out, so its higher coefficients are not needed.
     """
 
     recurrence: Recurrence | None
@@ -77,7 +77,7 @@ class Node:
 
 
 class Order(ABC):
-    """The coefficients of one order k >= 1, as recurrences and sums ask for them."""
+    """The coefficients of one order k >= 1, for recurrences and sums."""
 
     @abstractmethod
     def of(self, node: Node) -> Term:

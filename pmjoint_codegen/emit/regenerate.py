@@ -19,14 +19,14 @@ from pmjoint_derive.progress import Stage, unwatched
 
 @dataclass(frozen=True)
 class Report:
-    """What was found, and done, for one model.
+    """The findings and actions for one model.
 
     Attributes:
         name: the model.
         folder: its folder under ``generated/``.
-        comparison: how the folder stood before anything was written.
+        comparison: state of the folder before anything was written.
         written: whether it was written.
-        called: what a command line calls the model, where that is not its name.
+        called: the model's name on a command line, if different.
     """
 
     name: str
@@ -37,27 +37,27 @@ class Report:
 
     @property
     def stale(self) -> bool:
-        """Whether the folder did not hold what it should."""
+        """Whether the folder was not current."""
         return self.comparison.verdict is not Verdict.CURRENT
 
     @property
     def remedy(self) -> str:
-        """The command or act that mends it."""
+        """The command or action that fixes it."""
         return REMEDIES[self.comparison.verdict].format(name=self.called or self.name)
 
 
 def regenerate(models: Sequence[str] = (), *, check: bool = False, stage: Stage = unwatched) -> list[Report]:
-    """Write the folders of some models, or of all; with ``check`` only say what is stale.
+    """Write the folders of some models, or of all; with ``check`` only report what is stale.
 
     Args:
         models: names or paths; none means every model of the first ``models/`` folder in sight, and orphans
             count.
         check: write nothing.
-        stage: told what is being made, model by model.
+        stage: called with each stage, model by model.
 
     Raises:
         ModelError: for a model that cannot be read or derived, or whose name another file beside it has.
-        UsageError: for a folder that cannot be written; no folder is then half written.
+        UsageError: for a folder that cannot be written; no folder is left half written.
     """
     files = [find_model(model) for model in models] or _all_models()
     documents = [read_document(file) for file in files]  # once: a pipe cannot be read again
@@ -69,7 +69,7 @@ def regenerate(models: Sequence[str] = (), *, check: bool = False, stage: Stage 
 
 
 def _naming(file: Path, stage: Stage) -> Stage:
-    """Tell of stages with the model that they are of."""
+    """Report stages with the name of their model."""
     return lambda name, done: stage(f"{file.stem}: {name}", done)
 
 
@@ -80,7 +80,7 @@ def _all_models() -> list[Path]:
 
 
 def _refuse_namesakes(file: Path, document: Document) -> None:
-    """Refuse a file whose name another one beside it has: the two would write one folder in turns.
+    """Refuse a file with the same model name as another one beside it: both would write one folder.
 
     Raises:
         ModelError: naming both.
@@ -96,7 +96,7 @@ def _refuse_namesakes(file: Path, document: Document) -> None:
 
 
 def _name(file: Path) -> object:
-    """The name that a file gives its model; nothing where it cannot be read: it is not at stake."""
+    """The model name in a file; nothing if the file cannot be read: it does not matter here."""
     try:
         return read_document(file).get("name")
     except ModelError:

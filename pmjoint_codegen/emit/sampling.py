@@ -1,10 +1,10 @@
 """The functions of the sampled loop, composed from the table's rows; single runs and sweeps share them.
 
 ``sample``, one whole sample: the reference, the law, the actuator, Taylor coefficients of the plant and of
-the tracking error under the held w, the controller's next state. ``plant_taylor``, the coefficients alone, up
-to a higher order, for holds that this does not reach; ``plant_guard``, what these can miss. The error
-e = y - y_r is a channel of its own, so that what a run reports of it follows from its polynomial without
-evaluating the reference again; the arguments of kinks follow it.
+the tracking error under the held w, the controller's next state. ``plant_taylor``, the coefficients only, up
+to a higher order, for longer holds; ``plant_guard``, a bound on their error. The error e = y - y_r is a
+separate channel, so its metrics follow from its polynomial without evaluating the reference again; the
+arguments of kinks follow it.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from pmjoint_codegen.emit.vocabulary import Vocabulary
 
 HOLD_ORDER = 5  # of ``sample``: one step over a hold of 1 ms at 1e-10
 PLANT_ORDER = 10  # of ``plant_taylor``: one step over a hold of 10 ms at 1e-10; see docs/design.md
-SAMPLED = ("sample",)  # what ``sampled.h`` holds
+SAMPLED = ("sample",)  # the functions in ``sampled.h``
 
 
 def sample(
@@ -58,7 +58,7 @@ def sample(
 def sampled_sizes(words: Vocabulary, functions: Mapping[str, ca.Function]) -> dict[str, int]:
     """The sizes of the vectors as constants of C, the order, and whether one look serves many holds.
 
-    It does where the guard does not depend on what the actuator delivers, which is another in every hold.
+    It does if the guard does not depend on the actuator's output, which changes in every hold.
     """
     return {
         "PMJ_NX": len(words.x),

@@ -1,10 +1,10 @@
-"""What stands in ``generated/<name>/`` against what would be written there now, in one verdict.
+"""Compares ``generated/<name>/`` with fresh output, in one verdict.
 
-current            every byte is what the model and the tools give
-missing            nothing stands there
+current            every byte equals fresh output of the model and the tools
+missing            there are no files
 edited by hand     a file does not match the hash recorded for it, is absent, or is one too many
-model changed      the model file says something else than the folder was made from
-generator changed  same model, but the derivation, the emitters or their tools now write something else
+model changed      the model file differs from what the folder was made from
+generator changed  same model, but the derivation, the emitters or their tools now write other text
 orphan             the folder has no model file
 """
 
@@ -22,7 +22,7 @@ from pmjoint_codegen.storage import sha256
 
 
 class Verdict(StrEnum):
-    """How a generated folder stands to its model."""
+    """The relation of a generated folder to its model."""
 
     CURRENT = "current"
     MISSING = "missing"
@@ -47,8 +47,8 @@ class Comparison:
     """A verdict and its reasons.
 
     Attributes:
-        verdict: how the folder stands.
-        details: one line a reason.
+        verdict: state of the folder.
+        details: one line per reason.
         changes: equations that are new, gone or different.
     """
 
@@ -90,11 +90,11 @@ def tampering(files: Mapping[str, bytes]) -> tuple[Manifest | None, list[str]]:
 
 
 def compare(files: Mapping[str, bytes], fresh: Mapping[str, str], wanted: Manifest) -> Comparison:
-    """Hold a folder against what would be written.
+    """Check a folder against fresh output.
 
     Args:
-        files: what stands there, from :func:`read_folder`.
-        fresh: what would be written.
+        files: the existing files, from :func:`read_folder`.
+        fresh: the files that would be written.
         wanted: the fresh manifest.
     """
     if not files:
@@ -113,9 +113,7 @@ def compare(files: Mapping[str, bytes], fresh: Mapping[str, str], wanted: Manife
         values = [
             f"{item.name}: {item.before} -> {item.after}" for item in changes(before.values, after.values)
         ]
-        return Comparison(
-            Verdict.MODEL_CHANGED, tuple(values) or ("the model file says something else",), equations
-        )
+        return Comparison(Verdict.MODEL_CHANGED, tuple(values) or ("the model file differs",), equations)
     versions = [
         f"{tool} {recorded.versions.get(tool, 'unknown')} -> {version}"
         for tool, version in wanted.versions.items()

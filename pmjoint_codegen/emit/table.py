@@ -1,8 +1,8 @@
 """The flat table of what is emitted: name, inputs, outputs, equation. It predicts ``generated/``.
 
-A row is a `Kernel`, made of named equations, or it is made from rows before it: `Taylor` coefficients of what
-another gives, a `Guard` of these, or `Composed`. `kernel_table` has the rows that depend on the derivation,
-`LOOPS` what single runs add to them and `LANES` what sweeps do. `vocabulary` explains the blocks.
+A row is a `Kernel`, made of named equations, or it is made from earlier rows: `Taylor` coefficients of
+another's results, a `Guard` of these, or `Composed`. `kernel_table` has the rows that depend on the
+derivation, `LOOPS` those of single runs and `LANES` those of sweeps. `vocabulary` explains the blocks.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Kernel:
 
 @dataclass(frozen=True)
 class Taylor:
-    """Taylor coefficients of what another function gives, along its solution.
+    """Taylor coefficients of another function's results, along its solution.
 
     Attributes:
         name: name in C.
@@ -70,7 +70,7 @@ class Taylor:
 
 @dataclass(frozen=True)
 class Guard:
-    """A bound of what such coefficients can miss.
+    """A bound on the error of such coefficients.
 
     Attributes:
         name: name in C.

@@ -5,7 +5,7 @@ The right-hand side is a list of elementary operations, its tape. Each operation
 lower ones; the state follows by ``x[k+1] = x'[k] / (k+1)``. Running the list for k = 0, 1, ..., N on symbols
 instead of numbers yields all coefficients exactly, with no truncation error in any of them.
 
-Order 0 is computed as the right-hand side stands. Above it, constants fall out of sums, and linear
+Order 0 is computed as the right-hand side is written. Above it, constants fall out of sums, and linear
 expressions are multiplied out where that saves operations (`affine`).
 """
 
@@ -39,7 +39,7 @@ class Graph:
 
     Attributes:
         nodes: every operation, operands before users.
-        outputs: node of each output entry, one list an output.
+        outputs: node of each output entry, one list per output.
     """
 
     nodes: tuple[Node, ...]
@@ -54,7 +54,7 @@ def build_graph(tape: Tape, leaves: Mapping[tuple[int, int], Node]) -> Graph:
         leaves: node of each input entry, keyed by (input, entry).
 
     Raises:
-        ModelError: for an operation without a recurrence; it is not analytic, or not known here.
+        ModelError: for an operation without a recurrence: it is not analytic, or unknown here.
     """
     known = by_name()
     nodes: list[Node] = []
@@ -97,7 +97,7 @@ def _operation(operation: Operation, operands: list[Node]) -> Node:
 
 
 def leaf(*series: ca.SX, moving: bool = False) -> Node:
-    """A node whose coefficients come from outside: a parameter, time, or a state's entry."""
+    """A node whose coefficients are inputs: a parameter, time, or a state's entry."""
     return Node(None, series=[Term(value) for value in series], constant=not moving)
 
 
@@ -146,7 +146,7 @@ class Expansion:
 
     @property
     def moving(self) -> list[Node]:
-        """What has coefficients above order 0 that something asks for, in evaluation order."""
+        """The nodes whose coefficients above order 0 are needed, in evaluation order."""
         return [node for node in self.nodes if not (node.constant or node.absorbed)]
 
 

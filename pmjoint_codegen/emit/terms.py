@@ -1,9 +1,9 @@
-"""Coefficients as they are printed: an expression, and how soon a processor can know it.
+"""Coefficients as printed: an expression, and how soon a processor can compute it.
 
 A Taylor kernel is one straight line of some thousand dependent operations; its time is set less by their
-number than by the longest chain of them. So a sum adds first what is known first: the last addend of a sum
-is the one whose own chain is longest. That choice is made here, once, when a model is generated; the C, the
-interpreter and the lanes then do the same operations in the same order.
+number than by the longest chain of them. So a sum adds the earliest terms first: its last addend is the one
+with the longest chain. That choice is made here, once, when a model is generated; the C, the interpreter and
+the lanes then do the same operations in the same order.
 """
 
 from __future__ import annotations

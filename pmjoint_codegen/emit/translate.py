@@ -1,8 +1,8 @@
 """SymPy to CasADi, one expression graph: equal subexpressions become one node.
 
 A symbol in an expression is an input of the kernel, a name that another equation defines, or an error at
-specification time. Integer powers become products and quotients stay quotients, so that the kernel does what
-the page says.
+specification time. Integer powers become products and quotients stay quotients, so the kernel computes what
+the page shows.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class Translator:
     Args:
         kernel: the kernel's name, for messages.
         inputs: CasADi symbol of each input.
-        given: definitions that hold in this kernel alone and go before the equations.
+        given: definitions for this kernel only, with priority over the equations.
         equations: the derivation's named equations.
         sides: argument of a kink -> the symbol of its side; the kinks of others stay as they are.
     """
@@ -88,7 +88,7 @@ class Translator:
             return float(value.p / value.q)
         except OverflowError:
             raise ModelError(
-                what="a number, or its inverse, is beyond floating point",
+                what="a number, or its inverse, overflows floating point",
                 where=f"kernel {self._kernel}",
                 remedy="allowed: magnitudes from 1e-300 to 1e300",
             ) from None
@@ -113,7 +113,7 @@ class Translator:
         return result
 
     def _product(self, value: sp.Expr) -> ca.SX:
-        """Factors above the line over factors below it, as they stand; no common denominator is formed."""
+        """Numerator factors over denominator factors, as written; no common denominator is formed."""
         if value.could_extract_minus_sign():
             return -self(-value)
         above: list[sp.Expr] = []

@@ -1,15 +1,15 @@
-"""Model files: read, validated, and turned into what the derivation takes.
+"""Model files: read, validated, and turned into the input of the derivation.
 
     reader       path -> document          TOML as nested dictionaries; needs the standard library only
-    schema       document -> ModelSpec     every key with its type and what is allowed there (pydantic)
-    complaints   what pydantic found -> one line that names file, key, what is wrong and what is allowed
-    names        which names a parameter may bear
+    schema       document -> ModelSpec     every key with its type and allowed values (pydantic)
+    complaints   pydantic's errors -> one line that names file, key, error and allowed values
+    names        allowed names of parameters
     expressions  text -> SymPy             a whitelist; nothing in a model file is ever executed
-    bounds       how large a power SymPy may be asked for
+    bounds       limits on powers before SymPy computes them
     points       the value of an expression at one point, in bounded time
     zeros        whether sigma vanishes in the stated range, by interval arithmetic
-    soundness    what the plant class demands of a model's numbers
-    model        ModelSpec -> pmjoint_derive.Model the driver: parse, check, hand over
+    soundness    conditions of the plant class on a model's numbers
+    model        ModelSpec -> pmjoint_derive.Model the driver: parse, check, convert
 
 Importing this package imports none of them: the reader must stay usable without SymPy and pydantic.
 """
@@ -29,8 +29,8 @@ def model_of(document: Mapping[str, Any], where: str) -> Model:
     """Turn a model file's document into the record that the derivation takes.
 
     Args:
-        document: what `reader.read_document` gave, possibly with a key replaced.
-        where: file that a message begins with.
+        document: from `reader.read_document`, possibly with a key replaced.
+        where: file at the start of a message.
 
     Raises:
         ModelError: for anything that is wrong with it.

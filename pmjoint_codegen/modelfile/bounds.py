@@ -1,7 +1,7 @@
-"""How large the powers of an expression may grow, asked before SymPy is made to carry them out.
+"""Limits on the powers of an expression, checked before SymPy computes them.
 
-SymPy raises exact numbers exactly and treats ``y**(p/q)`` and ``exp(p/q*y)`` as polynomials of degree p, so
-that a few characters can cost unbounded time. Each function gives the reason for a refusal, or None.
+SymPy computes powers of exact numbers exactly and treats ``y**(p/q)`` and ``exp(p/q*y)`` as polynomials of
+degree p, so a few characters can cost unbounded time. Each function gives the reason for a refusal, or None.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ _LARGEST_EXPANDED = 10**4  # what an exponent may come to when SymPy multiplies 
 
 
 def power_too_large(base: sp.Expr, exponent: sp.Expr, value: float | None) -> str | None:
-    """Judge ``base**exponent`` before it is taken; `value` is the exponent's, where it is constant."""
+    """Check ``base**exponent`` before it is computed; `value` is the exponent's, if it is constant."""
     found = None if value is None else _growth_too_large(base, abs(value))
     return found or _exponent_too_long(exponent) or exponential_too_large(exponent)
 
 
 def exponential_too_large(exponent: sp.Expr) -> str | None:
-    """Judge ``exp(exponent)`` before it is taken: SymPy turns ``exp(1e8*log(y))`` into y**1e8."""
+    """Check ``exp(exponent)`` before it is computed: SymPy turns ``exp(1e8*log(y))`` into y**1e8."""
     for product in exponent.atoms(sp.Mul):
         factor, rest = product.as_coeff_Mul()
         of_log = any(isinstance(part, sp.log) for part in sp.Mul.make_args(rest))
@@ -34,7 +34,7 @@ def exponential_too_large(exponent: sp.Expr) -> str | None:
 
 
 def expansion_too_large(name: str, argument: sp.Expr) -> str | None:
-    """Judge ``tanh(argument)`` or the like, which SymPy would expand into real and imaginary parts."""
+    """Check ``tanh(argument)`` or the like, which SymPy would expand into real and imaginary parts."""
     exponents = [part.as_base_exp()[1] for part in argument.atoms(sp.Pow, sp.exp)]
     if any(_expanded(exponent) > _LARGEST_EXPANDED for exponent in exponents if not exponent.is_Integer):
         return f"an exponent inside {name} has too many digits"
@@ -56,7 +56,7 @@ def _expanded(expression: sp.Expr) -> float:
 
 
 def exponents_too_long(expression: sp.Expr) -> str | None:
-    """Judge what has become of a product or power, whose exponents SymPy adds up."""
+    """Check the result of a product or power, whose exponents SymPy adds up."""
     for base, exponent in (factor.as_base_exp() for factor in sp.Mul.make_args(expression)):
         found = _exponent_too_long(exponent)
         if exponent.is_Rational and base is not sp.E and abs(exponent) > LARGEST_EXPONENT:
@@ -67,7 +67,7 @@ def exponents_too_long(expression: sp.Expr) -> str | None:
 
 
 def _exponent_too_long(exponent: sp.Expr) -> str | None:
-    """Judge the numbers that SymPy would take for degrees of polynomials."""
+    """Check the numbers that SymPy would take as degrees of polynomials."""
     if exponent.is_Rational and _length(exponent) > _LONGEST_EXPONENT:
         return "a constant exponent has too many digits"
     if any(_length(term.as_coeff_Mul()[0]) > _LONGEST_FACTOR for term in sp.Add.make_args(exponent)):

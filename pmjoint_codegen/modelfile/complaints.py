@@ -1,4 +1,4 @@
-"""What pydantic found wrong with a document, as the one line that a user needs."""
+"""Turns pydantic's errors into the one line that a user needs."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def first_complaint(error: ValidationError, schema: type[BaseModel], where: str)
 
 
 def _document_path(loc: tuple[int | str, ...]) -> tuple[int | str, ...]:
-    """Drop what pydantic adds to a place besides keys and indices, such as the member of a union it tried."""
+    """Drop pydantic's additions to a place, such as the member of a union that it tried."""
     return tuple(
         part
         for part in loc

@@ -37,7 +37,7 @@ _DEEPEST = 60  # brackets or operators inside each other
 _MOST_NODES = 2000
 
 _NOT_REAL = (sp.zoo, sp.oo, -sp.oo, sp.nan, sp.I)
-_SIGNAL = re.compile(r"t|y|x\d+")  # what no parameter may be called
+_SIGNAL = re.compile(r"t|y|x\d+")  # reserved: no parameter may have this name
 _KINKED: Mapping[str, tuple[Callable[..., Any], Callable[..., Any]]] = MappingProxyType(
     {
         "abs": (math.fabs, sp.Abs),
@@ -52,7 +52,7 @@ _OF_TWO = ("min", "max")
 
 @dataclass(frozen=True)
 class _Place:
-    """Where an expression stands: its text, and the names and functions that are allowed there."""
+    """The place of an expression: its text, and the names and functions that are allowed there."""
 
     source: str
     symbols: Mapping[str, sp.Symbol]
@@ -68,7 +68,7 @@ class _Term:
 
 
 class _Refused(Exception):  # noqa: N818 - caught in this module, where it reads as a sentence
-    """What is wrong with an expression, and what is allowed instead."""
+    """The error in an expression, and what is allowed instead."""
 
     def __init__(self, what: str, allowed: str = "") -> None:
         super().__init__(what)
@@ -83,7 +83,7 @@ def parse(text: str, symbols: Mapping[str, sp.Symbol], where: str, *, kinks: boo
     Args:
         text: such as ``0.1*sin(x2)*cos(t)``.
         symbols: name -> symbol, for every name allowed in this place; ``pi`` is always allowed.
-        where: file and key that a message begins with.
+        where: file and key at the start of a message.
         kinks: whether abs, sign, min and max are allowed too, as in a disturbance.
 
     Raises:
@@ -124,7 +124,7 @@ def _tree(source: str) -> ast.expr:
         raise _too_deep()
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("error")  # what Python merely finds odd, such as 1if, is an error here
+            warnings.simplefilter("error")  # a mere warning of Python, as for 1if, is an error here
             tree = ast.parse(source, mode="eval")
     except SyntaxError as error:
         near = f" near character {error.offset}" if error.offset else ""
@@ -277,7 +277,7 @@ def _kinked(name: str) -> _Refused:
 
 
 def _refused_node(node: ast.expr, place: _Place) -> _Refused:
-    """Name what is not on the whitelist, in the words of whoever wrote it."""
+    """Name what is not on the whitelist, as the author wrote it."""
     match node:
         case ast.Call(func=ast.Name(id=name)) if name in place.functions:
             if name in _OF_TWO:

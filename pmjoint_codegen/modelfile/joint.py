@@ -1,4 +1,4 @@
-"""``[joint]``: the physical joint in place of ``[plant]``, and what a design keeps of it.
+"""``[joint]``: the physical joint in place of ``[plant]``, and the physics that a design keeps.
 
 Its numbers become parameters of the model, settable at run time like any other, in the unit that the file
 gives them; the kernels take SI units. Its expressions come from `pmjoint_derive.joint`.
@@ -20,7 +20,7 @@ from pmjoint_codegen.values import SI, from_si, to_si
 from pmjoint_derive import OutsideClassError, Parameter, real_symbol
 from pmjoint_derive.joint import KEEP, LAG, POSITIVE, Joint, check_keep, reduce_joint
 
-# name -> SI unit, another unit that people use, and the meaning where the file states none
+# name -> SI unit, another common unit, and the meaning if the file states none
 SYMBOLS: Mapping[str, tuple[str, str, str]] = {
     "J": ("kg m^2", "kg cm^2", "moment of inertia"),
     "b_v": ("N m s/rad", "N mm s/rad", "viscous damping"),
@@ -37,7 +37,7 @@ SYMBOLS: Mapping[str, tuple[str, str, str]] = {
     "P_max": ("Pa", "bar", "supply pressure"),
     LAG: ("s", "ms", "time constant of the pressures"),
 }
-COLUMNS: Mapping[str, str] = {"y": "rad", "u": "V"}  # what (1)-(4) have for output and input
+COLUMNS: Mapping[str, str] = {"y": "rad", "u": "V"}  # units of output and input in (1)-(4)
 
 
 def _as_line(value: object) -> object:
@@ -52,7 +52,7 @@ _NUMBER = 'a number, or a line such as { value = 0.05, unit = "kg m^2" }'
 
 
 class JointSpec(Table):
-    """``[joint]``: (1)-(4); quantities in SI units, or in the unit that stands beside them."""
+    """``[joint]``: (1)-(4); quantities in SI units, or in the unit beside them."""
 
     keep: tuple[str, ...] = Field(default=(), description=f"a list of {', '.join(KEEP)}")
     J: Quantity = Field(description=_NUMBER)
@@ -86,12 +86,12 @@ class JointSpec(Table):
 
 
 def joint_names(spec: JointSpec) -> tuple[str, ...]:
-    """Names of the joint's parameters; P_max is one even where the file leaves it out."""
+    """Names of the joint's parameters; P_max is one even if the file omits it."""
     return tuple(name for name in SYMBOLS if name != LAG or spec.tau is not None)
 
 
 def check_kept(spec: JointSpec, where: str) -> None:
-    """Hold `keep` to what a design can keep; the lengths of gains and states follow from it.
+    """Check `keep` against what a design can keep; the lengths of gains and states follow from it.
 
     Raises:
         ModelError: naming file, key, what is wrong and what is allowed.
@@ -156,7 +156,7 @@ def check_columns(stated: Mapping[str, str], scales: Scales) -> None:
 
 
 def check_joint(parameters: Mapping[str, Parameter], where: str) -> None:
-    """Hold a joint's numbers to what (1)-(4) presume.
+    """Check a joint's numbers against the assumptions of (1)-(4).
 
     Raises:
         ModelError: naming file, key, what is wrong and what is allowed.
@@ -185,7 +185,7 @@ def to_joint(spec: JointSpec, parameters: tuple[Parameter, ...], limit: sp.Symbo
         spec: the table.
         parameters: all parameters of the model, the joint's among them.
         limit: symbol of the actuator's limit.
-        where: file that a message begins with.
+        where: file at the start of a message.
 
     Raises:
         ModelError: for a bad expression.

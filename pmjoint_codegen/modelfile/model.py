@@ -1,7 +1,7 @@
 """From a validated model file to the record that the derivation takes.
 
-Expressions become SymPy over the symbols allowed in their place; numbers are held to the rules of the design
-and of the plant class.
+Expressions become SymPy over the symbols allowed in their place; numbers are checked against the rules of the
+design and of the plant class.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def to_derive(spec: ModelSpec, where: str = "") -> Model:
 
     Args:
         spec: a validated model file.
-        where: file that a message begins with; by default the model's name.
+        where: file at the start of a message; by default the model's name.
 
     Raises:
         ModelError: a bad expression, a value that breaks a rule of the design, or a plant outside the class.
@@ -87,7 +87,7 @@ def _parameters(spec: ModelSpec, where: str) -> tuple[Parameter, ...]:
 
 
 def _physics(spec: ModelSpec, parameters: tuple[Parameter, ...], where: str) -> dict[str, Any]:
-    """The plant as ``[plant]`` states it, or as ``[joint]`` reduces to it with what the design leaves out."""
+    """The plant as ``[plant]`` states it, or reduced from ``[joint]`` with the omitted physics."""
     known = {item.name: item.symbol for item in parameters}
     if spec.plant is not None:
         return {
@@ -131,7 +131,7 @@ def _plant(spec: PlantSpec, known: Symbols, where: str) -> Plant:
 
 
 def _parse(text: str, allowed: Symbols, known: Symbols, where: str) -> sp.Expr:
-    """Parse over `allowed`; what speaks of the plant's states goes on to `Plant`, which knows the reason."""
+    """Parse over `allowed`; expressions with the plant's states go to `Plant`, which gives the reason."""
     try:
         return parse(text, allowed, where)
     except ModelError:
@@ -141,7 +141,7 @@ def _parse(text: str, allowed: Symbols, known: Symbols, where: str) -> sp.Expr:
 
 
 def _check_values(spec: ModelSpec, parameters: tuple[Parameter, ...], where: str) -> None:
-    """Hold the file's numbers to the rules that values set for one run obey as well."""
+    """Check the file's numbers against the rules for values set for one run."""
     design = spec.design
     values = {item.name: item.value for item in parameters}
     keys = {name: f"joint.{name}" for name in values}

@@ -1,4 +1,4 @@
-"""Which names a parameter may bear, and how a message writes the place of a value in a model file."""
+"""Allowed names of parameters, and how a message writes the place of a value in a model file."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ _C_KEYWORDS = frozenset(
 
 
 def why_not(name: str) -> str | None:
-    """Say why a parameter cannot be called so, or None if it can."""
+    """State why a parameter cannot have this name, or None if it can."""
     if not _SHAPE.fullmatch(name):
         return "is not a name: a letter, then letters, digits or _, 40 at most"
     if name in _C_KEYWORDS or keyword.iskeyword(name):

@@ -1,4 +1,4 @@
-"""Values of expressions at single points, to 40 digits and more, without ever leaving the range of doubles.
+"""Values of expressions at single points, to 40 digits and more, within the range of doubles.
 
 SymPy's own substitution would raise exact numbers to any power that a parameter's value asks for; here every
 intermediate result is a floating-point number whose size is checked before it is used.
@@ -13,7 +13,7 @@ import mpmath
 import sympy as sp
 
 _DIGITS = 40
-_LARGEST = 1.7e308  # what a double, and so the generated code, can hold
+_LARGEST = 1.7e308  # the largest value of a double, and so of the generated code
 
 Point = Mapping[sp.Symbol, float]
 
@@ -25,7 +25,7 @@ class NotFiniteError(ArithmeticError):
 def value_at(expression: sp.Expr, point: Point) -> float:
     """Value of an expression at a point, 0.0 where it cancels; raises `NotFiniteError`.
 
-    Cancellation is told from a small value by computing twice: rounding noise shrinks with the precision.
+    Computing twice distinguishes cancellation from a small value: rounding noise shrinks with precision.
     """
     coarse = _evaluate(expression, point, _context(_DIGITS))
     fine = _evaluate(expression, point, _context(2 * _DIGITS))
@@ -33,7 +33,7 @@ def value_at(expression: sp.Expr, point: Point) -> float:
 
 
 def _context(digits: int) -> Any:
-    context = mpmath.MPContext()  # of its own: the precision of mpmath's shared one is global state
+    context = mpmath.MPContext()  # separate: the precision of mpmath's shared context is global state
     context.dps = digits
     return context
 

@@ -1,4 +1,4 @@
-"""A model file as nested dictionaries, or one line that says why it cannot be read."""
+"""A model file as nested dictionaries, or one line that states why it cannot be read."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def _decode(data: bytes, where: str) -> str:
 
 
 def _check_contents(document: dict[str, Any], where: str) -> None:
-    """Refuse what the canonical form of a model cannot hold: bottomless nesting, endless integers, dates.
+    """Refuse what the canonical form of a model cannot represent: deep nesting, huge integers, dates.
 
     Level by level, not recursively: a dotted key nests deeper than Python recurses.
     """

@@ -1,4 +1,4 @@
-"""The keys of a model file (schema 1), each with its type; a field's description says what is allowed there.
+"""The keys of a model file (schema 1), each with its type; a field's description states what is allowed.
 
 Lengths that span tables (n, m, p, rho) are checked after the single keys; what needs mathematics, in `model`.
 """
@@ -139,7 +139,7 @@ def validate(document: Mapping[str, Any], where: str) -> ModelSpec:
 
     Args:
         document: a model file as nested dictionaries.
-        where: file that a message begins with.
+        where: file at the start of a message.
 
     Raises:
         ModelError: one line naming file, key, what is wrong and what is allowed there.
@@ -149,7 +149,7 @@ def validate(document: Mapping[str, Any], where: str) -> ModelSpec:
     except ValidationError as error:
         raise first_complaint(error, ModelSpec, where) from None
     if (spec.plant is None) == (spec.joint is None):
-        found = "both stand there" if spec.plant else "is missing, and so is [joint]"
+        found = "both are given" if spec.plant else "is missing, and so is [joint]"
         raise ModelError(found, where=f"{where}: plant", remedy="allowed: one of [plant] and [joint]")
     _check_names(spec, where)
     if spec.joint is not None:
@@ -178,7 +178,7 @@ def _check_names(spec: ModelSpec, where: str) -> None:
     for name in spec.parameters:
         reason = why_not(name)
         if spec.joint is not None and name in joint_names(spec.joint):
-            reason = "already stands in [joint]"
+            reason = "is already in [joint]"
         elif spec.joint is not None and name in TAKEN:
             reason = "already names a coefficient, pressure or state of the joint"
         if reason:

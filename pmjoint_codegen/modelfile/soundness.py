@@ -1,4 +1,4 @@
-"""What the plant class demands of a model's numbers: finite, b_m and sigma not zero, stable zero dynamics.
+"""Conditions of the plant class on a model's numbers: finite, b_m and sigma not 0, stable zero dynamics.
 
 Checked at the file's parameter values and initial state; `pmjoint_codegen.values` checks gains and limits.
 """
@@ -17,11 +17,11 @@ from pmjoint_derive import Model, Plant, real_symbol
 
 
 def check_model(model: Model, where: str) -> None:
-    """Check a model where it starts.
+    """Check a model at its initial state.
 
     Args:
-        model: what the derivation would take.
-        where: file that a message begins with.
+        model: input of the derivation.
+        where: file at the start of a message.
 
     Raises:
         ModelError: an expression without finite value, ``b_m = 0``, ``sigma = 0``, unstable zero dynamics.
@@ -48,7 +48,7 @@ def check_model(model: Model, where: str) -> None:
 
 
 def _check_range(model: Model, values: Point, where: str) -> None:
-    """Hold sigma to being other than 0 wherever the design is meant to work."""
+    """Check that sigma is not 0 anywhere in the design's range."""
     if model.y_range is None:
         return
     low, high = model.y_range
@@ -62,7 +62,7 @@ def _check_range(model: Model, values: Point, where: str) -> None:
 
 
 def _check_reference(model: Model, start: Point, where: str) -> None:
-    """Hold the reference to Assumption 1 where a run starts: the law needs its derivatives up to rho.
+    """Check Assumption 1 on the reference at the start of a run: the law needs its derivatives up to rho.
 
     A Taylor step needs all of them, and a power that is not whole has not all of them where its base is 0.
     """
@@ -80,7 +80,7 @@ def _check_reference(model: Model, start: Point, where: str) -> None:
 
 
 def _initial_point(model: Model, values: Point) -> dict[sp.Symbol, float]:
-    """Where a run starts: t = 0, x from x0, y = x1, nothing delivered yet."""
+    """The start of a run: t = 0, x from x0, y = x1, no input yet."""
     x0 = model.simulation.x0
     if model.start is None:
         states = {real_symbol(f"x{i}"): value for i, value in enumerate(x0, start=1)}
@@ -94,7 +94,7 @@ def _initial_point(model: Model, values: Point) -> dict[sp.Symbol, float]:
 
 
 def _entries(plant: Plant) -> Iterable[tuple[str, sp.Expr]]:
-    """Every expression of a plant with the key it stands at."""
+    """Every expression of a plant with its key."""
     columns = {"phi": plant.phi, "theta": plant.theta, "b": plant.b, "disturbance": plant.disturbance}
     columns |= {f"Phi, entry {i}": row for i, row in enumerate(plant.Phi, start=1)}
     for key, column in columns.items():
@@ -115,7 +115,7 @@ def _finite(expression: sp.Expr, point: Point, where: str) -> float:
 
 
 def _input(model: Model) -> Iterable[tuple[str, sp.Expr]]:
-    """The input coefficients ``b_m ... b_0``, with the key each stands at; a joint has (8) for them."""
+    """The input coefficients ``b_m ... b_0``, each with its key; a joint has (8) for them."""
     table = "joint" if model.constants else "plant"
     yield from ((f"{table}.b, entry {i}", entry) for i, entry in enumerate(model.plant.b, start=1))
 

@@ -1,4 +1,4 @@
-"""The building blocks of a model file's schema: tables that know their keys, and kinds of values."""
+"""The building blocks of a model file's schema: tables with fixed keys, and value types."""
 
 from __future__ import annotations
 

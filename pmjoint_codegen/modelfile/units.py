@@ -1,7 +1,7 @@
-"""What a unit of ``[joint]`` amounts to in SI units, or one line that says why it is none.
+"""Converts a unit of ``[joint]`` to SI units, or gives one line that states why it cannot.
 
-The labels of the shipped models and all products of coherent SI units are known here; pint is asked for any
-other, and loaded only then: it takes longer than the rest of reading a model.
+The labels of the shipped models and all products of coherent SI units are known here; pint handles any other,
+and is loaded only then: it takes longer than the rest of reading a model.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pmjoint_codegen.errors import MissingToolError, ModelError, installing, quo
 from pmjoint_codegen.values import SI
 from pmjoint_derive.units import Unit, parse_unit
 
-_ANGLE: Final = "rad"  # pint, too, takes angles for plain numbers
+_ANGLE: Final = "rad"  # pint, too, treats angles as plain numbers
 _COHERENT: Final = frozenset(
     ("kg", "m", "s", "A", "K", "mol", "cd", "N", "Pa", "J", "W", "C", "V", "Hz", _ANGLE)
 )
@@ -26,10 +26,10 @@ _HOSTILE: Final = re.compile(r"[\d.]{3}|(\^|\*\*)[\s()+\-\d]*(\^|\*\*)")
 
 @dataclass(frozen=True)
 class Wanted:
-    """What a number of a joint must be.
+    """The required unit of a joint's number.
 
     Attributes:
-        unit: in SI units, such as ``kg m^2``; empty where any unit will do.
+        unit: in SI units, such as ``kg m^2``; empty if any unit is allowed.
         example: another unit of the same dimension.
     """
 
@@ -38,7 +38,7 @@ class Wanted:
 
     @property
     def rule(self) -> str:
-        """What a message says is allowed."""
+        """The rule in a message."""
         kind = f"a unit of the dimension of {self.unit}" if self.unit not in ("", "1") else "a unit"
         if self.unit == "1":
             kind = "a dimensionless unit"
@@ -53,7 +53,7 @@ class Scales:
     """Conversion into SI units; one record serves one model file.
 
     Attributes:
-        where: file that a message begins with.
+        where: file at the start of a message.
     """
 
     where: str
@@ -63,7 +63,7 @@ class Scales:
 
         Args:
             text: the unit.
-            key: where it stands in the file.
+            key: its place in the file.
             wanted: its dimension.
 
         Raises:
@@ -94,7 +94,7 @@ class Scales:
             raise refusal from error
         if nothing.magnitude != 0 or not one.magnitude > 0:
             raise ModelError(
-                f"{quoted(text)} has an offset, so that 0 of it is not 0", where=place, remedy=wanted.rule
+                f"{quoted(text)} has an offset: its zero is not 0", where=place, remedy=wanted.rule
             )
         return one
 
@@ -116,12 +116,12 @@ class Scales:
 
 
 def _is_same(unit: Unit, wanted: Unit) -> bool:
-    """Whether two labels name one unit, whatever they say of angles."""
+    """Whether two labels name one unit, regardless of angles."""
     plain = ({base: n for base, n in one.powers.items() if base != _ANGLE} for one in (unit, wanted))
     return next(plain) == next(plain)
 
 
 def _decimal(magnitude: Any) -> str:
-    """A decimal without an exponent's plus sign and without zeros that say nothing."""
+    """A decimal without an exponent's plus sign and without redundant zeros."""
     number = Decimal(magnitude).normalize()
     return SI if number == 1 else str(number)

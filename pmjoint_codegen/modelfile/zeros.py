@@ -1,8 +1,8 @@
 """Whether a function of y vanishes somewhere in a range, decided by interval arithmetic and bisection.
 
-An interval's image that leaves out 0 proves that there is no zero in it; two signs at its ends show that
-there is one, or a pole. What neither settles is halved. So None is a proof; a range that cannot be settled
-counts as one with a zero.
+An interval's image without 0 proves that there is no zero in it; two signs at its ends show that there is
+one, or a pole. An undecided interval is halved. So None is a proof; an undecided range counts as one with a
+zero.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def find_zero(
         low: lower end, inclusive.
         high: upper end, inclusive.
     """
-    context = mpmath.ctx_iv.MPIntervalContext()  # of its own, for the same reason as in `points`
+    context = mpmath.ctx_iv.MPIntervalContext()  # separate, for the same reason as in `points`
     context.dps = _DIGITS
     pending = [(low, high)]
     for _ in range(_MOST_INTERVALS):
@@ -85,7 +85,7 @@ def _image(expression: sp.Expr, point: Mapping[sp.Symbol, Any], context: Any) ->
 
 
 def _between_ends(operation: Operation, interval: Any, context: Any) -> Any:
-    """The image of an interval under a function that rises: from end to end, rounded outwards."""
+    """The image of an interval under an increasing function: from end to end, rounded outwards."""
     numbers = mpmath.MPContext()
     numbers.dps = 2 * _DIGITS
     ends = [operation.of(numbers)(numbers.mpf(end)) for end in (interval.a.a, interval.b.b)]

@@ -1,4 +1,4 @@
-"""A derivation as plain text whose every line copies into code: comments say what, assignments say how."""
+"""A derivation as plain text that can be pasted into code: comments explain, assignments compute."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What a change of a model changes: a revision of git against the working tree."""
+"""The effects of a change of a model: a revision of git compared with the working tree."""

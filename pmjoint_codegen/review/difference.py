@@ -1,6 +1,6 @@
 """Two versions of a model side by side: equations, values, sizes of the generated code, golden figures.
 
-A version is read from its generated folder, or derived where that folder is not what its model file says.
+A version is read from its generated folder, or rederived if that folder does not follow from its model file.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ class Version:
 
     Attributes:
         name: of the model.
-        source: what its content was read from, in words.
-        content: what its generated files say.
+        source: the origin of its content, in words.
+        content: of its generated files.
         golden_source: its golden file, or why there is no trajectory.
-        trajectory: what the golden files hold; None where there are none, or damaged ones.
+        trajectory: from the golden files; None if they are missing or damaged.
     """
 
     name: str
@@ -49,13 +49,13 @@ class Version:
 
 @dataclass(frozen=True)
 class Difference:
-    """What is new, gone or different between two versions.
+    """The differences between two versions.
 
     Attributes:
         before: the earlier one.
         after: the later one.
         equations: in the order of the derivation.
-        values: what the model file states besides equations.
+        values: the model file's statements besides equations.
         operations: of the kernels.
         sizes: of the generated files, bytes.
         figures: of the golden trajectories, with their units.
@@ -74,12 +74,12 @@ class Difference:
 
 
 def difference(model: str, revision: str = "HEAD", stage: Stage = unwatched) -> Difference:
-    """Compare a model as a revision holds it with the working tree.
+    """Compare a model in a revision with the working tree.
 
     Args:
         model: name or path.
         revision: any name that git knows.
-        stage: told what is being derived, where something is.
+        stage: called with the stage of a derivation, if there is one.
 
     Raises:
         UsageError: no repository, no such revision, or no such model in it.
@@ -104,7 +104,7 @@ def difference(model: str, revision: str = "HEAD", stage: Stage = unwatched) -> 
                 found.export(path, root)
             before = _version(earlier, when, stage)
         except ModelError as error:
-            key = error.where.removeprefix(str(earlier))  # a path in the temporary folder says nothing
+            key = error.where.removeprefix(str(earlier))  # a path in the temporary folder is of no use
             raise ModelError(error.what, where=f"{file}{when}{key}", remedy=error.remedy) from error
     return _compared(before, _version(file, "", stage))
 
@@ -144,14 +144,14 @@ def _version(file: Path, when: str, stage: Stage) -> Version:
 
 
 def _content(files: Mapping[str, bytes], document: Document) -> tuple[Content | None, str]:
-    """Read a generated folder; None, and why, where it does not say what the model file does."""
+    """Read a generated folder; None, and why, if it does not follow from the model file."""
     if not files:
         return None, "is missing"
     try:
         manifest, edits = tampering(files)
         if manifest is None or edits:
             return None, "was edited by hand"
-    except OtherVersionError:  # whose JSON may still say what is asked for here
+    except OtherVersionError:  # its JSON may still have the content needed here
         pass
     try:
         made_from = json.loads(files[FILE_NAME])["model_hash"]

@@ -1,4 +1,4 @@
-"""A model's files as a revision of git holds them, read without a checkout."""
+"""A model's files in a revision of git, read without a checkout."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Revision:
     """A commit of the repository that a folder belongs to.
 
     Attributes:
-        name: as asked for, such as ``HEAD~2``.
+        name: as given, such as ``HEAD~2``.
         commit: its full hash.
         root: the repository's top folder.
     """

@@ -69,7 +69,7 @@ def test_half_of_what_a_restart_removes_is_not_taken_for_whole(
 
 def test_one_process_at_a_time_works_in_a_folder(case: Case, tmp_path: Path) -> None:
     one, other = (Store(tmp_path / "new", case.request, case.manifest.nX) for _ in range(2))
-    with one.alone(), pytest.raises(UsageError, match="another sweep is at work"), other.alone():
+    with one.alone(), pytest.raises(UsageError, match="another sweep is running"), other.alone():
         pass
     with other.alone():
         pass
