@@ -144,8 +144,7 @@ class _Loop:
             if index >= 0 and tau == 0.0:
                 self.pass_at_once(index)
                 return
-            searched = self.c[:, : min(self.v, problem.n_searched)]
-            diverging, tau = first_beyond(searched, problem.divergence, tau)
+            diverging, tau = first_beyond(self.c[:, : self.v], problem.divergence, tau)
             index = -1 if diverging else index
             end = progress.t + tau if tau < remaining else problem.horizon
             threshold = 0 <= index < problem.n_thresholds

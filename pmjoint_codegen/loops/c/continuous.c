@@ -228,7 +228,7 @@ static void note_peaks(const pmj_problem *problem, const pmj_progress *progress,
 static int first_beyond(const pmj_problem *problem, const pmj_memory *memory, const double *c, double *tau)
 {
     int found = 0;
-    for (long long i = 0; i < problem->n_states && i < problem->n_searched; ++i) {
+    for (long long i = 0; i < problem->n_states; ++i) {
         if (memory->term_sums[i] * PMJ_ROUNDED_UP > problem->divergence) {
             found |= pmj_exceeds(c + i, problem->n_channels, problem->order, problem->divergence, tau);
         }
@@ -305,7 +305,7 @@ static void step(const pmj_problem *problem, const pmj_kernels *run, pmj_progres
             return;
         }
         double tau = h;
-        pmj_bounds(c, width, problem->order, tau, problem->n_searched > 0 ? 0 : n, memory->term_sums);
+        pmj_bounds(c, width, problem->order, tau, 0, memory->term_sums);
         long long index = undecided ? -1 : first_passage(problem, progress, memory, c, h, &tau);
         if (index >= 0 && tau == 0.0) {
             pass_at_once(problem, run, progress, memory, index);
