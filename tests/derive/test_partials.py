@@ -58,7 +58,7 @@ def test_names_of_higher_derivatives_are_those_of_their_signals(derivation: Deri
 
 @pytest.mark.parametrize("order, most", [(3, 120), (4, 500)])
 def test_partials_do_not_repeat_the_law(order: int, most: int) -> None:
-    """Measured: 96 and 425 operations; written in signals alone, some 9000 at order 4."""
+    """Measured: 96 and 425 operations; written in signals alone they took 1082 and 33429."""
     derivation = derive(build(order, order))
     partials = [
         item.expression
