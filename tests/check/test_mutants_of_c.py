@@ -43,7 +43,9 @@ ENTRY = re.compile(r"^    (\w+\[\d+\]) = (\S+);$")
 
 def body_of(text: str, kernel: str) -> list[str]:
     """Lines of a kernel's body in ``kernels.c`` or ``loops.c``."""
-    start = text.index(f"/* {kernel}:(")
+    found = re.search(rf"/\* (?:pmjoint_)?{kernel}:\(", text)
+    assert found is not None, kernel
+    start = found.start()
     opened = text.index("{\n", start) + 2
     return text[opened : text.index("\n}", opened)].split("\n")
 

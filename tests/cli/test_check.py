@@ -87,7 +87,7 @@ def test_code_that_gives_no_run_fails_its_gates_and_the_report_is_whole(workshop
 
 def test_a_changed_sign_is_reported_where_it_shows(workshop: Path) -> None:
     body = (workshop / "generated/paper/kernels.c").read_text()
-    law = body[body.index("/* law:(") :]
+    law = body[body.index("/* pmjoint_law:(") :]
     line = next(line for line in law.splitlines() if "=(-" in line)
     edit(workshop, line, line.replace("(-", "("))
     code, out = ask("models/paper.toml", "--gate", "symbolic")
