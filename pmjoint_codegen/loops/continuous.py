@@ -247,7 +247,8 @@ class _Loop:
         for i in range(self.e + 1):
             note_value(float(following[0, i]), t + tau, i, peaks, times)
             line = float(c[0, i]), float(c[1, i]) * tau
-            if i < self.problem.n_searched and _may_exceed(*line, float(self.term_sums[i]), float(peaks[i])):
+            searched = i < self.problem.n_searched or i == self.v  # of v always: the guard scales by it
+            if searched and _may_exceed(*line, float(self.term_sums[i]), float(peaks[i])):
                 note_extremum(c[:, i].tolist(), t, tau, i, peaks, times)
         if self.problem.notes_rate:
             note_rate(c[:, 0].tolist(), t, tau, self.e + 1, peaks, times)

@@ -78,7 +78,7 @@ def test_changed_models_make_the_folder_stale(paper: Subject, tally: Tally) -> N
         tally("current", what, current.judge(paper, files, fresh))
 
 
-LAW = "/* law:("
+LAW = "/* pmjoint_law:("
 BODIES: Mapping[str, tuple[str, str]] = {  # what -> (gate, statement at the head of `law`)
     "a variable that nobody uses": ("warnings", "int stray;"),
     "a double squeezed into an int": ("warnings", "int stray = arg[0][0]; (void) stray;"),
@@ -87,7 +87,7 @@ BODIES: Mapping[str, tuple[str, str]] = {  # what -> (gate, statement at the hea
     "memory from the heap": ("objects", "extern void *malloc(unsigned long); if (mem) *res = malloc(8);"),
     "a counter that remembers": ("objects", "static int calls; ++calls; if (calls < 0) return 1;"),
     "text to the terminal": ("objects", 'extern int puts(const char *); if (mem) puts("v");'),
-    "a recursion": ("objects", "if (mem > 0) return law(arg, res, iw, w, mem - 1);"),
+    "a recursion": ("objects", "if (mem > 0) return pmjoint_law(arg, res, iw, w, mem - 1);"),
     "a read past the end": ("sanitizers", "if (arg[0][1] > 1e300) return 1;"),
     "a read before the beginning": ("sanitizers", "if (arg[0][-1] > 1e300) return 1;"),
     "a write past the end": ("sanitizers", "res[2][1] = 0;"),

@@ -146,6 +146,6 @@ def test_the_header_holds_sizes_and_every_declaration(
     header = lanes_header(tapes, sizes, "")
     assert dict(re.findall(r"#define (PMJ_\w+) (.+)", header)) == {k: str(v) for k, v in sizes.items()}
     assert sizes["PMJ_PLANT_BENT_STATES_LIST"] == "{1}"  # of the plant, only sin(x2) is not linear in x
-    assert all(f"void {name}(" in header for name in lanes)
+    assert all(f"void pmj_{name}(" in header for name in lanes)
     assert all(len(line) <= 120 for line in artifacts.files["lanes.h"].splitlines())
     assert artifacts.files["lanes.c"].endswith(lanes_source(tapes, "").removeprefix('#include "lanes.h"\n\n'))

@@ -146,6 +146,7 @@ def test_loops_without_a_guard_are_caught(
     example = drawn_by_hand("time", 0.0, (0.0, 0.0), 0.005, fh=5.0, ft=1.2371, fw=0.002)
     off = times_allowed(models("time"), example, "continuous")
     assert max(run() for run in off.values()) <= 1.0
+    monkeypatch.setattr(simulate_run, "SHARED", lambda settings: (object(),))  # nothing prepared earlier
     for module in (simulate_run, batch):
         monkeypatch.setattr(module, "discs", lambda rule, tolerance: NO_DISCS)
     found = {way: run() for way, run in off.items()}
@@ -189,6 +190,7 @@ def test_holds_without_a_guard_are_caught(
     name, example = IN_HOLDS[what]
     off = times_allowed(models(name), example, "sampled")
     assert max(run() for run in off.values()) <= 1.0
+    monkeypatch.setattr(simulate_run, "SHARED", lambda settings: (object(),))  # nothing prepared earlier
     for module in (simulate_run, batch):
         monkeypatch.setattr(module, "discs", lambda rule, tolerance: NO_DISCS)
         monkeypatch.setattr(module, "hold_factors", lambda zeros: [0.0] * len(HOLD_RATIOS))

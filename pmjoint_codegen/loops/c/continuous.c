@@ -214,7 +214,8 @@ static void note_peaks(const pmj_problem *problem, const pmj_progress *progress,
             memory->peaks[i] = fabs(next[i]);
             memory->peak_times[i] = t + tau;
         }
-        if (i < problem->n_searched && may_exceed(c[i], c[width + i] * tau, memory->term_sums[i], memory->peaks[i])) {
+        const int searched = i < problem->n_searched || i == problem->n_states; /* of v always: the guard scales by it */
+        if (searched && may_exceed(c[i], c[width + i] * tau, memory->term_sums[i], memory->peaks[i])) {
             pmj_note_extremum(c + i, width, problem->order, t, tau, memory->peaks + i, memory->peak_times + i);
         }
     }
@@ -285,7 +286,6 @@ static double first_step(const pmj_problem *problem, const pmj_progress *progres
 /* One step, to the first threshold or kink; cut until the guard and the points of comparison accept it. */
 static void step(const pmj_problem *problem, const pmj_kernels *run, pmj_progress *progress, const pmj_memory *memory)
 {
-    const long long n = problem->n_states;
     const long long width = problem->n_channels;
     const double *c = coefficients(problem, memory, progress->buffer);
     const double *next = coefficients(problem, memory, 1 - progress->buffer);
