@@ -186,17 +186,62 @@ def estimation_identities(derivation: Derivation) -> list[Identity]:
 
 
 def partial_identities(derivation: Derivation) -> list[Identity]:
-    """Every named partial derivative is its virtual control's; every one that is not named is zero."""
+    """Every named partial derivative is its virtual control's; every one that is not named is zero.
+
+    By induction over the names: a virtual control is written in errors, in earlier virtual controls and in
+    their partial derivatives, and the whole is differentiated through all of them. What helps the
+    derivation, such as second derivatives, is unfolded first. Written in signals alone, an identity of order
+    four would take minutes.
+    """
     s = derivation.signals
+    slopes = _Slopes(derivation)
     identities = []
     for alpha in s.alpha:
-        value = unfold(derivation, alpha.name)
         for by in s.measurable:
             name = partial_name(alpha, by)
-            named = unfold(derivation, name) if name in derivation.equations else sp.Integer(0)
-            rest = expand_to_zero(named - sp.diff(value, by), sp.Integer(1))
+            named = slopes.unfolded(name) if name in derivation.equations else sp.Integer(0)
+            rest = expand_to_zero(named - slopes.through(alpha, by), sp.Integer(1))
             identities.append(Identity(name, f"{name} is the derivative of {alpha} by {by}", rest))
     return identities
+
+
+class _Slopes:
+    """Derivatives of named equations by signals, through every name that an equation uses."""
+
+    def __init__(self, derivation: Derivation) -> None:
+        s = derivation.signals
+        firsts = (real_symbol(partial_name(alpha, by)) for alpha in s.alpha for by in s.measurable)
+        self._derivation = derivation
+        self._fixed = _primitive(derivation)
+        self._kept = self._fixed | {*s.z, *s.alpha, *firsts}
+        self._known: dict[tuple[sp.Symbol, sp.Symbol], sp.Expr] = {}
+
+    def unfolded(self, name: str) -> sp.Expr:
+        """An equation in errors, virtual controls, their partial derivatives and signals."""
+        equations = self._derivation.equations
+        return equations.expand(equations[name].expression, self._kept)
+
+    def through(self, of: sp.Symbol, by: sp.Symbol) -> sp.Expr:
+        """``d of / d by``, with the partial derivatives of earlier virtual controls by name."""
+        if (of, by) not in self._known:
+            self._known[of, by] = self._through(self.unfolded(str(of.name)), by)
+        return self._known[of, by]
+
+    def _through(self, expression: sp.Expr, by: sp.Symbol) -> sp.Expr:
+        total = sp.diff(expression, by)
+        for symbol in sorted(expression.free_symbols, key=str):
+            if symbol != by and symbol.name in self._derivation.equations:
+                total += sp.diff(expression, symbol) * self._slope(symbol, by)
+        return total
+
+    def _slope(self, of: sp.Symbol, by: sp.Symbol) -> sp.Expr:
+        if of in _primitive(self._derivation):
+            return sp.Integer(0)
+        return (
+            _partial(self._derivation, of, by)
+            if of in self._derivation.signals.alpha
+            else self.through(of, by)
+        )
 
 
 def error_identities(derivation: Derivation) -> list[Identity]:
