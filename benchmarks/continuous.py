@@ -142,7 +142,7 @@ def _one_accuracy(curves: Sequence[Curve], grid: Array, quick: bool, absent: lis
     slow = {label: call for label, call in calls.items() if label not in fast}
     times = interleaved(fast, 3 if quick else 31, burst=20) | interleaved(slow, 1 if quick else 5)
     for item, point in fits[1:]:
-        section.add(_row(what, times, fits[0], item, point, item.solver.label.split(",")[0], dense))
+        section.add(_row(what, times, fits[0], item, point, dense))
     missing = [item.solver.label for item in curves if item.fit() is None]
     section.notes += [f"{label} does not reach {ACCURACY:g} in any setting tried" for label in missing]
     return section
@@ -179,7 +179,6 @@ def _row(
     own: tuple[Curve, Point],
     item: Curve,
     point: Point,
-    name: str,
     dense: bool,
 ) -> Row:
     bounds = BOUNDS if dense else BARE

@@ -141,11 +141,10 @@ class _Phase(Order):
         series = (node, Kind.VALUE)
         return total([(self.first(node) * own).times(2.0), *self.interior(series, series)])
 
-    def times(self, term: Term, slope: float, constant: float = 0.0) -> Term:
-        """Product with the symbol of ``slope k + constant``."""
-        by = Term(self.k)
-        by = by if slope == 1.0 else by.times(slope)
-        return term * (by + number(constant) if constant else by)
+    def times(self, term: Term, slope: float) -> Term:
+        """Product with the symbol of ``slope k``."""
+        k = Term(self.k)
+        return term * (k if slope == 1.0 else k.times(slope))
 
     def per_order(self, term: Term) -> Term:
         """Product with the symbol of 1/k."""

@@ -104,8 +104,8 @@ class Order(ABC):
         """``sum_j a[j] a[k-j]`` for j = 0..k; `own` is a[k]."""
 
     @abstractmethod
-    def times(self, term: Term, slope: float, constant: float = 0.0) -> Term:
-        """Product with ``slope k + constant``."""
+    def times(self, term: Term, slope: float) -> Term:
+        """Product with ``slope k``."""
 
     @abstractmethod
     def per_order(self, term: Term) -> Term:

@@ -225,9 +225,9 @@ class At(Order):
         middle = series[self.k // 2]
         return pairs if self.k % 2 else total([pairs, middle * middle])
 
-    def times(self, term: Term, slope: float, constant: float = 0.0) -> Term:
+    def times(self, term: Term, slope: float) -> Term:
         """Product with a number."""
-        return term.times(slope * self.k + constant)
+        return term.times(slope * self.k)
 
     def per_order(self, term: Term) -> Term:
         """Product with a number."""
