@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from pmjoint_codegen.check import harness
 from pmjoint_codegen.check.inputs.features import Features
 from pmjoint_codegen.compile.compiler import Compiler, find_compiler
 from pmjoint_codegen.emit.table import Kernel, kernel_table
@@ -91,6 +92,11 @@ class Subject:
     def interpreted(self) -> Evaluator:
         """The emitted functions in CasADi's interpreter."""
         return interpreted.load(self.folder, self.manifest)
+
+    @cached_property
+    def fed(self) -> tuple[bytes, bytes]:
+        """What the program of `harness` reads, and the interpreter's answers."""
+        return harness.feed(self.interpreted)
 
 
 def load_subject(

@@ -12,6 +12,7 @@ from pmjoint_codegen.emit.guard import guard_function
 from pmjoint_codegen.emit.table import LANES, LOOPS, Composed, Guard, Kernel, Made, Taylor, kernel_table
 from pmjoint_codegen.emit.taylor import taylor_function
 from pmjoint_codegen.emit.translate import Translator
+from pmjoint_codegen.kernels.turn import alone
 from pmjoint_derive import Derivation
 from pmjoint_derive.progress import Stage, unwatched
 
@@ -34,6 +35,7 @@ def build_function(kernel: Kernel, derivation: Derivation) -> ca.Function:
     return ca.Function(kernel.name, arguments, ca.cse(results), taken, given)
 
 
+@alone
 def build_functions(derivation: Derivation, order: int, stage: Stage = unwatched) -> dict[str, ca.Function]:
     """Every kernel by name, in the order of the table, then those of `LOOPS`, which are made from them.
 
@@ -56,6 +58,7 @@ def build_functions(derivation: Derivation, order: int, stage: Stage = unwatched
     return functions
 
 
+@alone
 def lane_functions(functions: Mapping[str, ca.Function]) -> dict[str, ca.Function]:
     """The functions of `LANES` by name, from those of `build_functions`."""
     return {made.name: make_function(made, functions) for made in LANES}

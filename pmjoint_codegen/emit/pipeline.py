@@ -46,6 +46,7 @@ from pmjoint_codegen.errors import ModelError
 from pmjoint_codegen.identity import Document, structure_hash
 from pmjoint_codegen.kernels.tape import FILE_NAME as TAPE
 from pmjoint_codegen.kernels.tape import write_tapes
+from pmjoint_codegen.kernels.turn import alone
 from pmjoint_codegen.manifest import FILE_NAME, Function, Manifest
 from pmjoint_codegen.report.markdown import markdown_report
 from pmjoint_codegen.storage import sha256
@@ -69,6 +70,7 @@ class Artifacts:
     files: Mapping[str, str]
 
 
+@alone
 def generate(
     document: Document,
     model: Model,

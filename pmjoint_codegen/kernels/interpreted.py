@@ -26,6 +26,7 @@ from pmjoint_codegen.kernels.evaluator import (
     wanted_outputs,
 )
 from pmjoint_codegen.kernels.tape import FILE_NAME, Tape, read_tapes
+from pmjoint_codegen.kernels.turn import alone
 from pmjoint_codegen.manifest import Function, Manifest
 from pmjoint_codegen.operations import by_name
 
@@ -45,6 +46,7 @@ class InterpretedEvaluator(Kernels):
         self._tapes = tapes
         self._functions: dict[str, Any] = {}
 
+    @alone
     def prepare(self, name: str) -> Prepared:
         """One kernel for single points in sequence, its arguments and results in place; see `Evaluator`."""
         arrays = prepared_arrays(find_function(self.manifest, name))
@@ -72,6 +74,7 @@ class InterpretedEvaluator(Kernels):
             if asked
         )
 
+    @alone
     def _map(self, description: Function, count: int, rows: list[Array]) -> list[Array]:
         if count == 0:
             return [np.empty((0, size)) for _, size in description.outputs]
@@ -86,6 +89,7 @@ class InterpretedEvaluator(Kernels):
         return self._functions[name]
 
 
+@alone
 def rebuild(tape: Tape) -> Any:
     """The CasADi function that a tape was made from: the same operations in the same order.
 

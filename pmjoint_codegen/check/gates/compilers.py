@@ -166,7 +166,7 @@ def watched(
         watch: command that runs the program; empty to run it directly.
         files: C sources by name, the generated ones by default.
     """
-    questions, answers = harness.feed(subject.interpreted)
+    questions, answers = subject.fed
     given = files or sources(subject)
     with scratch("pmjoint-check") as folder:
         write(folder, {**given, "main.c": harness.program(subject.manifest)})
