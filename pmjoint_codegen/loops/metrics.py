@@ -1,6 +1,7 @@
 """The metrics of each run in a batch: one row per metric, from its C expression to its label in figures.
 
-A run's numbers are those of ``summary.json``: peaks and instants are taken on the dense output in both.
+A run's numbers are those of ``summary.json``: peaks and instants are taken on the dense output in both. But a
+run that ends early has no ``settling_s`` here, as a distribution of such instants would mean nothing.
 `rows_header` gives the C loops the rows' expressions; a row needs no other code.
 """
 
