@@ -119,11 +119,22 @@ def extra_equations(model: Model) -> list[Equation]:
     return [*model.reported, *rates]
 
 
-def error_equations(design: Design) -> list[Equation]:
+def tracking_error(model: Model) -> sp.Symbol:
+    """The symbol of ``e = y - y_r``; a plant may have a parameter e, and the error is then called e_y."""
+    taken = any(item.name == "e" for item in model.parameters)
+    return real_symbol("e_y" if taken else "e")
+
+
+def column_name(model: Model, signal: sp.Symbol) -> str:
+    """The name of a signal's column, which is e for the tracking error whatever the parameters are."""
+    return "e" if signal == tracking_error(model) else str(signal.name)
+
+
+def error_equations(model: Model, design: Design) -> list[Equation]:
     """Tracking error and estimation errors (17)."""
     signals, units = design.signals, design.units
     tracking = Equation(
-        real_symbol("e"),
+        tracking_error(model),
         signals.y - signals.y_r[0],
         "Closed loop",
         "",

@@ -11,7 +11,7 @@ Stages in order, each a pure function of what comes before it:
     design.law             design                -> z_i, alpha_i, partial derivatives, v   (24), (25), (29)
     design.compensator     design                -> du, r'                                             (23)
     design.error_rates     design                -> z_i' under the law                           (27), (28)
-    error_equations        design                -> e, epsilon                                         (17)
+    error_equations        model, design         -> e, epsilon                                         (17)
     sampling_equations     design, equations     -> xi, Xi, lambda, r one sample later
     true_plant             physics, equations    -> the plant in its own parameters
 """
@@ -67,7 +67,7 @@ def derive(model: Model, stage: Stage = unwatched) -> Derivation:
         *design.compensator(),
         *design.error_rates(),
         *delivered,
-        *error_equations(design),
+        *error_equations(model, design),
     ]
     stage("deriving the sampled controller", 0.0)
     held = sampling_equations(design, Equations(continuous))

@@ -45,7 +45,7 @@ Q1, Q2, P1, P2 = (
 POSITIVE = ("J", "r", "l0", "k0", "u0", "k_u", "P_max", LAG)  # what (1)-(4) presume to be greater than 0
 
 # reserved names: physical states, commands, pressures, coefficients (8)
-TAKEN = ("theta", "theta_dot", "q1", "q2", "p1", "p2", "P1", "P2", "d1", "b0", "a", "kappa", "s")
+TAKEN = ("theta", "theta_dot", "q1", "q2", "p1", "p2", "P1", "P2", "d1", "b0", "a", "kappa")
 
 
 @dataclass(frozen=True)

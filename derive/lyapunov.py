@@ -36,6 +36,8 @@ from pmjoint_derive.filters import filter_matrix
 from pmjoint_derive.model import real_symbol
 from pmjoint_derive.signals import Signals, derivative_name, partial_name
 
+_SIGMA = real_symbol("sigma(y)")  # with brackets, as s(2) below: a parameter may be called sigma or s2
+
 
 def expand_to_zero(expression: sp.Expr, sigma: sp.Expr) -> sp.Expr:
     """Expand polynomials and quotients of functions of y; 0 exactly when the expression vanishes identically.
@@ -48,11 +50,11 @@ def expand_to_zero(expression: sp.Expr, sigma: sp.Expr) -> sp.Expr:
     Returns:
         0, or the remainder.
     """
-    whole = expression.xreplace({sigma: real_symbol("sigma")}) if sigma.is_Add else expression
+    whole = expression.xreplace({sigma: _SIGMA}) if sigma.is_Add else expression
     rest = sp.expand(whole)
     if rest == 0:
         return sp.Integer(0)
-    numerator = sp.expand(sp.fraction(sp.together(rest.xreplace({real_symbol("sigma"): sigma})))[0])
+    numerator = sp.expand(sp.fraction(sp.together(rest.xreplace({_SIGMA: sigma})))[0])
     return sp.Integer(0) if numerator == 0 else rest
 
 
@@ -272,7 +274,7 @@ def _error_identity(
 def energy_identity(derivation: Derivation) -> Identity:
     """(31): the couplings cancel in ``d/dt sum z_i^2 / 2``, with z_i' as established above."""
     s = derivation.signals
-    s_ = (sp.Integer(-1), *(real_symbol(f"s{i}") for i in range(2, derivation.plant.rho + 1)))
+    s_ = (sp.Integer(-1), *(real_symbol(f"s({i})") for i in range(2, derivation.plant.rho + 1)))
     rate = sum(
         (z * claim for z, claim in zip(s.z, claimed_rates(derivation, s_), strict=True)), sp.Integer(0)
     )
@@ -355,7 +357,7 @@ def certified_rate(derivation: Derivation, PD: sp.MatrixBase) -> sp.Expr:
 def certificate_identity(derivation: Derivation) -> Identity:
     """(32) as an identity, modulo the Lyapunov equation: its residual multiplies the only term left."""
     s, n = derivation.signals, derivation.plant.order
-    s_ = (sp.Integer(-1), *(real_symbol(f"s{i}") for i in range(2, derivation.plant.rho + 1)))
+    s_ = (sp.Integer(-1), *(real_symbol(f"s({i})") for i in range(2, derivation.plant.rho + 1)))
     P, epsilon = symmetric_matrix(n), sp.Matrix(s.epsilon)
     D = sp.Matrix(disturbance_symbols(derivation.plant))
     weight = error_weight(s)

@@ -28,7 +28,7 @@ def shielded(
 
     def hide(part: sp.Basic) -> sp.Basic:
         if _is_opaque(part, moves):
-            return hidden.setdefault(part, sp.Symbol(f"opaque_{len(hidden)}", real=True))
+            return hidden.setdefault(part, sp.Symbol(f"opaque {len(hidden)}", real=True))
         return part.func(*map(hide, part.args)) if part.args else part
 
     rearranged = transform(hide(sp.sympify(value)))

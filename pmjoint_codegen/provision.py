@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from pmjoint_codegen import __version__
 from pmjoint_codegen.errors import (
@@ -27,6 +27,8 @@ from pmjoint_codegen.manifest import LANES, Manifest
 from pmjoint_codegen.modelfile.reader import read_document
 from pmjoint_codegen.storage import drop_link, replace_folder, sha256_file
 from pmjoint_codegen.workspace import cache_dir, called, find_model, generated_root
+
+SHAPING: Final = ("modelfile", "emit", "report", "kernels", "loops")  # folders of what `generate` imports
 
 Notify = Callable[[str], None]
 Stage = Callable[[str, float], None]  # name, part done
@@ -240,7 +242,7 @@ def _toolchain_key() -> str:
 
     package = Path(__file__).resolve().parent
     derivation = package.parent / "pmjoint_derive"
-    folders = (derivation, package, *(package / name for name in ("modelfile", "emit", "report")))
+    folders = (derivation, package, *(package / name for name in SHAPING))
     sources = [path for folder in folders for path in sorted(folder.glob("*.py"))]
     versions = [__version__, metadata.version("sympy"), metadata.version("casadi")]
     return canonical_hash([versions, [sha256_file(path) for path in sources]])

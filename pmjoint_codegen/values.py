@@ -24,6 +24,7 @@ from pmjoint_codegen.operations import by_name
 
 SI = "1"  # the scale of a parameter that is stated in SI units, or in units that its author keeps consistent
 COMPENSATOR = "compensator"  # the switch between (23) and plain clipping
+FILTER_GAINS = "gains k"  # all of them, in a message; a parameter may be called k
 SETTLED = 0.02  # fraction of |e(0)|: e has settled once it stays within it
 OWN_SUFFIX = "_plant"  # of the simulated plant's own value of a parameter that the controller uses too
 
@@ -39,7 +40,7 @@ OPERATORS: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = MappingProxy
         ast.Pow: operator.pow,
     }
 )
-_CONSTANTS: Mapping[str, float] = MappingProxyType({"pi": math.pi, "e": math.e})
+_CONSTANTS: Mapping[str, float] = MappingProxyType({"pi": math.pi})
 
 
 @dataclass(frozen=True)
@@ -156,7 +157,9 @@ def check_values(
     gains = [values[name] for name in filter_gains(n)]
     if not is_hurwitz([1.0, *gains]):
         raise refuse(
-            "k", f"leaves A0 = A - k e1' unstable, eigenvalues {roots_text([1.0, *gains])}", _hurwitz_rule(n)
+            FILTER_GAINS,
+            f"leaves A0 = A - k e1' unstable, eigenvalues {roots_text([1.0, *gains])}",
+            _hurwitz_rule(n),
         )
 
 

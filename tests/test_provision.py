@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -54,19 +56,38 @@ def test_c_for_sweeps_is_made_when_a_sweep_asks(tmp_path: Path) -> None:
     assert files(lanes=False) == swept
 
 
-@pytest.mark.parametrize("file", ["pmjoint_derive/filters.py", "pmjoint_codegen/values.py"])
+def sources_of_text() -> list[str]:
+    """Every source of ours that a process has imported once it can generate a model's files."""
+    root = Path(__file__).resolve().parents[1]
+    ask = (
+        "import sys, pmjoint_codegen.emit.pipeline, pmjoint_codegen.modelfile\n"
+        "print(*(module.__file__ for name, module in sys.modules.items() "
+        "if name.startswith('pmjoint_') and module.__file__))"
+    )
+    found = subprocess.run([sys.executable, "-c", ask], check=True, capture_output=True, text=True, cwd=root)
+    folders = {"derive": "pmjoint_derive"}  # as the checkout names it
+    names = (Path(file).resolve().relative_to(root).parts for file in found.stdout.split())
+    paths = sorted("/".join((folders.get(first, first), *rest)) for first, *rest in names)
+    return [path for path in paths if not path.startswith("pmjoint_codegen/compile/")]  # imported, not asked
+
+
 def test_every_source_that_shapes_generated_text_is_in_the_key(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, file: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A description of a gain stands in values.py, and in model.json."""
+    """The tape's format stands beside its reader, a description of a gain in values.py."""
     root = Path(__file__).resolve().parents[1]
     for name in ("pmjoint_derive", "pmjoint_codegen"):
         shutil.copytree(root / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
     monkeypatch.setattr(provision, "__file__", str(tmp_path / "pmjoint_codegen" / "provision.py"))
-    before = provision._toolchain_key()
-    with (tmp_path / file).open("a") as source:
-        source.write("# another\n")
-    assert provision._toolchain_key() != before
+    sources = sources_of_text()
+    assert {"pmjoint_derive/filters.py", "pmjoint_codegen/kernels/tape.py"} <= set(sources)
+    keys = [provision._toolchain_key()]
+    for file in sources:
+        with (tmp_path / file).open("a") as source:
+            source.write("# another\n")
+        keys.append(provision._toolchain_key())
+    same = [file for file, before, after in zip(sources, keys, keys[1:], strict=False) if before == after]
+    assert same == []
 
 
 def test_the_remedy_for_an_edited_file_names_the_model_as_it_was_found(tmp_path: Path) -> None:

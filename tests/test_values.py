@@ -126,7 +126,7 @@ def rule(kind: Literal["finite", "positive", "nonzero", "hurwitz"], *terms: str)
         ("a", 2.0),
         ("-a + 3*b", 7.0),
         ("(1/3)*a**2/b", 4 / 3 / 3),
-        ("sqrt(a)*exp(b)*pi - e", math.sqrt(2) * math.exp(3) * math.pi - math.e),
+        ("sqrt(a)*exp(b)*pi - exp(1)", math.sqrt(2) * math.exp(3) * math.pi - math.e),
         ("atan(a) + sinh(b)*cosh(-a)", math.atan(2) + math.sinh(3) * math.cosh(2)),
         (
             "abs(-a) + tanh(a) + log(b) + sin(a)*cos(a)/tan(a)",

@@ -96,12 +96,19 @@ def changes(before: Mapping[str, Any], after: Mapping[str, Any]) -> tuple[Change
 
 def _values(manifest: Mapping[str, Any]) -> dict[str, object]:
     """The statements of a model file besides its equations, by name."""
-    stated = [item for item in manifest["parameters"] if item["kind"] != "own"]
-    return {
-        **{item["name"]: from_si(item["value"], item.get("scale", SI)) for item in stated},
-        **{f"unit of {item['name']}": item["unit"] for item in stated},
-        **{f"meaning of {item['name']}": item["about"] for item in stated},
+    others = {
         **manifest["simulation"],
         "D_max": manifest["disturbance_bound"],
         **{key: manifest[key] for key in ("limit", "title", "source")},
+    }
+    stated = {  # a parameter may have the name of one of these
+        f"parameter {item['name']}" if item["name"] in others else item["name"]: item
+        for item in manifest["parameters"]
+        if item["kind"] != "own"
+    }
+    return {
+        **{name: from_si(item["value"], item.get("scale", SI)) for name, item in stated.items()},
+        **{f"unit of {item['name']}": item["unit"] for item in stated.values()},
+        **{f"meaning of {item['name']}": item["about"] for item in stated.values()},
+        **others,
     }

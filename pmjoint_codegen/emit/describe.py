@@ -8,6 +8,7 @@ from itertools import accumulate
 
 import casadi as ca
 import sympy as sp
+from sympy.printing.pycode import PythonCodePrinter
 
 from pmjoint_codegen import __version__
 from pmjoint_codegen.emit.table import LOOPS, Kernel, Made, kernel_table
@@ -22,8 +23,10 @@ from pmjoint_codegen.manifest import (
     Start,
     Variable,
 )
+from pmjoint_codegen.report.notation import plain_text
 from pmjoint_codegen.values import GAINS, Rule
 from pmjoint_derive import Derivation, Model, real_symbol
+from pmjoint_derive.closed_loop import column_name
 
 
 def tool_versions() -> dict[str, str]:
@@ -54,7 +57,7 @@ def equations_text(derivation: Derivation) -> str:
     rows = [
         {
             "name": item.name,
-            "text": str(item.expression),
+            "text": plain_text(item.expression),
             "section": item.section,
             "number": item.number,
             "meaning": item.meaning,
@@ -101,9 +104,9 @@ def describe(
         nw=len(words.w),
         order=order,
         limit=str(model.limit),
-        leading=str(model.plant.b[0]),
+        leading=plain_text(model.plant.b[0]),
         disturbance_bound=model.disturbance_bound,
-        kinks=tuple(str(argument) for argument in words.kinks),
+        kinks=tuple(plain_text(argument) for argument in words.kinks),
         windows=windows,
         guards=guards,
         states=_states(derivation, words),
@@ -115,8 +118,8 @@ def describe(
         partials=tuple(symbol.name for symbol in words.partials),
         functions=functions,
         simulation=Simulation(
-            reference=str(model.reference),
-            disturbance=tuple(str(entry) for entry in model.plant.disturbance),
+            reference=plain_text(model.reference),
+            disturbance=tuple(plain_text(entry) for entry in model.plant.disturbance),
             x0=(*simulation.x0, *(0.0 for _ in range(len(words.x) - len(simulation.x0)))),
             horizon=simulation.horizon,
             output_step=simulation.output_step,
@@ -226,9 +229,15 @@ def _positive(
 
 def _python(expression: sp.Expr) -> str:
     """An expression of parameters in Python's notation, whole numbers exact."""
-    return str(sp.pycode(expression, fully_qualified_modules=False))
+    return str(_PythonPrinter({"fully_qualified_modules": False}).doprint(expression))
+
+
+class _PythonPrinter(PythonCodePrinter):  # type: ignore[misc]  # SymPy carries no types
+    def _print_Exp1(self, expr: sp.Expr) -> str:  # noqa: N802 - SymPy's name
+        return "exp(1)"  # SymPy writes e, which may be a parameter
 
 
 def _signal(derivation: Derivation, symbol: sp.Symbol) -> Variable:
     item = derivation.equations[symbol.name]
-    return Variable(item.name, str(item.unit) if item.unit else "", item.meaning)
+    name = column_name(derivation.model, symbol)
+    return Variable(name, str(item.unit) if item.unit else "", item.meaning)

@@ -17,7 +17,7 @@ from pmjoint_codegen.emit.lanes import LANE_ORDER, arrive, bernstein, matrices, 
 from pmjoint_codegen.emit.sampling import HOLD_ORDER, PLANT_ORDER, sample
 from pmjoint_codegen.emit.vocabulary import Block, rate_block, twins, vocabulary
 from pmjoint_derive import Derivation, real_symbol
-from pmjoint_derive.closed_loop import disturbance_symbols
+from pmjoint_derive.closed_loop import disturbance_symbols, tracking_error
 from pmjoint_derive.compensator import compensator_matrix
 from pmjoint_derive.filters import filter_matrix
 from pmjoint_derive.signals import named
@@ -168,7 +168,7 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
     # One factor of v, so that nothing is left of what saturation clips where it clips nothing.
     in_mode[s.du] = words.g[0] + (words.g[1] - 1) * s.v
     sides = dict(zip(words.kinks, words.sides, strict=True))
-    e, kinks = ("e", (real_symbol("e"),)), [("kinks", words.kinks)] if words.kinks else []
+    e, kinks = ("e", (tracking_error(derivation.model),)), [("kinks", words.kinks)] if words.kinks else []
     filters = tuple(rate_block(block, words.blocks[block]) for block in ("xi", "Xi", "lambda"))
     return (
         Kernel("reference", (t, p), (y_r,), "", "the reference and its derivatives"),

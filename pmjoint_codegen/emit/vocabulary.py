@@ -18,7 +18,7 @@ import sympy as sp
 
 from pmjoint_codegen.emit.kinks import kink_arguments
 from pmjoint_derive import Derivation, real_symbol
-from pmjoint_derive.closed_loop import disturbance_symbols
+from pmjoint_derive.closed_loop import disturbance_symbols, tracking_error
 from pmjoint_derive.sampling import Hold
 from pmjoint_derive.signals import derivative_name, named, partial_name
 from pmjoint_derive.true_plant import own_symbol
@@ -82,7 +82,7 @@ def vocabulary(derivation: Derivation) -> Vocabulary:
         kinks=kinks,
         sides=tuple(real_symbol(f"side{i}") for i in range(1, len(kinks) + 1)),
         signals=(
-            *(s.y, s.y_r[0], real_symbol("e"), *s.z, *s.alpha, s.v, s.u, *named("x_hat", n)),
+            *(s.y, s.y_r[0], tracking_error(model), *s.z, *s.alpha, s.v, s.u, *named("x_hat", n)),
             *disturbance_symbols(derivation.plant),
             *(item.symbol for item in model.reported),
         ),

@@ -1,8 +1,8 @@
 """The metrics of each run in a batch: one row per metric, from its C expression to its label in figures.
 
-A run's numbers are those of ``summary.json``, except that ``max_abs_e`` and ``settling_s`` are taken on the
-dense output instead of the output instants. `rows_header` gives the C loops the rows' expressions; a row
-needs no other code.
+A run's numbers are those of ``summary.json``: peaks and instants are taken on the dense output in both. But a
+run that ends early has no ``settling_s`` here, as a distribution of such instants would mean nothing.
+`rows_header` gives the C loops the rows' expressions; a row needs no other code.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ class Row:
         about: one line for the reader.
         at_end: C expression of its value when run ``w`` of ``runs`` (``pmj_runs``) ends with ``status`` and
             with the error ``e``; empty if it is the sum of `added`.
-            added: C expression that each accepted ``step`` (``pmj_span``) adds, on all lanes; or empty.
+        added: C expression that each accepted ``step`` (``pmj_span``) adds, on all lanes; or empty.
         integer: whether it is a whole number.
         words: its label in figures. A metric with a label is in the totals and can be a tuning objective.
         logarithmic: whether a logarithmic scale suits it.

@@ -25,7 +25,7 @@ from pmjoint_codegen.modelfile.joint import (
 from pmjoint_codegen.modelfile.schema import ModelSpec, PlantSpec
 from pmjoint_codegen.modelfile.soundness import check_model
 from pmjoint_codegen.modelfile.units import ANY, Scales, Wanted
-from pmjoint_codegen.values import COMPENSATOR, GAINS, check_values
+from pmjoint_codegen.values import COMPENSATOR, FILTER_GAINS, GAINS, check_values
 from pmjoint_derive import Gains, Model, OutsideClassError, Parameter, Plant, Simulation, real_symbol
 
 Symbols = Mapping[str, sp.Symbol]
@@ -145,10 +145,8 @@ def _check_values(spec: ModelSpec, parameters: tuple[Parameter, ...], where: str
     design = spec.design
     values = {item.name: item.value for item in parameters}
     keys = {name: f"joint.{name}" for name in values}
-    keys |= {name: f"parameters.{name}.value" for name in spec.parameters} | {
-        "k": "design.k",
-        COMPENSATOR: "design.compensator",
-    }
+    keys |= {name: f"parameters.{name}.value" for name in spec.parameters}
+    keys |= {FILTER_GAINS: "design.k", COMPENSATOR: "design.compensator"}
     for kind in GAINS:
         names = kind.names(spec.order, spec.relative_degree)
         values |= dict(zip(names, getattr(design, kind.name), strict=True))

@@ -14,26 +14,9 @@ CONSTANTS = ("pi",)
 MODEL_NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]{0,63}$"  # it names a folder
 
 _SHAPE = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,39}")
-_WORDS = frozenset(
-    (
-        *CONSTANTS,
-        "t",
-        "y",
-        "y_r",
-        "u",
-        "v",
-        "w",
-        "e",
-        "h",
-        "g",
-        "p",
-        "s",
-        "du",
-        "compensator",
-        "inf",
-        "nan",
-    )
-)
+# What an expression or a column would mean twice; the tracking error e has another name beside a parameter e.
+_WORDS = frozenset((*CONSTANTS, "t", "y", "y_r", "u", "v", "du", "compensator", "inf", "nan"))
+_KINKED = frozenset(("abs", "sign", "min", "max"))  # functions of a disturbance, and of printed equations
 _NUMBERED = re.compile(
     r"(x|x_hat|xi|Xi|lambda|r|z|alpha|epsilon|c|e|ck|k|D)[1-9]\d*"  # states, signals, gains
     r"|d\d*y_r|dalpha\d+_d\w+|[A-Za-z]+\d+_dot"  # derivatives
@@ -41,53 +24,15 @@ _NUMBERED = re.compile(
     r"|[A-Za-z]+\d+_next|[FG][0r]_\d+|g_(offset|slope)\d+|side\d+"  # of the sampled controller, of kernels
     r"|\w+_plant|D[1-9]\d*_effective|known\d+|mismatch\d+"  # of the true plant
 )
-_C_KEYWORDS = frozenset(
-    (
-        "auto",
-        "break",
-        "case",
-        "char",
-        "const",
-        "continue",
-        "default",
-        "do",
-        "double",
-        "else",
-        "enum",
-        "extern",
-        "float",
-        "for",
-        "goto",
-        "if",
-        "inline",
-        "int",
-        "long",
-        "register",
-        "restrict",
-        "return",
-        "short",
-        "signed",
-        "sizeof",
-        "static",
-        "struct",
-        "switch",
-        "typedef",
-        "union",
-        "unsigned",
-        "void",
-        "volatile",
-        "while",
-    )
-)
 
 
 def why_not(name: str) -> str | None:
     """State why a parameter cannot have this name, or None if it can."""
     if not _SHAPE.fullmatch(name):
         return "is not a name: a letter, then letters, digits or _, 40 at most"
-    if name in _C_KEYWORDS or keyword.iskeyword(name):
-        return "is a word of C or Python"
-    if name in _WORDS or name in functions() or _NUMBERED.fullmatch(name):
+    if keyword.iskeyword(name):
+        return "is a word of Python, in whose notation expressions are written"
+    if name in _WORDS or name in _KINKED or name in functions() or _NUMBERED.fullmatch(name):
         return "already names a signal, gain, state, function or step of the derivation"
     return None
 

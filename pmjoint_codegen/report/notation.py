@@ -140,11 +140,21 @@ def scaled_sum(expression: sp.Expr) -> tuple[sp.Expr, list[sp.Expr]]:
     return expression / sums[0], ordered_terms(sums[0])
 
 
-class TextPrinter(StrPrinter):  # type: ignore[misc]  # SymPy carries no types
-    """SymPy's text printer with sums in a reader's order, and with Python's own functions."""
+class PlainPrinter(StrPrinter):  # type: ignore[misc]  # SymPy carries no types
+    """SymPy's text printer with its own names of functions and its own order of sums."""
+
+    def _print_Exp1(self, expr: sp.Expr) -> str:  # noqa: N802 - SymPy's name
+        return "exp(1)"  # SymPy writes E, which may be a parameter
+
+
+class TextPrinter(PlainPrinter):
+    """The same with sums in a reader's order, and with Python's own functions."""
 
     def _as_ordered_terms(self, expr: sp.Expr, order: str | None = None) -> list[sp.Expr]:
         return ordered_terms(expr)
+
+    def _print_Abs(self, expr: sp.Expr) -> str:  # noqa: N802 - SymPy's name
+        return f"abs({self.stringify(expr.args, ', ')})"
 
     def _print_Max(self, expr: sp.Expr) -> str:  # noqa: N802 - SymPy's name
         return f"max({self.stringify(expr.args, ', ')})"
@@ -161,6 +171,14 @@ class PaperPrinter(LatexPrinter):  # type: ignore[misc]  # SymPy carries no type
 
     def _print_Symbol(self, expr: sp.Symbol, style: str = "plain") -> str:  # noqa: N802 - SymPy's name
         return latex_name(expr.name)
+
+    def _print(self, expr: sp.Basic, **kwargs: object) -> str:
+        """Print Euler's number upright, as e may be a parameter; SymPy would ask the number itself."""
+        return r"\mathrm{e}" if expr is sp.E else str(super()._print(expr, **kwargs))
+
+    def _print_ExpBase(self, expr: sp.Expr, exp: str | None = None) -> str:  # noqa: N802 - SymPy's name
+        power = rf"\mathrm{{e}}^{{{self._print(expr.args[0])}}}"
+        return str(self._do_exponent(power, exp))
 
     def parenthesize_super(self, s: str) -> str:
         """Bracket a base that an exponent must not stick to, such as a partial derivative."""
@@ -183,6 +201,11 @@ def latex_number(value: float) -> str:
     if not power:
         return digits
     return ("" if digits == "1" else rf"{digits} \cdot ") + f"10^{{{int(power)}}}"
+
+
+def plain_text(expression: sp.Expr) -> str:
+    """Give an expression as a generated file states it, in SymPy's own order."""
+    return str(PlainPrinter().doprint(expression))
 
 
 def text_expression(expression: sp.Expr) -> str:

@@ -29,14 +29,13 @@ from pmjoint_codegen.loops.status import Status, sentence
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.record import RATE, Record, reports_rate
 from pmjoint_codegen.simulate.settings import RunOptions, Settings, make_settings
+from pmjoint_codegen.simulate.signals import signals_of
 from pmjoint_codegen.simulate.summary import summarise
 from pmjoint_codegen.values import SETTLED
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-INSTANTANEOUS: Final = ("y", "y_r", "e")  # signals that a sampled controller does not hold constant
-LAGGED: Final = frozenset({"q1", "q2"})  # states of pressures that lag
 BUDGET: Final = 2000  # steps between two looks at progress and Ctrl-C
 FEW_SWITCHES: Final = 1000  # more restart the run, with room for as many as the settings allow
 SHARED: Final = attrgetter(  # settings, besides p, that a `Problem` depends on
@@ -199,7 +198,7 @@ class Simulator:
 
         def deferred(name: str) -> dict[str, Any]:
             if name == "signals":
-                return {name: _signals(evaluator, problem, rows, memory)}
+                return {name: signals_of(evaluator, problem, rows, memory)}
             return _figures(evaluator.manifest, *_integrate(evaluator, start, problem, None))
 
         return {
@@ -331,36 +330,6 @@ def _drive(advance: Advance, problem: Problem, state: Progress, tell: Tell | Non
         advance(BUDGET)
         if tell is not None:
             tell(min(state.t / problem.horizon, 1.0))
-
-
-def _signals(evaluator: Evaluator, problem: Problem, states: Array, memory: Memory) -> Array:
-    rows = len(states)
-    times = problem.times[:rows, np.newaxis]
-    if not problem.sample_time:
-        return evaluator.call("signals", times, states, problem.p)[0]
-    # Constant since the last sample, except for the plant and the reference.
-    (signals,) = evaluator.call(
-        "signals", memory.row_sample_times[:rows, np.newaxis], memory.row_samples[:rows], problem.p
-    )
-    y, y_r, e = map([item.name for item in evaluator.manifest.signals].index, INSTANTANEOUS)
-    signals[:, y] = states[:, 0]
-    signals[:, y_r] = evaluator.call("reference", times, problem.p)[0][:, 0]
-    signals[:, e] = signals[:, y] - signals[:, y_r]
-    moving = _moving(evaluator.manifest)
-    if moving:
-        (live,) = evaluator.call("signals", times, states, problem.p)
-        signals[:, moving] = live[:, moving]
-    return signals
-
-
-def _moving(manifest: Manifest) -> list[int]:
-    """A joint's physical signals that depend only on the plant's states, and so change between samples."""
-    names = set(manifest.start.names)
-    if (
-        names >= LAGGED
-    ):  # pressures with their own states; otherwise they are commands, constant between samples
-        names |= {"P1", "P2"}
-    return [i for i, item in enumerate(manifest.signals) if item.name in names]
 
 
 def _switches(actuator: Actuator, memory: Memory, state: Progress) -> tuple[tuple[float, int], ...]:

@@ -59,11 +59,15 @@ def summarise(run: Record) -> dict[str, Any]:
 
 
 def units_of(run: Record, parameters: Iterable[str]) -> dict[str, str]:
-    """Unit of every parameter and column, as in the model file; ``1`` if there is none."""
+    """Unit of every parameter and column, as in the model file; ``1`` if there is none.
+
+    A parameter with a column's name, such as e, is listed as ``parameter e``.
+    """
     manifest = run.manifest
     stated = {item.name: item.unit for item in manifest.parameters}
     columns = {item.name: item.unit for item in (*manifest.states, *manifest.signals)}
-    return {**{name: stated[name] or "1" for name in parameters}, "t": "s", **columns}
+    named = {f"parameter {name}" if name in columns else name: stated[name] or "1" for name in parameters}
+    return {**named, "t": "s", **columns}
 
 
 def held(run: Record) -> bool:

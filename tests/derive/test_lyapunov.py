@@ -89,3 +89,11 @@ def test_the_residual_counts_a_disturbance_of_the_output_twice(
     there = sum(squares(derivation, P * D, s_), sp.Integer(0)).subs(dict.fromkeys((*s.z, *s.epsilon), 0))
     residual = sum(((2 * (P * D).dot(P * D) + D[0] ** 2) / (2 * e) for e in s.e), sp.Integer(0))
     assert sp.simplify(there - residual) == 0
+
+
+def test_a_parameter_sigma_is_not_the_function_sigma() -> None:
+    y, sigma = real_symbol("y"), real_symbol("sigma")
+    function = 1 + y**2
+    assert expand_to_zero(sigma - function, function) != 0
+    assert expand_to_zero(sigma / function - function / sigma, function) != 0
+    assert expand_to_zero(function / sigma * function - (1 + 2 * y**2 + y**4) / sigma, function) == 0

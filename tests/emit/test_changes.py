@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from typing import Any
 
 import pytest
 
 from pmjoint_codegen.emit.changes import EQUATIONS, Change, changes, content_of
 from pmjoint_codegen.emit.pipeline import Artifacts
+from pmjoint_codegen.manifest import FILE_NAME
 
 
 def test_what_is_gone_stands_where_it_was_and_what_is_new_where_it_is() -> None:
@@ -65,3 +67,17 @@ def test_values_are_those_of_the_model_file(artifacts: Artifacts) -> None:
     assert content.values["D_max"] == 0.1
     assert not any(name.endswith("_plant") for name in content.values)
     assert content.sizes["kernels.c"] == len(artifacts.files["kernels.c"].encode())
+
+
+def test_a_parameter_with_the_name_of_another_statement_is_seen_to_change() -> None:
+    def content(value: float) -> Mapping[str, object]:
+        manifest = {
+            "parameters": [{"name": "horizon", "kind": "plant", "value": value, "unit": "s", "about": ""}],
+            "simulation": {"horizon": 20.0},
+            **{"disturbance_bound": None, "limit": "u_max", "title": "", "source": ""},
+            **{"functions": [], "states": [], "signals": []},
+        }
+        files = {FILE_NAME: json.dumps(manifest).encode(), EQUATIONS: b'{"equations": []}'}
+        return content_of(files).values
+
+    assert changes(content(1.0), content(2.0)) == (Change("parameter horizon", 1.0, 2.0),)

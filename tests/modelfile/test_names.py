@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import keyword
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +22,13 @@ from pmjoint_derive import OutsideClassError, Parameter, Plant, Signals, derive
 
 
 @pytest.mark.parametrize(
-    "name", ["d1", "b0", "u_max", "J", "b_v", "k_u", "k0", "u0", "C1", "eps0", "tau", "a", "damping_d2"]
+    "name",
+    [
+        *"abcdefghijklmnopqrswxz",
+        *"ABCDEFGHIJKLMNOPQRSTUVWXYZ",
+        *("d1", "b0", "u_max", "b_v", "k_u", "k0", "u0", "C1", "eps0", "tau", "damping_d2"),
+        *("theta", "phi", "sigma", "lamda", "omega", "int", "double", "register", "static"),
+    ],
 )
 def test_a_physicists_names_are_free(name: str) -> None:
     assert why_not(name) is None
@@ -32,13 +39,34 @@ def test_ill_formed(name: str) -> None:
     assert "is not a name" in str(why_not(name))
 
 
-@pytest.mark.parametrize("name", ["lambda", "double", "if", "None", "int"])
-def test_words_of_the_languages(name: str) -> None:
-    assert why_not(name) == "is a word of C or Python"
+@pytest.mark.parametrize("name", keyword.kwlist)
+def test_words_of_the_language_of_expressions(name: str) -> None:
+    assert why_not(name) == "is a word of Python, in whose notation expressions are written"
 
 
 @pytest.mark.parametrize(
-    "name", [*functions(), "pi", "t", "y", "c1", "ck12", "D1", "x_hat2", "dalpha1_dy", "x1_dot", "nan"]
+    "name",
+    [
+        *functions(),
+        "abs",
+        "sign",
+        "min",
+        "max",
+        "pi",
+        "t",
+        "y",
+        "u",
+        "v",
+        "du",
+        "y_r",
+        "c1",
+        "ck12",
+        "D1",
+        "x_hat2",
+        "dalpha1_dy",
+        "x1_dot",
+        "nan",
+    ],
 )
 def test_names_that_mean_something_already(name: str) -> None:
     assert "already names" in str(why_not(name))
@@ -79,9 +107,12 @@ def names_of(document: dict[str, Any]) -> set[str]:
 
 @pytest.mark.parametrize("path", MODELS, ids=[path.stem for path in MODELS])
 def test_no_parameter_can_bear_the_name_of_an_equation(path: Path) -> None:
-    """Each name that the derivation defines, given to a parameter of the same model, is refused."""
+    """Each name that the derivation defines, given to a parameter of the same model, is refused.
+
+    The tracking error alone makes room: it is called e_y beside a parameter e.
+    """
     document = read_document(path)
-    for name in sorted(names_of(document)):
+    for name in sorted(names_of(document) - {"e"}):
         document["parameters"][name] = {"value": 1.0}
         with pytest.raises(ModelError, match=rf"parameters\.{name}: (already|is a word of)"):
             model_of(document, "model")
@@ -91,7 +122,7 @@ def test_no_parameter_can_bear_the_name_of_an_equation(path: Path) -> None:
 def test_composite_coefficients_are_names_of_the_derivation(paper: dict[str, Any]) -> None:
     document = {**paper, "plant": {**paper["plant"], "b": ["2*b0"], "theta": ["d1 + 1"]}}
     assert {"b_0", "theta_1"} <= names_of(document)
-    assert {name for name in names_of(document) if why_not(name) is None} == set()
+    assert {name for name in names_of(document) if why_not(name) is None} == {"e"}
 
 
 @pytest.mark.parametrize("name", sorted(PHYSICISTS))
@@ -107,3 +138,25 @@ def test_the_derivation_itself_refuses_what_a_reader_let_through(paper: dict[str
         derive(replace(model, parameters=parameters))
     with pytest.raises(ModelError, match=r"paper: parameters\.Omega: already names an equation"):
         generate(paper, replace(model, parameters=parameters))
+
+
+def test_the_tracking_error_makes_room_for_a_parameter_e(edited: Edit) -> None:
+    document = edited({"parameters.e": {"value": 0.5}, "plant.phi": ["0", "-e*y"]})
+    derivation = derive(model_of(document, "model"))
+    error, known = derivation.equations["e_y"], derivation.equations["x2_dot"].expression.free_symbols
+    assert (error.meaning, error.symbol.name) == ("tracking error, e = z1 + r1", "e_y")
+    assert sp.Symbol("e", real=True) in known
+    manifest = generate(document, model_of(document, "model"), order=4, lanes=False).manifest
+    assert [item.name for item in manifest.signals][:3] == ["y", "y_r", "e"]
+
+
+def test_two_names_for_the_tracking_error_leave_it_none(edited: Edit) -> None:
+    document = edited({"parameters.e": {"value": 0.5}, "parameters.e_y": {"value": 0.5}})
+    with pytest.raises(ModelError, match=r"parameters\.e_y: already names an equation"):
+        generate(document, model_of(document, "model"))
+
+
+def test_a_parameter_k_is_not_the_gains_k(edited: Edit) -> None:
+    document = edited({"parameters.k": {"value": -1.0}, "actuator.limit": "k"})
+    with pytest.raises(ModelError, match=r"model: parameters\.k\.value: is -1"):
+        model_of(document, "model")

@@ -25,6 +25,7 @@ from pmjoint_codegen.report.notation import (
     latex_name,
     latex_number,
     latex_prose,
+    plain_text,
     text_expression,
 )
 from pmjoint_codegen.report.record import derivation_record
@@ -322,6 +323,15 @@ def test_a_power_does_not_stick_to_a_partial_derivative() -> None:
     squared = real_symbol("dalpha1_dy") ** 2
     assert latex_expression(squared) == r"\left(\frac{\partial \alpha_1}{\partial y}\right)^{2}"
     assert latex_expression(real_symbol("d3y_r") ** 2) == r"\left(y_r^{(3)}\right)^{2}"
+
+
+def test_eulers_number_is_no_parameter() -> None:
+    e, E = real_symbol("e"), real_symbol("E")
+    expression = e * E * sp.E + sp.exp(e)
+    assert text_expression(expression) == "exp(1)*E*e + exp(e)"
+    assert plain_text(expression) == "exp(1)*E*e + exp(e)"
+    assert latex_expression(expression) == r"\mathrm{e} E e + \mathrm{e}^{e}"
+    assert latex_expression(sp.exp(E) ** 2) == r"\mathrm{e}^{2 E}"
 
 
 def test_minus_signs_come_after_plus_signs() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -172,6 +173,53 @@ def test_peaks_and_the_integral_are_those_of_the_motion_in_between(
         at = t[0] + (nodes + 1) / 2 * (t[-1] - t[0])
         total += float(weights @ fit(at) ** 2) / 2 * (t[-1] - t[0])
     assert found.ise == pytest.approx(total, rel=1e-9)
+
+
+def test_the_disturbance_acts_between_samples_too(compiled_paper: Evaluator) -> None:
+    """D follows the plant's states and the clock at every row, not those of the last sample."""
+    found = simulate(compiled_paper, horizon=0.4, sample_time=0.02, output_step=0.005)
+    stated = 0.1 * np.sin(found["x2"]) * np.cos(found.t)  # (37)
+    assert np.ptp(stated) > 0.1
+    assert np.max(np.abs(found["D2"] - stated)) <= 2 * EPSILON
+    assert found.summary["disturbance_range"]["D2"] == [found["D2"].min(), found["D2"].max()]
+
+
+@pytest.mark.parametrize(("model", "period"), [("joint", 0.02), ("joint-damped", 0.02), ("joint-lag", 0.002)])
+def test_the_disturbance_of_a_joint_is_that_of_the_held_input(
+    root: Path, cache: Path, model: str, period: float
+) -> None:
+    """D is what x' holds beyond the design's model, with the input that acts there: (12)."""
+    loop = ClosedLoop.load(root / "models" / f"{model}.toml", "compiled")
+    n, nx, nw = loop.manifest.n, loop.manifest.nx, loop.manifest.nw
+    found = loop.simulate(controller="sampled", sample_time=period, output_step=period / 4, horizon=0.2)
+    p, t, x = found.settings.p, found.t[:, np.newaxis], found.states[:, :nx]
+    limits = loop.evaluator.call("actuation", p)[0].reshape(nw, 4)
+    v = found["v"]
+    w = np.column_stack([np.clip(o + s * v, low, high) for o, s, low, high in limits])
+    sides = np.ones((len(t), dict(loop.manifest.function("plant").inputs)["w"] - nw))
+    rates = loop.evaluator.call("plant", t, x, np.column_stack([w, sides]), p)[0]
+    values = found.settings.parameters
+    a = values["b_v"] / values["J"]
+    y, u = found["y"], w[:, 0]
+    d1, b0 = coefficients(values)
+    if n == 2:
+        damping = a if model != "joint" else 0.0
+        known = [x[:, 1] - damping * y, d1 * y + b0 * u]
+    else:
+        tau = values["tau"]
+        known = [x[:, 1] - (a + 1 / tau) * y, x[:, 2] + (d1 - a / tau) * y, d1 / tau * y + b0 / tau * u]
+    for i, rate in enumerate(known):
+        scale = np.max(np.abs(rates[:, i])) + np.max(np.abs(rate))
+        assert np.max(np.abs(found[f"D{i + 1}"] - (rates[:, i] - rate))) <= 1e-13 * scale
+
+
+def coefficients(values: Mapping[str, float]) -> tuple[float, float]:
+    """d1 and b0 of (8), without the second k0 that it prints."""
+    C1, C2, C3, eps0 = (values[name] for name in ("C1", "C2", "C3", "eps0"))
+    J, r, l0, k0, u0, k_u = (values[name] for name in ("J", "r", "l0", "k0", "u0", "k_u"))
+    return 2 * k0 * r**2 * u0 * (2 * C1 * eps0 + C2) / (J * l0), 2 * k_u * r * (
+        C1 * eps0**2 + C2 * eps0 + C3
+    ) / J
 
 
 def test_a_peak_inside_a_hold_is_found_with_its_instant(undisturbed_joint: ClosedLoop) -> None:

@@ -28,6 +28,7 @@ from pmjoint_codegen.check.subject import Subject
 from pmjoint_codegen.emit.table import LOOPS, Guard, Taylor
 from pmjoint_codegen.kernels.tape import Tape
 from pmjoint_codegen.manifest import Function
+from pmjoint_derive.closed_loop import column_name
 
 Array = npt.NDArray[np.float64]
 
@@ -100,7 +101,8 @@ def vocabulary_mismatch(subject: Subject) -> str:
     manifest, loop = subject.manifest, subject.table["closed_loop"]
     words = {label: tuple(symbol.name for symbol in symbols) for label, symbols in loop.inputs}
     partials = tuple(symbol.name for symbol in subject.table["partials"].outputs[0][1])
-    signals = tuple(symbol.name for symbol in subject.table["signals"].outputs[0][1])
+    reported = subject.table["signals"].outputs[0][1]
+    signals = tuple(column_name(subject.model, symbol) for symbol in reported)
     pairs = {
         "parameters": (manifest.parameter_names, words["p"]),
         "states": (tuple(item.name for item in manifest.states), words["X"]),
