@@ -13,6 +13,7 @@ Stages in order, each a pure function of what comes before it:
     design.error_rates     design                -> z_i' under the law                           (27), (28)
     error_equations        design                -> e, epsilon                                         (17)
     sampling_equations     design, equations     -> xi, Xi, lambda, r one sample later
+    start_equations        design, law           -> xi, Xi, lambda, r at the matched start
     true_plant             physics, equations    -> the plant in its own parameters
 """
 
@@ -36,6 +37,7 @@ from pmjoint_derive.model import Model, OutsideClassError
 from pmjoint_derive.progress import Stage, unwatched
 from pmjoint_derive.sampling import sampling_equations
 from pmjoint_derive.signals import Units
+from pmjoint_derive.start import start_equations
 from pmjoint_derive.true_plant import true_plant
 
 DESIGNS: Mapping[str, type[Design]] = MappingProxyType({"backstepping": Backstepping})
@@ -58,12 +60,13 @@ def derive(model: Model, stage: Stage = unwatched) -> Derivation:
     constants = [*model.constants, *constants]
     physics = [*plant_equations(design), *extra_equations(model)]
     delivered = actuator_equations(model, design)
+    law = design.law(stage)
     continuous: list[Equation] = [
         *constants,
         *physics,
         *design.filters(),
         *reference_equations(model, design),
-        *design.law(stage),
+        *law,
         *design.compensator(),
         *design.error_rates(),
         *delivered,
@@ -71,9 +74,10 @@ def derive(model: Model, stage: Stage = unwatched) -> Derivation:
     ]
     stage("deriving the sampled controller", 0.0)
     held = sampling_equations(design, Equations(continuous))
+    started = start_equations(design, law)
     stage("deriving the true plant", 0.0)
     own, true = true_plant(model, design, [*constants, *physics, *delivered[1:]], continuous)
-    equations = Equations([*continuous, *held, *true])
+    equations = Equations([*continuous, *held, *started, *true])
     _check_names(model, equations)
     return Derivation(model, design, equations, own)
 

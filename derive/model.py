@@ -186,6 +186,7 @@ class Gains:
         ck: rho decay rates of the compensator (23).
         k: n filter gains, such that ``A0 = A - k e1'`` is Hurwitz (14).
         compensator: False keeps r = 0, that is, plain clipping.
+        matched: whether a run starts with the controller matched to y(0), not at zero.
     """
 
     c: tuple[float, ...]
@@ -193,6 +194,7 @@ class Gains:
     ck: tuple[float, ...]
     k: tuple[float, ...]
     compensator: bool = True
+    matched: bool = False
 
     @property
     def by_kind(self) -> dict[str, tuple[float, ...]]:

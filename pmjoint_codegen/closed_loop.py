@@ -131,11 +131,12 @@ class ClosedLoop:
             parameters: overrides of parameters and gains, by name, in the units of the model file; ``J`` sets
                 the controller's value and, unless ``J_plant`` is given too, the plant's.
             x0: initial states: for a joint theta, theta_dot and, where pressures lag, q1 and q2, which may be
-                omitted together; for any other plant its own. The controller starts at 0.
+                omitted together; for any other plant its own.
             output_step: s, at most the horizon.
             controller: ``continuous``, or ``sampled`` as on a microcontroller.
             sample_time: s, of the sampled controller, at most the horizon.
             compensator: False: r = 0, plain clipping.
+            start: of the controller: ``zero``, or ``matched`` to the measured y(0).
             tolerance: local error, relative to max(1, |value|); by default 1e-10.
             max_step: longest integration step, s.
             divergence: a state beyond it ends the run; by default 1e4, more for pressures or a distant start.

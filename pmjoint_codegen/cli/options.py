@@ -151,6 +151,14 @@ _OF_A_RUN: Final[Mapping[str, tuple[str, Mapping[str, Any]]]] = {
         "--sample-time",
         {"type": float, "metavar": "S", "help": "Sample time of the sampled controller in seconds."},
     ),
+    "start": (
+        "--start",
+        {
+            "type": click.Choice(["zero", "matched"]),
+            "help": "Where filters and compensator start: at 0, or matched to y(0), so that the error begins "
+            "without a kick [default: the model's].",
+        },
+    ),
     "compensator": (
         "--no-compensator",
         {

@@ -44,13 +44,14 @@ Examples
         "help": "Another value for a parameter (d1, u_max, ...) or gain (c1, e1, ck1, k1, ...); d1_plant sets"
         " it for the plant only, unknown to the controller; repeatable."
     },
-    x0={"help": "Initial plant states; filters and compensator start at 0."},
+    x0={"help": "Initial plant states; for those of the controller see --start."},
     reference={},
     disturbance={},
     horizon={"help": "Length of the run in seconds."},
     output_step={},
     controller={},
     sample_time={},
+    start={},
     compensator={},
     tolerance={"default": 1e-10},
     max_step={},

@@ -71,6 +71,7 @@ Examples
     horizon={},
     controller={"help": "continuous: as in the paper; sampled: as on a microcontroller."},
     sample_time={},
+    start={},
     compensator={},
     tolerance={"default": 1e-6},
     max_step={},

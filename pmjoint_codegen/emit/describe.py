@@ -122,6 +122,7 @@ def describe(
             output_step=simulation.output_step,
             sample_time=simulation.sample_time,
             compensator=model.gains.compensator,
+            start="matched" if model.gains.matched else "zero",
         ),
         files=dict(files),
     )

@@ -169,6 +169,19 @@ class BatchLibrary:
             self._lib.pmj_matrices(len(p), self._pointer(p), self._pointer(result))
         return result
 
+    def starts(self, y: Array, p: Array) -> Array:
+        """The controller's state matched to y(0), shape (runs, ns).
+
+        Args:
+            y: y(0), shape (runs,).
+            p: parameters, shape (runs, np).
+        """
+        result = np.empty((len(p), self.manifest.nX - self.manifest.nx))
+        if len(p):
+            arrays = (np.ascontiguousarray(y), p, result)
+            self._lib.pmj_starts(len(p), *(self._pointer(array) for array in arrays))
+        return result
+
     def _set_rules(self, sweep: Any, runs: Runs) -> list[Any]:
         """Fill in the rules of steps; the pointers live as long as the result."""
         rules = step_rules(self.manifest, runs)

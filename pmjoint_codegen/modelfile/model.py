@@ -22,10 +22,10 @@ from pmjoint_codegen.modelfile.joint import (
     joint_parameters,
     to_joint,
 )
-from pmjoint_codegen.modelfile.schema import ModelSpec, PlantSpec
+from pmjoint_codegen.modelfile.schema import DesignSpec, ModelSpec, PlantSpec
 from pmjoint_codegen.modelfile.soundness import check_model
 from pmjoint_codegen.modelfile.units import ANY, Scales, Wanted
-from pmjoint_codegen.values import COMPENSATOR, GAINS, check_values
+from pmjoint_codegen.values import COMPENSATOR, GAINS, MATCHED, check_values
 from pmjoint_derive import Gains, Model, OutsideClassError, Parameter, Plant, Simulation, real_symbol
 
 Symbols = Mapping[str, sp.Symbol]
@@ -53,7 +53,7 @@ def to_derive(spec: ModelSpec, where: str = "") -> Model:
             parameters=parameters,
             limit=known[spec.actuator.limit],
             reference=parse(spec.simulation.reference, _with(known, "t"), f"{where}: simulation.reference"),
-            gains=Gains(**spec.design.model_dump()),
+            gains=_gains(spec.design),
             simulation=Simulation(**spec.simulation.model_dump(exclude={"reference"})),
             y_unit=spec.units.y,
             u_unit=spec.units.u,
@@ -64,6 +64,10 @@ def to_derive(spec: ModelSpec, where: str = "") -> Model:
         raise ModelError(error.what, where=f"{where}: {error.key}", remedy=error.remedy) from error
     check_model(model, where)
     return model
+
+
+def _gains(design: DesignSpec) -> Gains:
+    return Gains(design.c, design.e, design.ck, design.k, design.compensator, matched=design.start == MATCHED)
 
 
 def _parameters(spec: ModelSpec, where: str) -> tuple[Parameter, ...]:

@@ -38,7 +38,8 @@ _NUMBERED = re.compile(
     r"(x|x_hat|xi|Xi|lambda|r|z|alpha|epsilon|c|e|ck|k|D)[1-9]\d*"  # states, signals, gains
     r"|d\d*y_r|dalpha\d+_d\w+|[A-Za-z]+\d+_dot"  # derivatives
     r"|Omega|theta_\d+|b_\d+|v\d+_\d+"  # steps and coefficients that the derivation names
-    r"|[A-Za-z]+\d+_next|[FG][0r]_\d+|g_(offset|slope)\d+|side\d+"  # of the sampled controller, of kernels
+    r"|[A-Za-z]+\d+_next|([A-Za-z]+\d+|Omega)_start|[FG][0r]_\d+"  # of the sampled controller, of the start
+    r"|g_(offset|slope)\d+|side\d+"  # of kernels
     r"|\w+_plant|D[1-9]\d*_effective|known\d+|mismatch\d+"  # of the true plant
 )
 _C_KEYWORDS = frozenset(

@@ -6,7 +6,7 @@ Lengths that span tables (n, m, p, rho) are checked after the single keys; what 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sized
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import Field, ValidationError
 
@@ -73,6 +73,7 @@ class DesignSpec(Table):
     ck: Numbers = Field(description="a list of finite numbers greater than 0")
     k: Numbers = Field(description="a list of finite numbers")
     compensator: bool = Field(default=True, description="true or false")
+    start: Literal["zero", "matched"] = Field(default="zero", description='"zero" or "matched"')
 
 
 class SimulationSpec(Table):

@@ -32,6 +32,7 @@ def summarise(run: Record) -> dict[str, Any]:
         "parameters": parameters,
         "units": units_of(run, parameters),
         "x0": settings.x0.tolist(),
+        "start": settings.start,
         "reference": manifest.simulation.reference,
         "disturbance": list(manifest.simulation.disturbance),
         "horizon": settings.horizon,

@@ -16,7 +16,7 @@ from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.sweep.metrics import INVALID
 from pmjoint_codegen.sweep.request import Request
 from pmjoint_codegen.sweep.validity import valid_rows
-from pmjoint_codegen.values import SI, all_to_si
+from pmjoint_codegen.values import MATCHED, SI, all_to_si
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,10 @@ def simulate_chunk(library: BatchLibrary, request: Request, columns: Mapping[str
     trajectories = np.full((count, rows, manifest.nX + 2), np.nan)
     table[:, Column.STATUS] = INVALID
     valid = valid_rows(manifest, p, x0[:, : manifest.nx])
-    outcome = library.simulate(_runs(library, request, x0[valid], p[valid]))
+    started, p = x0[valid], p[valid]
+    if request.start == MATCHED:
+        started[:, manifest.nx :] = library.starts(started[:, 0], p)
+    outcome = library.simulate(_runs(library, request, started, p))
     table[valid, : len(Column)] = outcome.metrics
     table[valid, len(Column) :] = outcome.final
     trajectories[valid] = outcome.trajectories
@@ -55,9 +58,12 @@ def simulate_chunk(library: BatchLibrary, request: Request, columns: Mapping[str
 
 
 def fill_in(manifest: Manifest, request: Request, columns: Mapping[str, Array]) -> tuple[Array, Array]:
-    """X(0), shape (runs, nX), and p, shape (runs, np): the fixed values with the varied ones put in.
+    """X(0) with the controller at zero, and p: the fixed values with the varied ones put in.
 
     The plant's own parameters equal the controller's unless they are set or varied.
+
+    Returns:
+        Shapes (runs, nX) and (runs, np).
     """
     count = len(next(iter(columns.values())))
     x0 = np.zeros((count, manifest.nX))

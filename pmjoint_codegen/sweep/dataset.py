@@ -247,6 +247,7 @@ def _attributes(request: Request, manifest: Manifest) -> dict[str, Any]:
         "parameters": json.dumps(_parameters(request, manifest)),
         "x0": json.dumps(request.x0),
         "reference": request.reference,
+        "start": request.start,
         "disturbance": json.dumps(request.disturbance),
         "horizon": request.horizon,
         "controller": request.controller,

@@ -42,6 +42,7 @@ class Request:
         own: the plant's own parameters, such as ``J_plant``, that are set; others equal the controller's
         values, run by run, unless they are varied.
         x0: initial plant states, likewise.
+        start: of the controller: ``zero``, or ``matched`` to the measured output.
         horizon: s.
         controller: ``continuous`` or ``sampled``.
         sample_time: s; 0 for the continuous controller.
@@ -63,6 +64,7 @@ class Request:
     p: tuple[float, ...]
     own: tuple[str, ...]
     x0: tuple[float, ...]
+    start: str
     horizon: float
     controller: str
     sample_time: float
@@ -138,6 +140,7 @@ def _request(
         p=tuple(settings.p.tolist()),
         own=own,
         x0=tuple(settings.x0.tolist()),
+        start=settings.start,
         horizon=settings.horizon,
         controller=settings.controller,
         sample_time=settings.sample_time if settings.controller == "sampled" else 0.0,
