@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import sympy as sp
 
+from pmjoint_derive.braking import braking_identities
 from pmjoint_derive.closed_loop import disturbance_symbols
 from pmjoint_derive.compensator import compensator_matrix
 from pmjoint_derive.design import Derivation
@@ -47,10 +48,12 @@ def sampling_identities(derivation: Derivation) -> list[Identity]:
     """``s(t + T) = F s + G (s' - A s)``: the exact solution of ``s' = A s + drive`` with the drive held."""
     s, hold = derivation.signals, Hold.of(derivation.signals)
     columns = [sp.Matrix([row[j] for row in s.Xi]) for j in range(derivation.plant.p)]
-    A0, Ar = filter_matrix(s), compensator_matrix(s)
+    A0 = filter_matrix(s)
     systems = [(sp.Matrix(states), A0, hold.F0, hold.G0) for states in (s.xi, *columns, s.lambda_)]
-    systems.append((sp.Matrix(s.r), Ar, hold.Fr, hold.Gr))
-    return [identity for system in systems for identity in _held(derivation, *system)]
+    if not s.braking:
+        systems.append((sp.Matrix(s.r), compensator_matrix(s), hold.Fr, hold.Gr))
+    held = [identity for system in systems for identity in _held(derivation, *system)]
+    return [*held, *(braking_identities(derivation, hold.Fr, hold.Gr) if s.braking else [])]
 
 
 def _held(

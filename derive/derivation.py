@@ -20,6 +20,7 @@ Stages in order, each a pure function of what comes before it:
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from types import MappingProxyType
 
 from pmjoint_derive.backstepping import Backstepping
@@ -33,7 +34,7 @@ from pmjoint_derive.closed_loop import (
 from pmjoint_derive.constants import name_constants
 from pmjoint_derive.design import Derivation, Design
 from pmjoint_derive.equation import Equation, Equations
-from pmjoint_derive.model import Model, OutsideClassError
+from pmjoint_derive.model import Model, OutsideClassError, real_symbol
 from pmjoint_derive.progress import Stage, unwatched
 from pmjoint_derive.sampling import sampling_equations
 from pmjoint_derive.signals import Units
@@ -56,7 +57,10 @@ def derive(model: Model, stage: Stage = unwatched) -> Derivation:
     """
     made_by = DESIGNS[model.design]
     signals = made_by.signals_for(model.plant)
-    design, constants = name_constants(made_by(model.plant, signals, Units(model, signals)))
+    if model.gains.braking is not None:
+        signals = replace(signals, braking=(real_symbol("braking"),))
+    units = Units(model, signals)
+    design, constants = name_constants(made_by(model.plant, signals, units, model.least_limit))
     constants = [*model.constants, *constants]
     physics = [*plant_equations(design), *extra_equations(model)]
     delivered = actuator_equations(model, design)

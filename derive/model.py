@@ -187,6 +187,7 @@ class Gains:
         k: n filter gains, such that ``A0 = A - k e1'`` is Hurwitz (14).
         compensator: False keeps r = 0, that is, plain clipping.
         matched: whether a run starts with the controller matched to y(0), not at zero.
+        braking: the share of the actuator's limit that a braking compensator reckons with; None: (23).
     """
 
     c: tuple[float, ...]
@@ -195,6 +196,7 @@ class Gains:
     k: tuple[float, ...]
     compensator: bool = True
     matched: bool = False
+    braking: float | None = None
 
     @property
     def by_kind(self) -> dict[str, tuple[float, ...]]:
@@ -336,6 +338,12 @@ class Model:
     demands: tuple[Demand, ...] = ()
     start: Start | None = None
     design: str = "backstepping"
+
+    @property
+    def least_limit(self) -> sp.Expr:
+        """The least |u| of the actuator's two limits."""
+        u = self.actuator[0]
+        return u.upper if u.upper == -u.lower else sp.Min(sp.Abs(u.lower), sp.Abs(u.upper))
 
     @property
     def actuator(self) -> tuple[Channel, ...]:

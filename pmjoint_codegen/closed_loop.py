@@ -45,7 +45,7 @@ class Source:
     Attributes:
         file: the model file, an absolute path.
         document: its contents, read once: the file may have changed since, or been a pipe.
-        evaluator, reference, disturbance: as for `ClosedLoop.load`.
+        evaluator, reference, disturbance, saturation: as for `ClosedLoop.load`.
         environment: for compiler and cache folder; None: that of the loading process.
     """
 
@@ -54,6 +54,7 @@ class Source:
     evaluator: str | None = None
     reference: str | None = None
     disturbance: tuple[str, ...] | None = None
+    saturation: str | None = None
     environment: Mapping[str, str] | None = None
 
 
@@ -78,6 +79,7 @@ class ClosedLoop:
         *,
         reference: str | None = None,
         disturbance: Sequence[str] | None = None,
+        saturation: str | None = None,
         environment: Mapping[str, str] | None = None,
         notify: Notify = _to_stderr,
         stage: Stage = lambda name, done: None,
@@ -89,6 +91,7 @@ class ClosedLoop:
             evaluator: ``compiled``, ``interpreted``, or None: compiled if a compiler is found.
             reference: another y_r, a function of t and parameters.
             disturbance: another disturbance, one expression per state.
+            saturation: ``compensator``, ``clip`` or ``braking`` in place of the model's own.
             environment: for compiler and cache folder; the process's own by default.
             notify: called with a one-line message for the user.
             stage: called with the name of a slow stage and the fraction of it completed.
@@ -112,6 +115,7 @@ class ClosedLoop:
             evaluator,
             reference,
             None if disturbance is None else tuple(disturbance),
+            saturation,
             None if environment is None else dict(environment),
         )
         return cls(evaluator_of(source, notify, stage))
@@ -216,6 +220,7 @@ def evaluator_of(
         source.document,
         reference=source.reference,
         disturbance=source.disturbance,
+        saturation=source.saturation,
         environment=known,
         notify=notify,
         stage=stage,

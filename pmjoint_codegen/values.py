@@ -25,6 +25,9 @@ from pmjoint_codegen.operations import by_name
 SI = "1"  # the scale of a parameter that is stated in SI units, or in units that its author keeps consistent
 ZERO, MATCHED = "zero", "matched"  # starts of the controller
 STARTS = (ZERO, MATCHED)
+BRAKING = "braking"  # share of the limit that a braking compensator reckons with
+CLIP = "clip"
+SATURATIONS = ("compensator", CLIP, BRAKING)
 COMPENSATOR = "compensator"  # the switch between (23) and plain clipping
 SETTLED = 0.02  # fraction of |e(0)|: e has settled once it stays within it
 OWN_SUFFIX = "_plant"  # of the simulated plant's own value of a parameter that the controller uses too

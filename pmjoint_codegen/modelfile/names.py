@@ -30,6 +30,10 @@ _WORDS = frozenset(
         "s",
         "du",
         "compensator",
+        "braking",
+        "braking_range",
+        "braking_rate",
+        "saturation",
         "inf",
         "nan",
     )
@@ -39,6 +43,7 @@ _NUMBERED = re.compile(
     r"|d\d*y_r|dalpha\d+_d\w+|[A-Za-z]+\d+_dot"  # derivatives
     r"|Omega|theta_\d+|b_\d+|v\d+_\d+"  # steps and coefficients that the derivation names
     r"|[A-Za-z]+\d+_next|([A-Za-z]+\d+|Omega)_start|[FG][0r]_\d+"  # of the sampled controller, of the start
+    r"|d?braking_rate\w*|r1_slope\d|r2_middle"  # of a compensator that brakes
     r"|g_(offset|slope)\d+|side\d+"  # of kernels
     r"|\w+_plant|D[1-9]\d*_effective|known\d+|mismatch\d+"  # of the true plant
 )

@@ -26,6 +26,10 @@ _WORDS = {
     "dy_r": r"\dot{y}_r",
     "d2y_r": r"\ddot{y}_r",
     "compensator": "s_r",
+    "braking": r"\alpha_b",
+    "braking_range": r"\ell",
+    "braking_rate": "g(r_1)",
+    "dbraking_rate_dr1": "g'(r_1)",
     "f_minus": "f_-",
     "f_plus": "f_+",
 }

@@ -21,7 +21,7 @@ from pmjoint_codegen.errors import PmjointError
 from pmjoint_codegen.kernels.evaluator import Evaluator
 from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.simulate.run import Run
-from pmjoint_codegen.values import MATCHED
+from pmjoint_codegen.values import BRAKING, MATCHED
 from pmjoint_derive import Derivation
 from pmjoint_derive.signals import partial_name
 
@@ -95,11 +95,17 @@ def quiet_findings(evaluator: Evaluator, *, bare: bool = True) -> list[Finding]:
 
 
 def undriven(evaluator: Evaluator, run: Run) -> Finding:
-    """What (23) does where nothing is clipped: it stays at 0, or decays from its matched start."""
+    """What (23) does where nothing is clipped: it stays at 0, or decays from its matched start.
+
+    With braking r_1 is no linear function, and r_2 alone decays as the last entry of its hold's matrix says.
+    """
     r = _block(run, "r")
     if run.settings.start != MATCHED:
         return "u_max out of reach gives r = 0", float(np.max(np.abs(r))), 0.0
-    Ar = evaluator.call("compensator_matrix", run.settings.p)[0].reshape(r.shape[1], r.shape[1])
+    (Ar,) = evaluator.call("compensator_matrix", run.settings.p)
+    if BRAKING in run.settings.parameters:
+        Ar, r = Ar[-1:], r[:, -1:]
+    Ar = Ar.reshape(r.shape[1], r.shape[1])
     gap = float(np.max(np.abs(r - _decayed(Ar, r[0], run.t))))
     return "u_max out of reach gives r = exp(Ar t) r(0)", gap / max(1.0, float(np.max(np.abs(r)))), ACCURACY
 
