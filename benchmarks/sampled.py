@@ -20,8 +20,8 @@ from pmjoint_codegen.loops.batch import BatchLibrary, Runs
 from pmjoint_codegen.loops.hold import hold_matrices
 from pmjoint_codegen.loops.problem import Progress, make_memory
 from pmjoint_codegen.loops.select import make_loop
-from pmjoint_codegen.simulate.run import initial_state
 from pmjoint_codegen.simulate.settings import make_settings
+from pmjoint_codegen.simulate.start import initial_state
 from pmjoint_codegen.sweep.build_inputs import library_of, make_inputs
 
 SAMPLE_TIME: Final = 1e-3  # s
@@ -82,7 +82,7 @@ def one_run(loop: ClosedLoop) -> Callable[[], Array]:
     problem = constants(loop, settings, whole=True)
 
     def call() -> Array:
-        memory = make_memory(problem, initial_state(loop.manifest, settings))
+        memory = make_memory(problem, initial_state(loop.evaluator, settings))
         make_loop(loop.evaluator, problem, Progress(), memory)(ALL_STEPS)
         last: Array = memory.rows[-1]
         return last

@@ -19,6 +19,7 @@ from functools import cached_property
 
 import sympy as sp
 
+from pmjoint_derive.braking import braking_equations
 from pmjoint_derive.certificate import certificate_equations
 from pmjoint_derive.closed_loop import disturbance_symbols, unknown_output_rate
 from pmjoint_derive.compensator import compensator_equations, compensator_rates
@@ -194,6 +195,7 @@ def backstep(step: Backstepping, stage: Stage = unwatched) -> list[Equation]:
     """All named steps of (24)-(29), in the order in which they can be evaluated; each step is reported."""
     plant, signals, units = step.plant, step.signals, step.units
     equations = [*filtered_input_equations(step), omega_equation(step)]
+    equations += braking_equations(step) if signals.braking else []
     chain = ChainRule(signals, units, SECTION)
     chain.add(equations)
     partials: dict[sp.Symbol, sp.Symbol] = {}

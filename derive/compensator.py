@@ -2,13 +2,14 @@
 
 ``r_i' = r_{i+1} - ck_i r_i`` for i < rho and ``r_rho' = -ck_rho r_rho + b_m sigma(y) du``. It needs the
 *applied* input: measured on a rig, sat(v) in simulation. Without it (r = 0 for all time) the same law is
-plainly clipped.
+plainly clipped. `braking` has another r_1, for two states.
 """
 
 from __future__ import annotations
 
 import sympy as sp
 
+from pmjoint_derive.braking import RATE, braking_matrix
 from pmjoint_derive.design import Design
 from pmjoint_derive.equation import Equation
 from pmjoint_derive.model import real_symbol
@@ -19,7 +20,9 @@ SECTION = "Compensator"
 
 
 def compensator_matrix(signals: Signals) -> sp.ImmutableMatrix:
-    """The matrix of (23), rho x rho: ``-ck_i`` on the diagonal, 1 above it."""
+    """The matrix of (23), rho x rho: ``-ck_i`` on the diagonal, 1 above it; with braking, its hold's."""
+    if signals.braking:
+        return braking_matrix(signals)
     rho = len(signals.r)
     return sp.ImmutableMatrix(rho, rho, lambda i, j: -signals.ck[i] if i == j else int(j == i + 1))
 
@@ -28,6 +31,9 @@ def compensator_rates(design: Design) -> dict[sp.Symbol, sp.Expr]:
     """Right-hand sides of (23) with the compensator at work, keyed by state."""
     plant, signals = design.plant, design.signals
     drive = sp.Matrix([0] * (plant.rho - 1) + [plant.b[0] * plant.sigma * signals.du])
+    if signals.braking:
+        r1, r2 = signals.r
+        return {r1: r2 - RATE, r2: drive[1] - signals.ck[1] * r2}
     rates = compensator_matrix(signals) * sp.Matrix(signals.r) + drive
     return dict(zip(signals.r, rates, strict=True))
 

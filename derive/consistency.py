@@ -1,19 +1,23 @@
 """Derived equations that must agree with each other, as identities that expand to exactly zero.
 
-The certificate does not see them: the reference's derivatives, the disturbance, and the sampled controller.
+The certificate does not see them: the reference's derivatives, the disturbance, the sampled controller and
+the matched start.
 """
 
 from __future__ import annotations
 
 import sympy as sp
 
+from pmjoint_derive.braking import braking_identities
 from pmjoint_derive.closed_loop import disturbance_symbols
 from pmjoint_derive.compensator import compensator_matrix
 from pmjoint_derive.design import Derivation
-from pmjoint_derive.equation import Identity
+from pmjoint_derive.equation import Equation, Equations, Identity
 from pmjoint_derive.filters import filter_matrix
+from pmjoint_derive.lyapunov import expand_to_zero
 from pmjoint_derive.sampling import Hold
 from pmjoint_derive.signals import derivative_name
+from pmjoint_derive.start import start_symbol
 
 
 def reference_identities(derivation: Derivation) -> list[Identity]:
@@ -44,10 +48,12 @@ def sampling_identities(derivation: Derivation) -> list[Identity]:
     """``s(t + T) = F s + G (s' - A s)``: the exact solution of ``s' = A s + drive`` with the drive held."""
     s, hold = derivation.signals, Hold.of(derivation.signals)
     columns = [sp.Matrix([row[j] for row in s.Xi]) for j in range(derivation.plant.p)]
-    A0, Ar = filter_matrix(s), compensator_matrix(s)
+    A0 = filter_matrix(s)
     systems = [(sp.Matrix(states), A0, hold.F0, hold.G0) for states in (s.xi, *columns, s.lambda_)]
-    systems.append((sp.Matrix(s.r), Ar, hold.Fr, hold.Gr))
-    return [identity for system in systems for identity in _held(derivation, *system)]
+    if not s.braking:
+        systems.append((sp.Matrix(s.r), compensator_matrix(s), hold.Fr, hold.Gr))
+    held = [identity for system in systems for identity in _held(derivation, *system)]
+    return [*held, *(braking_identities(derivation, hold.Fr, hold.Gr) if s.braking else [])]
 
 
 def _held(
@@ -64,10 +70,41 @@ def _held(
     ]
 
 
+def start_identities(derivation: Derivation) -> list[Identity]:
+    """At the matched start z = 0; epsilon is what a plant at rest has: 0, then ``x_{i+1} + drift_i(y)``."""
+    s, plant = derivation.signals, derivation.plant
+    known = derivation.equations
+    # states as names of their start values: every name then has its value there
+    states = [
+        Equation(state, known[start_symbol(state).name].expression, "", "", "", None)
+        for state in s.controller_state
+    ]
+    there = Equations([*(item for name, item in known.items() if name != s.y.name), *states])
+    keep = frozenset(s.y_r)
+
+    def vanishes(value: sp.Expr) -> sp.Expr:
+        return expand_to_zero(there.expand(value, keep), plant.sigma)
+
+    errors = [
+        Identity(f"{z}(0)", f"{z} = 0 at the matched start", vanishes(known[z.name].expression)) for z in s.z
+    ]
+    rest = (sp.Integer(0), *(x + drift for x, drift in zip(s.x[1:], plant.drift, strict=False)))
+    matched = [
+        Identity(
+            f"{epsilon}(0)",
+            f"{epsilon} is {expected} at the matched start",
+            vanishes((known[epsilon.name].expression - expected).xreplace({s.x[0]: s.y})),
+        )
+        for epsilon, expected in zip(s.epsilon, rest, strict=True)
+    ]
+    return [*errors, *matched]
+
+
 def consistency_identities(derivation: Derivation) -> tuple[Identity, ...]:
     """Every identity of this module."""
     return (
         *reference_identities(derivation),
         *disturbance_identities(derivation),
         *sampling_identities(derivation),
+        *start_identities(derivation),
     )

@@ -13,12 +13,14 @@ Stages in order, each a pure function of what comes before it:
     design.error_rates     design                -> z_i' under the law                           (27), (28)
     error_equations        model, design         -> e, epsilon                                         (17)
     sampling_equations     design, equations     -> xi, Xi, lambda, r one sample later
+    start_equations        design, law           -> xi, Xi, lambda, r at the matched start
     true_plant             physics, equations    -> the plant in its own parameters
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from types import MappingProxyType
 
 from pmjoint_derive.backstepping import Backstepping
@@ -32,10 +34,11 @@ from pmjoint_derive.closed_loop import (
 from pmjoint_derive.constants import name_constants
 from pmjoint_derive.design import Derivation, Design
 from pmjoint_derive.equation import Equation, Equations
-from pmjoint_derive.model import Model, OutsideClassError
+from pmjoint_derive.model import Model, OutsideClassError, real_symbol
 from pmjoint_derive.progress import Stage, unwatched
 from pmjoint_derive.sampling import sampling_equations
 from pmjoint_derive.signals import Units
+from pmjoint_derive.start import start_equations
 from pmjoint_derive.true_plant import true_plant
 
 DESIGNS: Mapping[str, type[Design]] = MappingProxyType({"backstepping": Backstepping})
@@ -54,16 +57,20 @@ def derive(model: Model, stage: Stage = unwatched) -> Derivation:
     """
     made_by = DESIGNS[model.design]
     signals = made_by.signals_for(model.plant)
-    design, constants = name_constants(made_by(model.plant, signals, Units(model, signals)))
+    if model.gains.braking is not None:
+        signals = replace(signals, braking=(real_symbol("braking"),))
+    units = Units(model, signals)
+    design, constants = name_constants(made_by(model.plant, signals, units, model.least_limit))
     constants = [*model.constants, *constants]
     physics = [*plant_equations(design), *extra_equations(model)]
     delivered = actuator_equations(model, design)
+    law = design.law(stage)
     continuous: list[Equation] = [
         *constants,
         *physics,
         *design.filters(),
         *reference_equations(model, design),
-        *design.law(stage),
+        *law,
         *design.compensator(),
         *design.error_rates(),
         *delivered,
@@ -71,9 +78,10 @@ def derive(model: Model, stage: Stage = unwatched) -> Derivation:
     ]
     stage("deriving the sampled controller", 0.0)
     held = sampling_equations(design, Equations(continuous))
+    started = start_equations(design, law)
     stage("deriving the true plant", 0.0)
     own, true = true_plant(model, design, [*constants, *physics, *delivered[1:]], continuous)
-    equations = Equations([*continuous, *held, *true])
+    equations = Equations([*continuous, *held, *started, *true])
     _check_names(model, equations)
     return Derivation(model, design, equations, own)
 

@@ -26,11 +26,13 @@ class Design(ABC):
         plant: the plant with named constants.
         signals: symbols of the closed loop, with the errors and virtual controls of this design.
         units: physical units of the signals.
+        limit: the least |u| of the actuator's limits; only a braking compensator needs it.
     """
 
     plant: Plant
     signals: Signals
     units: Units
+    limit: sp.Expr = sp.oo
 
     @classmethod
     def signals_for(cls, plant: Plant) -> Signals:

@@ -186,6 +186,8 @@ class Gains:
         ck: rho decay rates of the compensator (23).
         k: n filter gains, such that ``A0 = A - k e1'`` is Hurwitz (14).
         compensator: False keeps r = 0, that is, plain clipping.
+        matched: whether a run starts with the controller matched to y(0), not at zero.
+        braking: the share of the actuator's limit that a braking compensator reckons with; None: (23).
     """
 
     c: tuple[float, ...]
@@ -193,6 +195,8 @@ class Gains:
     ck: tuple[float, ...]
     k: tuple[float, ...]
     compensator: bool = True
+    matched: bool = False
+    braking: float | None = None
 
     @property
     def by_kind(self) -> dict[str, tuple[float, ...]]:
@@ -334,6 +338,12 @@ class Model:
     demands: tuple[Demand, ...] = ()
     start: Start | None = None
     design: str = "backstepping"
+
+    @property
+    def least_limit(self) -> sp.Expr:
+        """The least |u| of the actuator's two limits."""
+        u = self.actuator[0]
+        return u.upper if u.upper == -u.lower else sp.Min(sp.Abs(u.lower), sp.Abs(u.upper))
 
     @property
     def actuator(self) -> tuple[Channel, ...]:

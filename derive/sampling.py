@@ -3,7 +3,7 @@
 Both are linear with inputs that a sampled controller holds over one period T: y, u and du. So for either,
 ``s(t + T) = F s(t) + G drive`` with ``F = expm(A T)`` and ``G = int_0^T expm(A tau) dtau``, without any
 discretisation error. F and G depend on the gains and T alone; they are computed once per run and enter the
-equations as symbols.
+equations as symbols. A braking compensator is not linear in r_1: see `braking`.
 """
 
 from __future__ import annotations
@@ -13,6 +13,8 @@ from dataclasses import dataclass
 
 import sympy as sp
 
+from pmjoint_derive.braking import braking_update
+from pmjoint_derive.compensator import compensator_matrix
 from pmjoint_derive.design import Design
 from pmjoint_derive.equation import Equation, Equations
 from pmjoint_derive.model import real_symbol
@@ -28,8 +30,8 @@ class Hold:
     Attributes:
         F0: ``expm(A0 T)``, n x n.
         G0: ``int_0^T expm(A0 tau) dtau``, n x n.
-        Fr: ``expm(Ar T)`` of the compensator's matrix, rho x rho.
-        Gr: ``int_0^T expm(Ar tau) dtau``, rho x rho.
+        Fr: ``expm(Ar T)`` of the compensator's matrix, rho x rho; 3 x 3 with braking.
+        Gr: ``int_0^T expm(Ar tau) dtau``, of the same size.
     """
 
     F0: sp.ImmutableMatrix
@@ -40,8 +42,8 @@ class Hold:
     @classmethod
     def of(cls, signals: Signals) -> Hold:
         """The symbols for one design."""
-        n, rho = len(signals.k), len(signals.r)
-        return cls(_matrix("F0", n), _matrix("G0", n), _matrix("Fr", rho), _matrix("Gr", rho))
+        n, size = len(signals.k), compensator_matrix(signals).rows
+        return cls(_matrix("F0", n), _matrix("G0", n), _matrix("Fr", size), _matrix("Gr", size))
 
     @property
     def symbols(self) -> tuple[sp.Symbol, ...]:
@@ -70,8 +72,13 @@ def sampling_equations(design: Design, equations: Equations) -> list[Equation]:
     update: dict[sp.Symbol, sp.Expr] = {}
     for states in ([*signals.xi], *columns, [*signals.lambda_]):
         update |= dict(zip(states, held_update(equations, states, hold.F0, hold.G0), strict=True))
-    update |= dict(zip(signals.r, held_update(equations, signals.r, hold.Fr, hold.Gr), strict=True))
-    return [
+    steps: list[Equation] = []
+    if signals.braking:
+        steps, found = braking_update(design, equations, hold.Fr, hold.Gr)
+        update |= found
+    else:
+        update |= dict(zip(signals.r, held_update(equations, signals.r, hold.Fr, hold.Gr), strict=True))
+    return steps + [
         Equation(
             real_symbol(f"{state.name}_next"),
             update[state],

@@ -46,6 +46,7 @@ class Signals:
         du: the clipped part of the input, u - v (23).
         c, e, ck: rho gains each; k: n filter gains.
         compensator: 1 when (23) is driven, 0 for plain clipping.
+        braking: the share of the limit that a braking compensator reckons with, alone; else empty.
     """
 
     t: sp.Symbol
@@ -67,6 +68,7 @@ class Signals:
     ck: tuple[sp.Symbol, ...]
     k: tuple[sp.Symbol, ...]
     compensator: sp.Symbol
+    braking: tuple[sp.Symbol, ...] = ()
 
     @classmethod
     def of(cls, plant: Plant) -> Signals:
@@ -111,8 +113,8 @@ class Signals:
 
     @property
     def gains(self) -> tuple[sp.Symbol, ...]:
-        """All gains in the order of the parameter vector, then the compensator's switch."""
-        return (*chain.from_iterable(self.gains_by_kind.values()), self.compensator)
+        """All gains in the order of the parameter vector, then the compensator's switch and braking."""
+        return (*chain.from_iterable(self.gains_by_kind.values()), self.compensator, *self.braking)
 
     @property
     def gains_by_kind(self) -> dict[str, tuple[sp.Symbol, ...]]:
@@ -152,6 +154,7 @@ class Units:
         table |= {state.symbol: parse_unit(state.unit) for state in model.extras}
         table |= {channel.symbol: parse_unit(channel.unit) for channel in model.actuator}
         table |= {s.t: SECOND, s.y: y, s.v: u, s.u: u, s.du: u, s.compensator: Unit({})}
+        table |= dict.fromkeys(s.braking, Unit({}))
         for block in (s.x, s.xi, s.epsilon, s.r):
             table |= {symbol: y / SECOND**i for i, symbol in enumerate(block)}
         table |= {symbol: y / SECOND**i for i, symbol in enumerate(s.y_r)}

@@ -45,7 +45,7 @@ class Source:
     Attributes:
         file: the model file, an absolute path.
         document: its contents, read once: the file may have changed since, or been a pipe.
-        evaluator, reference, disturbance: as for `ClosedLoop.load`.
+        evaluator, reference, disturbance, saturation: as for `ClosedLoop.load`.
         environment: for compiler and cache folder; None: that of the loading process.
     """
 
@@ -54,6 +54,7 @@ class Source:
     evaluator: str | None = None
     reference: str | None = None
     disturbance: tuple[str, ...] | None = None
+    saturation: str | None = None
     environment: Mapping[str, str] | None = None
 
 
@@ -78,6 +79,7 @@ class ClosedLoop:
         *,
         reference: str | None = None,
         disturbance: Sequence[str] | None = None,
+        saturation: str | None = None,
         environment: Mapping[str, str] | None = None,
         notify: Notify = _to_stderr,
         stage: Stage = lambda name, done: None,
@@ -89,6 +91,7 @@ class ClosedLoop:
             evaluator: ``compiled``, ``interpreted``, or None: compiled if a compiler is found.
             reference: another y_r, a function of t and parameters.
             disturbance: another disturbance, one expression per state.
+            saturation: ``compensator``, ``clip`` or ``braking`` in place of the model's own.
             environment: for compiler and cache folder; the process's own by default.
             notify: called with a one-line message for the user.
             stage: called with the name of a slow stage and the fraction of it completed.
@@ -112,6 +115,7 @@ class ClosedLoop:
             evaluator,
             reference,
             None if disturbance is None else tuple(disturbance),
+            saturation,
             None if environment is None else dict(environment),
         )
         return cls(evaluator_of(source, notify, stage))
@@ -131,11 +135,12 @@ class ClosedLoop:
             parameters: overrides of parameters and gains, by name, in the units of the model file; ``J`` sets
                 the controller's value and, unless ``J_plant`` is given too, the plant's.
             x0: initial states: for a joint theta, theta_dot and, where pressures lag, q1 and q2, which may be
-                omitted together; for any other plant its own. The controller starts at 0.
+                omitted together; for any other plant its own.
             output_step: s, at most the horizon.
             controller: ``continuous``, or ``sampled`` as on a microcontroller.
             sample_time: s, of the sampled controller, at most the horizon.
             compensator: False: r = 0, plain clipping.
+            start: of the controller: ``zero``, or ``matched`` to the measured y(0).
             tolerance: local error, relative to max(1, |value|); by default 1e-10.
             max_step: longest integration step, s.
             divergence: a state beyond it ends the run; by default 1e4, more for pressures or a distant start.
@@ -215,6 +220,7 @@ def evaluator_of(
         source.document,
         reference=source.reference,
         disturbance=source.disturbance,
+        saturation=source.saturation,
         environment=known,
         notify=notify,
         stage=stage,

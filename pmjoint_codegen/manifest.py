@@ -114,6 +114,7 @@ class Simulation:
         output_step: s.
         sample_time: s.
         compensator: whether (23) is driven.
+        start: of the controller, ``zero`` or ``matched``.
     """
 
     reference: str
@@ -123,6 +124,7 @@ class Simulation:
     output_step: float
     sample_time: float
     compensator: bool
+    start: str
 
 
 @dataclass(frozen=True)

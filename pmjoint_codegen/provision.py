@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -26,6 +26,7 @@ from pmjoint_codegen.identity import canonical_hash, model_hash
 from pmjoint_codegen.manifest import LANES, Manifest
 from pmjoint_codegen.modelfile.reader import read_document
 from pmjoint_codegen.storage import drop_link, replace_folder, sha256_file
+from pmjoint_codegen.values import BRAKING, CLIP, COMPENSATOR, SATURATIONS
 from pmjoint_codegen.workspace import cache_dir, called, find_model, generated_root
 
 SHAPING: Final = ("modelfile", "emit", "report", "kernels", "loops")  # folders of what `generate` imports
@@ -52,6 +53,7 @@ def provide(
     *,
     reference: str | None = None,
     disturbance: Sequence[str] | None = None,
+    saturation: str | None = None,
     environment: Mapping[str, str],
     notify: Notify,
     stage: Stage = lambda name, done: None,
@@ -63,6 +65,7 @@ def provide(
         model: name or path.
         reference: another y_r, a function of t and parameters.
         disturbance: another disturbance, one expression per state.
+        saturation: ``compensator``, ``clip`` or ``braking`` in place of the model's own.
         environment: for the cache folder.
         notify: called with one line about slow work or a fact that the user should know.
         stage: called with the stage of a derivation, if there is one.
@@ -80,6 +83,7 @@ def provide(
         read_document(path),
         reference=reference,
         disturbance=disturbance,
+        saturation=saturation,
         environment=environment,
         notify=notify,
         stage=stage,
@@ -93,6 +97,7 @@ def provide_document(
     *,
     reference: str | None = None,
     disturbance: Sequence[str] | None = None,
+    saturation: str | None = None,
     environment: Mapping[str, str],
     notify: Notify,
     stage: Stage = lambda name, done: None,
@@ -105,6 +110,7 @@ def provide_document(
         document: its contents.
         reference: as for `provide`, as are the errors.
         disturbance: the same.
+        saturation: the same.
         environment: the same.
         notify: the same.
         stage: the same.
@@ -116,15 +122,47 @@ def provide_document(
             isinstance(line, dict) and "value" in line and "unit" not in line and name != "eps0"
         ):  # no dimension
             notify(f"{path}: joint.{name} has no unit: {line['value']} is taken in SI units")
-    if reference is None and disturbance is None:
+    redesigned = _redesigned(document, saturation)
+    if reference is None and disturbance is None and redesigned == document:
         committed = _committed(path, document, notify)
         if committed is not None:
-            return committed
+            return _switched(committed, saturation)
     try:
-        changed = _changed(document, reference, disturbance)
-        return _derived(path, changed, environment, notify, stage, lanes=lanes)
+        changed = _changed(redesigned, reference, disturbance)
+        return _switched(_derived(path, changed, environment, notify, stage, lanes=lanes), saturation)
     except ModelError as error:
-        raise _of_option(error, reference, disturbance) from error
+        raise _of_option(error, reference, disturbance, saturation) from error
+
+
+def _redesigned(document: Mapping[str, Any], saturation: str | None) -> Mapping[str, Any]:
+    """The model with another compensator, if it takes another derivation: plain clipping is only a switch.
+
+    Raises:
+        UsageError: an unknown kind of saturation.
+    """
+    if saturation not in (None, *SATURATIONS):
+        raise UsageError(
+            f"is {saturation!r}", where="saturation", remedy=f"allowed: {', '.join(SATURATIONS)}"
+        )
+    design = document.get("design")
+    if saturation in (None, CLIP) or not isinstance(design, dict):
+        return document
+    if (saturation == BRAKING) == (design.get("saturation") == BRAKING):
+        return document
+    kept = {key: value for key, value in design.items() if key not in (COMPENSATOR, BRAKING)}
+    return {**document, "design": {**kept, "saturation": saturation}}
+
+
+def _switched(provided: Provided, saturation: str | None) -> Provided:
+    """The kernels with the compensator's switch on or off by default, as asked for."""
+    if saturation is None:
+        return provided
+    manifest, on = provided.manifest, saturation != CLIP
+    parameters = tuple(
+        replace(item, value=float(on)) if item.name == COMPENSATOR else item for item in manifest.parameters
+    )
+    simulation = replace(manifest.simulation, compensator=on)
+    return replace(provided, manifest=replace(manifest, parameters=parameters, simulation=simulation))
 
 
 def _committed(path: Path, document: Mapping[str, Any], notify: Notify) -> Provided | None:
@@ -174,12 +212,15 @@ def _check_text(option: str, expressions: Sequence[str]) -> None:
             raise ModelError(f"{quoted(text)} is not UTF-8", where=option, remedy="allowed: an expression")
 
 
-def _of_option(error: ModelError, reference: str | None, disturbance: Sequence[str] | None) -> ModelError:
+def _of_option(
+    error: ModelError, reference: str | None, disturbance: Sequence[str] | None, saturation: str | None
+) -> ModelError:
     """The error in an expression that overrides the file's, with the option as its place."""
-    options = {
+    options: Mapping[str, tuple[str, str | Sequence[str] | None]] = {
         "simulation.reference": ("--reference", reference),
         "plant.disturbance": ("--disturbance", disturbance),
         "joint.disturbance": ("--disturbance", disturbance),
+        "design.saturation": ("--saturation", saturation),
     }
     place = error.where.rpartition(": ")[2]
     key, comma, detail = place.partition(",")

@@ -23,6 +23,11 @@ from pmjoint_codegen.errors import ModelError, PmjointError
 from pmjoint_codegen.operations import by_name
 
 SI = "1"  # the scale of a parameter that is stated in SI units, or in units that its author keeps consistent
+ZERO, MATCHED = "zero", "matched"  # starts of the controller
+STARTS = (ZERO, MATCHED)
+BRAKING = "braking"  # share of the limit that a braking compensator reckons with
+CLIP = "clip"
+SATURATIONS = ("compensator", CLIP, BRAKING)
 COMPENSATOR = "compensator"  # the switch between (23) and plain clipping
 FILTER_GAINS = "gains k"  # all of them, in a message; a parameter may be called k
 SETTLED = 0.02  # fraction of |e(0)|: e has settled once it stays within it

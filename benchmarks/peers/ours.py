@@ -12,8 +12,9 @@ from pmjoint_codegen.loops.modes import make_actuator
 from pmjoint_codegen.loops.problem import Problem, Progress, make_memory
 from pmjoint_codegen.loops.select import CompiledLoop, make_loop
 from pmjoint_codegen.loops.status import Status
-from pmjoint_codegen.simulate.run import initial_state, make_problem
+from pmjoint_codegen.simulate.run import make_problem
 from pmjoint_codegen.simulate.settings import Settings, make_settings
+from pmjoint_codegen.simulate.start import initial_state
 
 SETTINGS = (1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12, 1e-13)
 ALL_STEPS = 10_000_000
@@ -39,7 +40,7 @@ def whole() -> Solver:
 
 def _bare(loop: ClosedLoop, tolerance: float, grid: Array) -> Callable[[], Array]:
     settings = make_settings(loop.manifest, tolerance=tolerance, output_step=float(grid[1]))
-    problem, x0 = constants(loop, settings), initial_state(loop.manifest, settings)
+    problem, x0 = constants(loop, settings), initial_state(loop.evaluator, settings)
     memory, progress = make_memory(problem, x0), Progress()
     advance = make_loop(loop.evaluator, problem, progress, memory)
     if not isinstance(advance, CompiledLoop):

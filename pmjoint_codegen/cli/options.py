@@ -118,6 +118,12 @@ def tell_idle_sample_time(asked: RunOptions) -> None:
         message("pmjoint: --sample-time has no effect without --controller sampled")
 
 
+def check_saturation(saturation: str | None, asked: RunOptions) -> None:
+    """Refuse two options that contradict each other."""
+    if saturation not in (None, "clip") and asked["compensator"] is False:
+        raise click.UsageError(f"--no-compensator contradicts --saturation {saturation}")
+
+
 def processors() -> int:
     """Number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
@@ -151,12 +157,28 @@ _OF_A_RUN: Final[Mapping[str, tuple[str, Mapping[str, Any]]]] = {
         "--sample-time",
         {"type": float, "metavar": "S", "help": "Sample time of the sampled controller in seconds."},
     ),
+    "start": (
+        "--start",
+        {
+            "type": click.Choice(["zero", "matched"]),
+            "help": "Where filters and compensator start: at 0, or matched to y(0), so that the error begins "
+            "without a kick [default: the model's].",
+        },
+    ),
+    "saturation": (
+        "--saturation",
+        {
+            "type": click.Choice(["compensator", "clip", "braking"]),
+            "help": "What to do about a saturated input: (23), r = 0, or a compensator that brakes as the "
+            "limit allows, for relative degree 2 [default: the model's].",
+        },
+    ),
     "compensator": (
         "--no-compensator",
         {
             "is_flag": True,
             "callback": lambda context, option, given: False if given else None,
-            "help": "Keep r = 0: plain clipping instead of (23).",
+            "help": "The same as --saturation clip.",
         },
     ),
     "tolerance": (

@@ -9,7 +9,13 @@ from typing import TYPE_CHECKING, Unpack, cast
 import click
 
 from pmjoint_codegen.cli.drawing import ready_matplotlib
-from pmjoint_codegen.cli.options import ModelName, Place, run_options, tell_idle_sample_time
+from pmjoint_codegen.cli.options import (
+    ModelName,
+    Place,
+    check_saturation,
+    run_options,
+    tell_idle_sample_time,
+)
 from pmjoint_codegen.cli.summary_table import summary_table
 from pmjoint_codegen.cli.terminal import activity, as_json, document, message, result
 from pmjoint_codegen.errors import SimulationError
@@ -33,6 +39,7 @@ Examples
   pmjoint simulate paper --set c1=20 --set u_max=6 --x0 1,0 --horizon 10
   pmjoint simulate paper --reference "0.5*sin(2*t)" --disturbance 0 --disturbance "0.2*cos(t)"
   pmjoint simulate paper --controller sampled --sample-time 0.002 --out runs/sampled
+  pmjoint simulate paper --start matched --saturation braking --set ck1=12 --set ck2=12
   pmjoint simulate paper --no-compensator --no-figures --json
 """
 
@@ -44,13 +51,15 @@ Examples
         "help": "Another value for a parameter (d1, u_max, ...) or gain (c1, e1, ck1, k1, ...); d1_plant sets"
         " it for the plant only, unknown to the controller; repeatable."
     },
-    x0={"help": "Initial plant states; filters and compensator start at 0."},
+    x0={"help": "Initial plant states; for those of the controller see --start."},
     reference={},
     disturbance={},
     horizon={"help": "Length of the run in seconds."},
     output_step={},
     controller={},
     sample_time={},
+    start={},
+    saturation={},
     compensator={},
     tolerance={"default": 1e-10},
     max_step={},
@@ -71,6 +80,7 @@ def command(
     evaluator: str | None,
     reference: str | None,
     disturbance: tuple[str, ...],
+    saturation: str | None,
     out: Path | None,
     no_figures: bool,
     wants_json: bool,
@@ -80,9 +90,10 @@ def command(
     from pmjoint_codegen.storage import ensure_folder
 
     tell_idle_sample_time(asked)
+    check_saturation(saturation, asked)
     if out:
         ensure_folder(out)
-    loop = _load(model, evaluator, reference, disturbance)
+    loop = _load(model, evaluator, reference, disturbance, saturation)
     folder = out or Path("runs") / loop.manifest.name
     ensure_folder(folder)
     run, failure = _run(loop, asked)
@@ -103,7 +114,13 @@ def command(
     return failure.exit_code if failure else 0
 
 
-def _load(model: str, evaluator: str | None, reference: str | None, disturbance: Sequence[str]) -> ClosedLoop:
+def _load(
+    model: str,
+    evaluator: str | None,
+    reference: str | None,
+    disturbance: Sequence[str],
+    saturation: str | None,
+) -> ClosedLoop:
     """Load the model's kernels, deriving and compiling what is missing."""
     from pmjoint_codegen.closed_loop import ClosedLoop
 
@@ -113,6 +130,7 @@ def _load(model: str, evaluator: str | None, reference: str | None, disturbance:
             evaluator,
             reference=reference,
             disturbance=disturbance or None,
+            saturation=saturation,
             notify=lambda line: message(f"pmjoint: {line}"),
             stage=shown.stage,
         )

@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING, Any, Unpack
 import click
 
 from pmjoint_codegen.cli.drawing import ready_matplotlib
-from pmjoint_codegen.cli.options import ModelName, Place, processors, run_options, tell_idle_sample_time
+from pmjoint_codegen.cli.options import (
+    ModelName,
+    Place,
+    check_saturation,
+    processors,
+    run_options,
+    tell_idle_sample_time,
+)
 from pmjoint_codegen.cli.terminal import activity, document, message, result, table
 
 if TYPE_CHECKING:
@@ -30,6 +37,7 @@ the sweep where it stopped, with the same result.
 _EXAMPLES = """\b
 Examples
   pmjoint sweep paper --grid x1=-100:100:201 --grid x2=-40:40:81 --grid compensator=0,1
+  pmjoint sweep paper --grid x1=-100:100:201 --grid x2=-40:40:81 --grid saturation=compensator,clip,braking
   pmjoint sweep paper --grid c1=2:40:77 --grid ck1=0.2:8:79
   pmjoint sweep joint --sample "J~normal(0.05,0.005)" --runs 100000 --seed 7
   pmjoint sweep joint --sample "J_plant~normal(0.05,0.005)" --runs 100000   # J unknown to the controller
@@ -71,6 +79,8 @@ Examples
     horizon={},
     controller={"help": "continuous: as in the paper; sampled: as on a microcontroller."},
     sample_time={},
+    start={},
+    saturation={},
     compensator={},
     tolerance={"default": 1e-6},
     max_step={},
@@ -110,6 +120,7 @@ def command(
     method: str,
     reference: str | None,
     disturbance: tuple[str, ...],
+    saturation: str | None,
     formats: tuple[str, ...],
     threads: int | None,
     scheduler: str | None,
@@ -129,10 +140,12 @@ def command(
     require((*formats, *(["dask"] if scheduler is not None else [])))
     plan = make_plan(grid, sample, draws, seed, method)
     tell_idle_sample_time(asked)
+    check_saturation(saturation, asked)
     provided = provide(
         model,
         reference=reference,
         disturbance=disturbance or None,
+        saturation=saturation or plan.saturation,
         environment=os.environ,
         notify=lambda line: message(f"pmjoint: {line}"),
         lanes=True,

@@ -125,6 +125,7 @@ def describe(
             output_step=simulation.output_step,
             sample_time=simulation.sample_time,
             compensator=model.gains.compensator,
+            start="matched" if model.gains.matched else "zero",
         ),
         files=dict(files),
     )
@@ -174,6 +175,10 @@ def _parameters(derivation: Derivation) -> tuple[Parameter, ...]:
     ]
     about = "1: (23) is driven by u - v; 0: r = 0, plain clipping"
     switch = Parameter(s.compensator.name, float(model.gains.compensator), "1", about, "switch")
+    about = "share of the limit of u that the compensator brakes with"
+    braking = [
+        Parameter(symbol.name, float(model.gains.braking or 0.0), "1", about, "gain") for symbol in s.braking
+    ]
     own = [
         Parameter(
             derivation.own_parameters[item.symbol].name,
@@ -186,7 +191,7 @@ def _parameters(derivation: Derivation) -> tuple[Parameter, ...]:
         for item in model.parameters
         if item.symbol in derivation.own_parameters
     ]
-    return (*plant, *design, switch, *own)
+    return (*plant, *design, switch, *braking, *own)
 
 
 def rules_of(derivation: Derivation) -> tuple[Rule, ...]:
@@ -201,6 +206,8 @@ def rules_of(derivation: Derivation) -> tuple[Rule, ...]:
         for item in model.demands
         if not twins or item.expression.free_symbols & own.keys()
     ]
+    braking = (symbol.name for symbol in derivation.signals.braking)
+    found += [Rule(name, "positive", (name,), "", "a number greater than 0") for name in braking]
     found += _reference_rule(model, derivation.plant.rho)
     constants = {item.symbol: item.expression for item in model.constants}
     b = tuple(_python(entry.xreplace(constants)) for entry in model.plant.b)

@@ -27,6 +27,7 @@ def lane_sizes(words: Vocabulary, functions: Mapping[str, ca.Function]) -> dict[
     sizes: dict[str, int | str] = {
         **sampled_sizes(words, functions),
         "PMJ_NM": len(words.h) // 2,
+        "PMJ_NR": functions["reference"].size1_out(0),
         "PMJ_ORDER": LANE_ORDER,
     }
     for name, guard in (("LOOP", "guard"), ("PLANT", "plant_guard")):

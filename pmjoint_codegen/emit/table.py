@@ -21,6 +21,7 @@ from pmjoint_derive.closed_loop import disturbance_symbols, tracking_error
 from pmjoint_derive.compensator import compensator_matrix
 from pmjoint_derive.filters import filter_matrix
 from pmjoint_derive.signals import named
+from pmjoint_derive.start import start_symbol
 from pmjoint_derive.true_plant import effective_symbol, own_symbol
 
 
@@ -141,6 +142,8 @@ LOOPS: tuple[Made, ...] = (
 LANES: tuple[Made, ...] = (
     Composed("actuation_lanes", ("actuation",), same),
     Composed("matrices_lanes", ("filter_matrix", "compensator_matrix"), matrices),
+    Composed("reference_lanes", ("reference",), same),
+    Composed("start_lanes", ("start",), same),
     Taylor("taylor_lanes", "closed_loop", "X", LANE_ORDER),
     Composed("guard_lanes", ("guard",), same),
     Composed("rates_lanes", ("closed_loop",), stacked),
@@ -170,6 +173,9 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
     sides = dict(zip(words.kinks, words.sides, strict=True))
     e, kinks = ("e", (tracking_error(derivation.model),)), [("kinks", words.kinks)] if words.kinks else []
     filters = tuple(rate_block(block, words.blocks[block]) for block in ("xi", "Xi", "lambda"))
+    matched = tuple(
+        start_symbol(state) * (s.compensator if state in s.r else 1) for state in s.controller_state
+    )
     return (
         Kernel("reference", (t, p), (y_r,), "", "the reference and its derivatives"),
         Kernel(
@@ -246,6 +252,13 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
             (("s_next", tuple(real_symbol(f"{item.name}_next") for item in words.s)),),
             "(14), (23)",
             "the controller's state one sample later",
+        ),
+        Kernel(
+            "start",
+            (y, y_r, p),
+            (("s", matched),),
+            "(24)",
+            "the controller's state matched to y(0)",
         ),
     )
 

@@ -139,8 +139,8 @@ class Translator:
         if exponent.is_Integer:
             magnitude = self._integer_power(self(base), abs(int(exponent)))
             return magnitude if exponent > 0 else 1 / magnitude
-        if exponent.is_Rational and exponent.q == 2:
-            root = ca.sqrt(self(base))
+        if exponent.is_Rational and exponent.q in (2, 4):
+            root = ca.sqrt(self(base)) if exponent.q == 2 else ca.sqrt(self(sp.sqrt(base)))
             magnitude = self._integer_power(root, abs(int(exponent.p)))
             return magnitude if exponent > 0 else 1 / magnitude
         if base == sp.E:

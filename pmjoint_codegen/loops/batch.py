@@ -162,11 +162,24 @@ class BatchLibrary:
         return outcome
 
     def matrices(self, p: Array) -> Array:
-        """A0 of (14) and Ar of (23), each row by row, for every row of p; shape (runs, n^2 + rho^2)."""
-        manifest = self.manifest
-        result = np.empty((len(p), manifest.n**2 + manifest.rho**2))
+        """A0 of (14) and Ar of (23), each row by row, for every row of p; shape (runs, their sizes)."""
+        matrices = map(self.manifest.function, ("filter_matrix", "compensator_matrix"))
+        result = np.empty((len(p), sum(size for item in matrices for _, size in item.outputs)))
         if len(p):
             self._lib.pmj_matrices(len(p), self._pointer(p), self._pointer(result))
+        return result
+
+    def starts(self, y: Array, p: Array) -> Array:
+        """The controller's state matched to y(0), shape (runs, ns).
+
+        Args:
+            y: y(0), shape (runs,).
+            p: parameters, shape (runs, np).
+        """
+        result = np.empty((len(p), self.manifest.nX - self.manifest.nx))
+        if len(p):
+            arrays = (np.ascontiguousarray(y), p, result)
+            self._lib.pmj_starts(len(p), *(self._pointer(array) for array in arrays))
         return result
 
     def _set_rules(self, sweep: Any, runs: Runs) -> list[Any]:

@@ -25,9 +25,10 @@ from pmjoint_codegen.modelfile.joint import (
 from pmjoint_codegen.modelfile.schema import ModelSpec, PlantSpec
 from pmjoint_codegen.modelfile.soundness import check_model
 from pmjoint_codegen.modelfile.units import ANY, Scales, Wanted
-from pmjoint_codegen.values import COMPENSATOR, FILTER_GAINS, GAINS, check_values
+from pmjoint_codegen.values import BRAKING, COMPENSATOR, FILTER_GAINS, GAINS, MATCHED, check_values
 from pmjoint_derive import Gains, Model, OutsideClassError, Parameter, Plant, Simulation, real_symbol
 
+DEFAULT_BRAKING = 0.5  # of the limit: the reference needs the rest
 Symbols = Mapping[str, sp.Symbol]
 
 
@@ -53,7 +54,7 @@ def to_derive(spec: ModelSpec, where: str = "") -> Model:
             parameters=parameters,
             limit=known[spec.actuator.limit],
             reference=parse(spec.simulation.reference, _with(known, "t"), f"{where}: simulation.reference"),
-            gains=Gains(**spec.design.model_dump()),
+            gains=_gains(spec),
             simulation=Simulation(**spec.simulation.model_dump(exclude={"reference"})),
             y_unit=spec.units.y,
             u_unit=spec.units.u,
@@ -64,6 +65,20 @@ def to_derive(spec: ModelSpec, where: str = "") -> Model:
         raise ModelError(error.what, where=f"{where}: {error.key}", remedy=error.remedy) from error
     check_model(model, where)
     return model
+
+
+def _gains(spec: ModelSpec) -> Gains:
+    design = spec.design
+    brakes = design.saturation == BRAKING and spec.relative_degree == 2  # for one state, it is (23)
+    return Gains(
+        c=design.c,
+        e=design.e,
+        ck=design.ck,
+        k=design.k,
+        compensator=design.compensated,
+        matched=design.start == MATCHED,
+        braking=(DEFAULT_BRAKING if design.braking is None else design.braking) if brakes else None,
+    )
 
 
 def _parameters(spec: ModelSpec, where: str) -> tuple[Parameter, ...]:
@@ -151,7 +166,7 @@ def _check_values(spec: ModelSpec, parameters: tuple[Parameter, ...], where: str
         names = kind.names(spec.order, spec.relative_degree)
         values |= dict(zip(names, getattr(design, kind.name), strict=True))
         keys |= {name: f"design.{kind.name}, entry {i}" for i, name in enumerate(names, start=1)}
-    values[COMPENSATOR] = float(design.compensator)
+    values[COMPENSATOR] = float(design.compensated)
     leading = spec.plant.b[0].strip() if spec.plant else ""
     check_values(
         values,

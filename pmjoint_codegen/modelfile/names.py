@@ -15,13 +15,21 @@ MODEL_NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]{0,63}$"  # it names a folder
 
 _SHAPE = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,39}")
 # What an expression or a column would mean twice; the tracking error e has another name beside a parameter e.
-_WORDS = frozenset((*CONSTANTS, "t", "y", "y_r", "u", "v", "du", "compensator", "inf", "nan"))
+_WORDS = frozenset(
+    (
+        *CONSTANTS,
+        *("t", "y", "y_r", "u", "v", "du", "inf", "nan"),
+        *("compensator", "saturation", "braking", "braking_range", "braking_rate"),
+    )
+)
 _KINKED = frozenset(("abs", "sign", "min", "max"))  # functions of a disturbance, and of printed equations
 _NUMBERED = re.compile(
     r"(x|x_hat|xi|Xi|lambda|r|z|alpha|epsilon|c|e|ck|k|D)[1-9]\d*"  # states, signals, gains
     r"|d\d*y_r|dalpha\d+_d\w+|[A-Za-z]+\d+_dot"  # derivatives
     r"|Omega|theta_\d+|b_\d+|v\d+_\d+"  # steps and coefficients that the derivation names
-    r"|[A-Za-z]+\d+_next|[FG][0r]_\d+|g_(offset|slope)\d+|side\d+"  # of the sampled controller, of kernels
+    r"|[A-Za-z]+\d+_next|([A-Za-z]+\d+|Omega)_start|[FG][0r]_\d+"  # of the sampled controller, of the start
+    r"|d?braking_rate\w*|r1_slope\d|r2_middle"  # of a compensator that brakes
+    r"|g_(offset|slope)\d+|side\d+"  # of kernels
     r"|\w+_plant|D[1-9]\d*_effective|known\d+|mismatch\d+"  # of the true plant
 )
 

@@ -6,7 +6,7 @@ Lengths that span tables (n, m, p, rho) are checked after the single keys; what 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sized
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import Field, ValidationError
 
@@ -25,7 +25,7 @@ from pmjoint_codegen.modelfile.tables import (
     Table,
     Unit,
 )
-from pmjoint_codegen.values import GAINS
+from pmjoint_codegen.values import BRAKING, CLIP, GAINS
 from pmjoint_derive.joint import TAKEN
 
 LARGEST_ORDER = 9  # beyond it, names such as Xi111 would be ambiguous
@@ -72,7 +72,19 @@ class DesignSpec(Table):
     e: Numbers = Field(description="a list of finite numbers greater than 0")
     ck: Numbers = Field(description="a list of finite numbers greater than 0")
     k: Numbers = Field(description="a list of finite numbers")
-    compensator: bool = Field(default=True, description="true or false")
+    compensator: bool | None = Field(default=None, description="true or false")
+    saturation: Literal["compensator", "clip", "braking"] | None = Field(
+        default=None, description='"compensator", "clip" or "braking"'
+    )
+    braking: float | None = Field(
+        default=None, gt=0, allow_inf_nan=False, description="a finite number greater than 0"
+    )
+    start: Literal["zero", "matched"] = Field(default="zero", description='"zero" or "matched"')
+
+    @property
+    def compensated(self) -> bool:
+        """Whether (23) is driven."""
+        return self.saturation != CLIP if self.compensator is None else self.compensator
 
 
 class SimulationSpec(Table):
@@ -163,7 +175,33 @@ def validate(document: Mapping[str, Any], where: str) -> ModelSpec:
             remedy="allowed: [least y, greatest y]",
         )
     _check_lengths(spec, where)
+    _check_saturation(spec.design, spec.relative_degree, where)
     return spec
+
+
+def _check_saturation(design: DesignSpec, rho: int, where: str) -> None:
+    """Two spellings that agree, and braking where it is derived."""
+    place = f"{where}: design.saturation"
+    both = design.compensator is not None and design.saturation is not None
+    if both and design.compensator != (design.saturation != CLIP):
+        raise ModelError(
+            f"is {quoted(str(design.saturation))}, but compensator is {str(design.compensator).lower()}",
+            where=place,
+            remedy="give saturation alone",
+        )
+    if design.saturation == BRAKING and rho > 2:
+        raise ModelError(
+            f"braking is derived for relative degree 2 only, and this model has {rho}: beyond, no braking "
+            "curve is proved",
+            where=place,
+            remedy="allowed: compensator, clip",
+        )
+    if design.braking is not None and design.saturation != BRAKING:
+        raise ModelError(
+            "has no effect on this saturation",
+            where=f"{where}: design.braking",
+            remedy='give saturation = "braking"',
+        )
 
 
 def _tuples(value: Any) -> Any:

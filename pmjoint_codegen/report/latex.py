@@ -101,7 +101,11 @@ def gains(model: Model) -> str:
         f"${kind.latex} = ({', '.join(map(latex_number, values[kind.name]))})$" for kind in GAINS
     )
     switch = f"${latex_name('compensator')} = {int(model.gains.compensator)}$"
-    return f"Gains: {lists}. The switch {switch} is 1 where the compensator (23) works and 0 where $r = 0$."
+    text = f"Gains: {lists}. The switch {switch} is 1 where the compensator (23) works and 0 where $r = 0$."
+    if model.gains.braking is not None:
+        share = f"${latex_name('braking')} = {latex_number(model.gains.braking)}$"
+        text += f" The compensator brakes with the share {share} of the limit of $u$."
+    return text + (" A run starts at the matched start." if model.gains.matched else "")
 
 
 def _display(equation: Equation) -> Iterator[str]:

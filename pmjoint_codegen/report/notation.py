@@ -26,6 +26,10 @@ _WORDS = {
     "dy_r": r"\dot{y}_r",
     "d2y_r": r"\ddot{y}_r",
     "compensator": "s_r",
+    "braking": r"\alpha_b",
+    "braking_range": r"\ell",
+    "braking_rate": "g(r_1)",
+    "dbraking_rate_dr1": "g'(r_1)",
     "f_minus": "f_-",
     "f_plus": "f_+",
 }
@@ -55,6 +59,7 @@ def latex_name(name: str) -> str:
 def _forms() -> tuple[tuple[str, Callable[..., str]], ...]:
     """Give the patterns of composite names, the most particular first, each with its LaTeX."""
     return (
+        (r"(.+)_start", lambda base: f"{latex_name(base)}(0)"),
         (
             r"d(\d*)([A-Za-z]+\d*)_d(.+)",
             lambda order, of, by: _derivative(order, of, by.split("_d")),

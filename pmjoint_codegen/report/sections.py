@@ -15,6 +15,7 @@ ORDER = (
     "Compensator",
     "Reference",
     "Backstepping",
+    "Start",
     "Certificate",
     "Closed loop",
 )

@@ -70,6 +70,11 @@ def _parameters(model: Model) -> list[str]:
             f"compensator = {int(model.gains.compensator)}", _remark("(23)", "1: at work, 0: r = 0", "")
         )
     )
+    if model.gains.braking is not None:
+        remark = _remark("", "share of the limit of u", "")
+        lines.append(_commented(f"braking = {model.gains.braking!r}", remark))
+    if model.gains.matched:
+        lines.append("# a run starts at the matched start")
     return lines
 
 

@@ -59,6 +59,8 @@ def changes(run: Record) -> tuple[str, ...]:
     }
     units = {item.name: item.unit for item in manifest.parameters if item.name in manifest.scales}
     found += [_said(name, value, units.get(name, "")) for name, value in manifest.written(differing).items()]
+    if settings.start != manifest.simulation.start:
+        found.append(f"{settings.start} start")
     if tuple(settings.x0.tolist()) != manifest.simulation.x0:
         found.append(f"x(0) = ({', '.join(f'{value:g}' for value in settings.x0)})")
     return tuple(found)

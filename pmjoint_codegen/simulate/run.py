@@ -30,6 +30,7 @@ from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.record import RATE, Record, reports_rate
 from pmjoint_codegen.simulate.settings import RunOptions, Settings, make_settings
 from pmjoint_codegen.simulate.signals import signals_of
+from pmjoint_codegen.simulate.start import columns_of, make_start
 from pmjoint_codegen.simulate.summary import summarise
 from pmjoint_codegen.values import SETTLED
 
@@ -134,7 +135,7 @@ class Simulator:
         """Simulate the closed loop; see `run`."""
         begun = time.perf_counter()
         prepared = self._prepared(settings)
-        start = _start(self.evaluator.manifest, settings, prepared.columns)
+        start = make_start(self.evaluator, settings, prepared.columns)
         known = self._short(prepared, start) or self._whole(prepared, start, settings, progress)
         if progress is not None and "peaks" not in known:
             progress(1.0)
@@ -156,7 +157,7 @@ class Simulator:
             actuator = make_actuator(self.evaluator.call("actuation", settings.p)[0])
             problem = make_problem(self.evaluator, settings, actuator)
             problem.times.flags.writeable = False  # many runs return them
-            columns = _columns(settings)
+            columns = columns_of(settings)
             done = _message(self.evaluator.manifest, settings, Status.DONE, problem.horizon)
             prepared = self._last = _Preparation(key, problem, actuator, columns, done, deque())
         return prepared
@@ -299,21 +300,6 @@ def _integrate(
         if state.status != Status.TOO_MANY_SWITCHES or given.max_switches == problem.max_switches:
             break
     return memory, state
-
-
-def initial_state(manifest: Manifest, settings: Settings) -> Array:
-    """X(0): the plant at x0, the controller at 0; shape (nX,)."""
-    return _start(manifest, settings, _columns(settings))
-
-
-def _columns(settings: Settings) -> dict[str, Array]:
-    return {name: np.array([value]) for name, value in settings.parameters.items()}
-
-
-def _start(manifest: Manifest, settings: Settings, columns: Mapping[str, Array]) -> Array:
-    state = np.zeros(manifest.nX)
-    state[: manifest.nx] = manifest.start.states(settings.x0[np.newaxis], columns)
-    return state
 
 
 def _bare_loop(evaluator: Evaluator, problem: Problem) -> tuple[CompiledLoop, Progress, Memory]:

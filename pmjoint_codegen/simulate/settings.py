@@ -13,7 +13,18 @@ import numpy as np
 from pmjoint_codegen.errors import UsageError, did_you_mean
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.values import COMPENSATOR, OWN_SUFFIX, SI, check_rules, check_values, of_plant, to_si
+from pmjoint_codegen.values import (
+    COMPENSATOR,
+    MATCHED,
+    OWN_SUFFIX,
+    SI,
+    STARTS,
+    ZERO,
+    check_rules,
+    check_values,
+    of_plant,
+    to_si,
+)
 
 Controller = Literal["continuous", "sampled"]
 
@@ -28,6 +39,7 @@ class RunOptions(TypedDict, total=False):
     controller: str
     sample_time: float | None
     compensator: bool | None
+    start: str | None
     tolerance: float
     max_step: float | None
     divergence: float | None
@@ -58,6 +70,7 @@ class Settings:
         divergence: |X_i| above it ends the run.
         max_steps: limit of integration steps.
         max_switches: limit of saturation switches.
+        start: of the controller: ``zero``, or ``matched`` to the measured output.
     """
 
     parameters: Mapping[str, float]
@@ -72,6 +85,7 @@ class Settings:
     divergence: float = DIVERGENCE
     max_steps: int = 10_000_000
     max_switches: int = 100_000
+    start: str = ZERO
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the parameters as a dictionary: a read-only view cannot be pickled."""
@@ -130,19 +144,22 @@ def make_settings(
     period = simulation.sample_time if sample_time is None else _positive("sample time", sample_time, "s")
     if controller == "sampled":  # without a second sample, a sampled controller shows nothing
         _at_most("sample time", period, length, "the horizon")
-    start = own.x0 if own and x0 is None else _initial(manifest, x0)
+    initial = own.x0 if own and x0 is None else _initial(manifest, x0)
+    start = simulation.start if asked.get("start") is None else _start(asked["start"])
     tolerance = _tolerance(asked.get("tolerance", DEFAULT_TOLERANCE))
     max_step, divergence = asked.get("max_step"), asked.get("divergence")
     longest = math.inf if max_step is None else _positive("max step", max_step, "s")
     if divergence is not None:
         limit = _positive("--divergence", divergence, "")
-    elif known and x0 is None:
+    elif known and x0 is None and start == known.start:
         limit = known.divergence
     else:
-        limit = default_divergence(manifest, values, start)
+        limit = default_divergence(manifest, values, initial, start)
     _check_rows(length, step)
     p = known.p if known else _vector(values.values())
-    return Settings(values, p, start, length, step, controller, period, tolerance, longest, limit)
+    return Settings(
+        values, p, initial, length, step, controller, period, tolerance, longest, limit, start=start
+    )
 
 
 def _vector(values: Iterable[float]) -> Array:
@@ -258,13 +275,18 @@ def _initial_rule(manifest: Manifest) -> str:
     return f"{rule}; give {manifest.nx}, or {required} for {', '.join(names[required:])} = {values}"
 
 
-def default_divergence(manifest: Manifest, values: Mapping[str, float], x0: Array) -> float:
+def default_divergence(
+    manifest: Manifest, values: Mapping[str, float], x0: Array, started: str = ZERO
+) -> float:
     """The default limit on every |X_i|: 1e4, or more if a bounded run may need it.
 
-    A pressure is at most P_max from P_0, a difference of two 2 P_max, both in Pa. The start is within it.
+    A pressure is at most P_max from P_0, a difference of two 2 P_max, both in Pa. The start is within it;
+    a matched one has r_i of the size of ck^(i-1) y.
     """
     pressures = [item for item in manifest.states[: manifest.nx] if item.unit == "Pa"]
     start = 100.0 * max(map(abs, x0.tolist()), default=0.0)
+    if started == MATCHED:
+        start *= max(1.0, *(values[f"ck{i}"] for i in range(1, manifest.rho + 1))) ** (manifest.rho - 1)
     supply = 4.0 * of_plant(values, "P_max") if pressures and "P_max" in values else 0.0
     return min(max(DIVERGENCE, start, supply), float(np.finfo(np.float64).max))
 
@@ -275,6 +297,12 @@ def _controller(name: str) -> Controller:
     if name == "sampled":
         return "sampled"
     raise UsageError(f"is {name!r}", where="controller", remedy="allowed: continuous, sampled")
+
+
+def _start(name: object) -> str:
+    if name not in STARTS:
+        raise UsageError(f"is {name!r}", where="start", remedy=f"allowed: {', '.join(STARTS)}")
+    return str(name)
 
 
 def _tolerance(value: object) -> float:

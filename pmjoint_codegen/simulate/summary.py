@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pmjoint_codegen.loops.status import holds
 from pmjoint_codegen.simulate.disturbance import disturbance_summary
+from pmjoint_codegen.values import BRAKING, CLIP, COMPENSATOR
 
 if TYPE_CHECKING:
     from pmjoint_codegen.simulate.record import Record
@@ -32,6 +33,8 @@ def summarise(run: Record) -> dict[str, Any]:
         "parameters": parameters,
         "units": units_of(run, parameters),
         "x0": settings.x0.tolist(),
+        "start": settings.start,
+        "saturation": saturation_of(settings.parameters),
         "reference": manifest.simulation.reference,
         "disturbance": list(manifest.simulation.disturbance),
         "horizon": settings.horizon,
@@ -56,6 +59,13 @@ def summarise(run: Record) -> dict[str, Any]:
         **disturbance_summary(run),
         "peaks": {name: [finite(value), t] for name, (value, t) in run.peaks.items()},
     }
+
+
+def saturation_of(parameters: Mapping[str, float]) -> str:
+    """What the controller does about a saturated input: ``compensator``, ``clip`` or ``braking``."""
+    if not parameters[COMPENSATOR]:
+        return CLIP
+    return BRAKING if BRAKING in parameters else COMPENSATOR
 
 
 def units_of(run: Record, parameters: Iterable[str]) -> dict[str, str]:

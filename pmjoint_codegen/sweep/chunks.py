@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -14,9 +15,12 @@ from pmjoint_codegen.loops.hold import exponentials
 from pmjoint_codegen.loops.metrics import Column
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.sweep.metrics import INVALID
+from pmjoint_codegen.sweep.plan import CODES, SATURATION
 from pmjoint_codegen.sweep.request import Request
 from pmjoint_codegen.sweep.validity import valid_rows
-from pmjoint_codegen.values import SI, all_to_si
+from pmjoint_codegen.values import BRAKING, CLIP, COMPENSATOR, MATCHED, SI, all_to_si
+
+LINEAR: Final = 1e100  # share of the limit: (r_1/l)^2 is then lost in 1 + (r_1/l)^2, and g is (23)'s c_k1 r_1
 
 
 @dataclass(frozen=True)
@@ -47,7 +51,10 @@ def simulate_chunk(library: BatchLibrary, request: Request, columns: Mapping[str
     trajectories = np.full((count, rows, manifest.nX + 2), np.nan)
     table[:, Column.STATUS] = INVALID
     valid = valid_rows(manifest, p, x0[:, : manifest.nx])
-    outcome = library.simulate(_runs(library, request, x0[valid], p[valid]))
+    started, p = x0[valid], p[valid]
+    if request.start == MATCHED:
+        started[:, manifest.nx :] = library.starts(started[:, 0], p)
+    outcome = library.simulate(_runs(library, request, started, p))
     table[valid, : len(Column)] = outcome.metrics
     table[valid, len(Column) :] = outcome.final
     trajectories[valid] = outcome.trajectories
@@ -55,9 +62,12 @@ def simulate_chunk(library: BatchLibrary, request: Request, columns: Mapping[str
 
 
 def fill_in(manifest: Manifest, request: Request, columns: Mapping[str, Array]) -> tuple[Array, Array]:
-    """X(0), shape (runs, nX), and p, shape (runs, np): the fixed values with the varied ones put in.
+    """X(0) with the controller at zero, and p: the fixed values with the varied ones put in.
 
     The plant's own parameters equal the controller's unless they are set or varied.
+
+    Returns:
+        Shapes (runs, nX) and (runs, np).
     """
     count = len(next(iter(columns.values())))
     x0 = np.zeros((count, manifest.nX))
@@ -65,16 +75,28 @@ def fill_in(manifest: Manifest, request: Request, columns: Mapping[str, Array]) 
     p = np.tile(np.array(request.p), (count, 1))
     states = manifest.start.names
     for name, values in columns.items():
+        if name == SATURATION:
+            continue
         if name in states:
             given[:, states.index(name)] = values
         else:
             p[:, manifest.parameter_names.index(name)] = all_to_si(values, manifest.scales.get(name, SI))
+    if SATURATION in columns:
+        _saturate(manifest, p, columns[SATURATION])
     for own, name in manifest.own.items():
         if own not in columns and own not in request.own:
             p[:, manifest.parameter_names.index(own)] = p[:, manifest.parameter_names.index(name)]
     # After every parameter is set: the plant's states at x0 depend on the plant's own values.
     x0[:, : manifest.nx] = manifest.start.states(given, dict(zip(manifest.parameter_names, p.T, strict=True)))
     return x0, p
+
+
+def _saturate(manifest: Manifest, p: Array, codes: Array) -> None:
+    """Set the switch, and let those that are not to brake reckon with any limit, which makes them linear."""
+    names = manifest.parameter_names
+    p[:, names.index(COMPENSATOR)] = codes != CODES[CLIP]
+    if BRAKING in names:
+        p[codes == CODES[COMPENSATOR], names.index(BRAKING)] = LINEAR
 
 
 def _runs(library: BatchLibrary, request: Request, x0: Array, p: Array) -> Runs:

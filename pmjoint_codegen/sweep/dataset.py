@@ -24,7 +24,7 @@ from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.storage import explained, settle, write_text
 from pmjoint_codegen.sweep.blocks import Block, block_shape, blocks
 from pmjoint_codegen.sweep.metrics import quantities, status_meanings
-from pmjoint_codegen.sweep.plan import DRAW
+from pmjoint_codegen.sweep.plan import CODES, DRAW, SATURATION
 from pmjoint_codegen.sweep.request import Request
 from pmjoint_codegen.sweep.store import Store
 from pmjoint_codegen.sweep.sums import as_text, sums_of
@@ -247,6 +247,7 @@ def _attributes(request: Request, manifest: Manifest) -> dict[str, Any]:
         "parameters": json.dumps(_parameters(request, manifest)),
         "x0": json.dumps(request.x0),
         "reference": request.reference,
+        "start": request.start,
         "disturbance": json.dumps(request.disturbance),
         "horizon": request.horizon,
         "controller": request.controller,
@@ -264,10 +265,14 @@ def _parameters(request: Request, manifest: Manifest) -> dict[str, float]:
     return {name: value for name, value in values.items() if name not in manifest.own or name in request.own}
 
 
-def _units(manifest: Manifest) -> dict[str, dict[str, str]]:
+def _units(manifest: Manifest) -> dict[str, dict[str, Any]]:
     states = {item.name: (item.unit, item.about) for item in manifest.start.variables}
     parameters = {item.name: (item.unit, item.about) for item in manifest.parameters}
-    return {name: {"units": u, "long_name": about} for name, (u, about) in (states | parameters).items()}
+    found: dict[str, dict[str, Any]] = {
+        name: {"units": u, "long_name": about} for name, (u, about) in (states | parameters).items()
+    }
+    words = {"flag_values": list(CODES.values()), "flag_meanings": " ".join(CODES)}
+    return {**found, SATURATION: {"units": "1", "long_name": "what is done about a saturated input", **words}}
 
 
 def _metrics(request: Request, manifest: Manifest) -> Iterator[tuple[str, _Variable]]:

@@ -21,9 +21,9 @@ from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.loops.metrics import REPORTED
 from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.simulate.style import BLUE, RUST, png, styled, wrapped
+from pmjoint_codegen.simulate.style import BLUE, RUST, STONE, png, styled, wrapped
 from pmjoint_codegen.sweep.metrics import INVALID
-from pmjoint_codegen.sweep.plan import DRAW
+from pmjoint_codegen.sweep.plan import DRAW, SATURATION
 from pmjoint_codegen.sweep.region import Border, border, held, held_share
 from pmjoint_codegen.values import COMPENSATOR, OWN_SUFFIX, of_plant
 
@@ -40,7 +40,7 @@ BINS: Final = 60
 FEW_DECADES: Final = 1e3
 ALIKE: Final = 1e-9  # relative: values that differ by rounding or tolerance only
 LOST: Final = "#c9c6c1"
-COLOURS: Final = (BLUE, RUST)
+COLOURS: Final = (BLUE, RUST, STONE)
 MOST_CELLS: Final = 1024  # drawn along an axis: more would exceed the pixels
 FOUR: Final = ("ise", "settling_s", "max_abs_e", "max_abs_v")
 _STYLE: Final = {
@@ -54,7 +54,7 @@ _STYLE: Final = {
 
 @dataclass(frozen=True)
 class Case:
-    """The runs with the compensator, those without, or all.
+    """The runs with one kind of saturation, or all.
 
     Attributes:
         title: empty for all runs.
@@ -87,7 +87,7 @@ def _ascending(dataset: xr.Dataset) -> xr.Dataset:
 
 
 def _figures(dataset: xr.Dataset, manifest: Manifest) -> dict[str, Figure]:
-    names = [str(name) for name in dataset["status"].dims if name not in (DRAW, COMPENSATOR)]
+    names = [str(name) for name in dataset["status"].dims if name not in (DRAW, COMPENSATOR, SATURATION)]
     if DRAW in dataset["status"].dims or not names:
         return {"histograms": histograms(dataset)} if DRAW in dataset["status"].dims else {}
     if len(names) == 1:
@@ -117,14 +117,13 @@ def _thinned(dataset: xr.Dataset, *names: str) -> tuple[xr.Dataset, str]:
 
 
 def cases(dataset: xr.Dataset) -> tuple[Case, ...]:
-    """The sweep with and without compensator, or as a whole if that is not varied."""
-    if COMPENSATOR not in dataset.dims:
+    """The sweep by what is done about saturation, or as a whole if that is not varied."""
+    name = next((name for name in (COMPENSATOR, SATURATION) if name in dataset.dims), None)
+    if name is None:
         return (Case("", dataset),)
-    titles = {1.0: "with the compensator (23)", 0.0: "plain clipping, $r = 0$"}
-    values = sorted(dataset[COMPENSATOR].values.tolist(), reverse=True)
-    return tuple(
-        Case(titles.get(value, "not simulated"), dataset.sel({COMPENSATOR: value})) for value in values
-    )
+    titles = {1.0: "with the compensator (23)", 0.0: "plain clipping, $r = 0$", 2.0: "braking"}
+    values = sorted(dataset[name].values.tolist(), key=lambda code: (code == 2.0, -code))
+    return tuple(Case(titles.get(value, "not simulated"), dataset.sel({name: value})) for value in values)
 
 
 def region(dataset: xr.Dataset, manifest: Manifest, x: str, y: str, note: str) -> Figure:
@@ -218,7 +217,7 @@ def curves(dataset: xr.Dataset, x: str) -> Figure:
             panel.set_yscale("log")
         panel.set_xlabel(_label(dataset, x))
         panel.set_ylabel(f"{row.words} ({_unit(dataset[name])})")
-    if COMPENSATOR in dataset.dims:
+    if len(cases(dataset)) > 1:
         panels[0].legend()
     _caption(figure, dataset, f"Gaps: {_absence(dataset, *FOUR)}.", "")
     return figure
@@ -244,7 +243,7 @@ def histograms(dataset: xr.Dataset) -> Figure:
             _histogram(panel, case, name, colour)
         panel.set_xlabel(f"{REPORTED[name].row.words} ({_unit(dataset[name])})")
         panel.set_yticks([])
-    if COMPENSATOR in dataset.dims:
+    if len(cases(dataset)) > 1:
         panels[0].legend()
     drawn = ", ".join(
         f"{name} ~ {law}({a:g}, {b:g})" for name, law, a, b in json.loads(dataset.attrs["samples"])

@@ -8,16 +8,20 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from types import MappingProxyType
 from typing import Final, Literal, get_args
 
 import numpy as np
 
 from pmjoint_codegen.errors import UsageError
 from pmjoint_codegen.kernels.evaluator import Array
+from pmjoint_codegen.values import BRAKING, CLIP, COMPENSATOR
 
 Law = Literal["uniform", "normal", "loguniform"]
 Method = Literal["latin-hypercube", "sobol"]
 
+SATURATION: Final = "saturation"  # an axis of words
+CODES: Final = MappingProxyType({CLIP: 0.0, COMPENSATOR: 1.0, BRAKING: 2.0})  # in the dataset
 DRAW: Final = "draw"  # dimension of the sampled runs
 MAX_RUNS: Final = 100_000_000  # 9 bytes per run while quantiles are computed: 0.9 GB
 MAX_AXIS: Final = 1_000_000  # values of one axis, held as numbers and as the text of request.json
@@ -100,6 +104,12 @@ class Plan:
     def runs(self) -> int:
         """Number of runs."""
         return math.prod(self.dimensions.values())
+
+    @property
+    def saturation(self) -> str | None:
+        """``braking`` if an axis needs kernels of a braking compensator, which do all kinds; else None."""
+        codes = (axis.values for axis in self.axes if axis.name == SATURATION)
+        return BRAKING if any(CODES[BRAKING] in values for values in codes) else None
 
     @cached_property
     def grid(self) -> Mapping[str, Array]:
@@ -191,6 +201,8 @@ def read_axis(text: str) -> Axis:
                 raise ValueError
             _check_length(text, count)
             values = _spaced(float(parts[0]), float(parts[1]), count)
+        elif name.strip() == SATURATION:
+            values = tuple(_code(part.strip()) for part in rest.split(","))
         else:
             values = tuple(float(part) for part in rest.split(","))
     except ValueError:
@@ -206,6 +218,16 @@ def read_axis(text: str) -> Axis:
             f"is {text!r}, which has a value twice", where="--grid", remedy="give each value of an axis once"
         )
     return Axis(name.strip(), values)
+
+
+def _code(word: str) -> float:
+    if word not in CODES:
+        raise UsageError(
+            f"is {word!r}",
+            where=f"--grid {SATURATION}",
+            remedy=f"allowed: {', '.join(CODES)}, such as {SATURATION}=compensator,braking",
+        )
+    return CODES[word]
 
 
 def _check_length(text: str, count: int) -> None:

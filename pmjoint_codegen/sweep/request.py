@@ -17,8 +17,8 @@ from pmjoint_codegen.loops.batch import loops_hash
 from pmjoint_codegen.manifest import LANES, Manifest
 from pmjoint_codegen.simulate.settings import RunOptions, Settings, count_instants, instants, make_settings
 from pmjoint_codegen.sweep.metrics import quantities
-from pmjoint_codegen.sweep.plan import DRAW, Plan
-from pmjoint_codegen.values import COMPENSATOR
+from pmjoint_codegen.sweep.plan import DRAW, SATURATION, Plan
+from pmjoint_codegen.values import BRAKING, COMPENSATOR
 
 DEFAULT_TOLERANCE: Final = 1e-6
 MAX_STEPS: Final = 1_000_000
@@ -42,6 +42,7 @@ class Request:
         own: the plant's own parameters, such as ``J_plant``, that are set; others equal the controller's
         values, run by run, unless they are varied.
         x0: initial plant states, likewise.
+        start: of the controller: ``zero``, or ``matched`` to the measured output.
         horizon: s.
         controller: ``continuous`` or ``sampled``.
         sample_time: s; 0 for the continuous controller.
@@ -63,6 +64,7 @@ class Request:
     p: tuple[float, ...]
     own: tuple[str, ...]
     x0: tuple[float, ...]
+    start: str
     horizon: float
     controller: str
     sample_time: float
@@ -138,6 +140,7 @@ def _request(
         p=tuple(settings.p.tolist()),
         own=own,
         x0=tuple(settings.x0.tolist()),
+        start=settings.start,
         horizon=settings.horizon,
         controller=settings.controller,
         sample_time=settings.sample_time if settings.controller == "sampled" else 0.0,
@@ -168,9 +171,29 @@ def _lanes(manifest: Manifest) -> str:
         ) from None
 
 
+def _check_saturation(manifest: Manifest, plan: Plan, fixed: Collection[str]) -> None:
+    """Saturation is a grid of words, and the only one that says what the switch is."""
+    if SATURATION not in plan.grid:
+        raise UsageError(
+            f"{SATURATION} is a choice, not a number",
+            where="--sample",
+            remedy=f"give --grid {SATURATION}=...",
+        )
+    if COMPENSATOR in (*plan.names, *fixed):
+        raise UsageError(
+            f"{SATURATION} and {COMPENSATOR} are both given", where="sweep", remedy=f"give {SATURATION} alone"
+        )
+    if plan.saturation is not None and BRAKING not in manifest.parameter_names and manifest.rho > 1:
+        raise UsageError(
+            f"{manifest.name} is not designed to brake",
+            where=f"--grid {SATURATION}",
+            remedy="omit --saturation, or give --saturation braking",
+        )
+
+
 def varied_names(manifest: Manifest) -> tuple[str, ...]:
-    """The names that a sweep can vary: initial states as in x0, then every entry of p."""
-    return (*manifest.start.names, *manifest.parameter_names)
+    """The names that a sweep can vary: initial states as in x0, then every entry of p, then saturation."""
+    return (*manifest.start.names, *manifest.parameter_names, SATURATION)
 
 
 def _check_names(manifest: Manifest, plan: Plan, fixed: Collection[str]) -> None:
@@ -187,6 +210,8 @@ def _check_names(manifest: Manifest, plan: Plan, fixed: Collection[str]) -> None
                 where="sweep",
                 remedy="give the parameter another name in the model file",
             )
+        if name == SATURATION:
+            _check_saturation(manifest, plan, fixed)
         if name in fixed:
             raise UsageError(
                 f"{name} is both set and varied",

@@ -16,8 +16,8 @@ from pmjoint_codegen.loops import batch
 from pmjoint_codegen.loops.batch import BatchLibrary, Runs
 from pmjoint_codegen.loops.hold import hold_matrices
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.simulate.run import initial_state
 from pmjoint_codegen.simulate.settings import make_settings
+from pmjoint_codegen.simulate.start import initial_state
 
 
 def library(root: Path, cache: Path, model: str, level: str) -> BatchLibrary:
@@ -47,10 +47,11 @@ def make_runs(library: BatchLibrary, count: int, seed: int = 0, **changes: objec
 def designed(library: BatchLibrary, runs: Runs) -> Runs:
     """The runs with x0 taken as physical states, as a single run takes them."""
     manifest, x0 = library.manifest, runs.x0.copy()
+    loop = ClosedLoop.load(manifest.name)
     for i, values in enumerate(runs.p.tolist()):
         p = dict(zip(manifest.parameter_names, values, strict=True))
         settings = make_settings(manifest, parameters=p, x0=runs.x0[i, : manifest.nx])
-        x0[i] = initial_state(manifest, settings)
+        x0[i] = initial_state(loop.evaluator, settings)
     return replace(runs, x0=x0)
 
 

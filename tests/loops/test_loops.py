@@ -19,8 +19,9 @@ from pmjoint_codegen.loops.modes import make_actuator
 from pmjoint_codegen.loops.problem import Memory, Problem, Progress, make_memory
 from pmjoint_codegen.loops.select import CompiledLoop, make_loop
 from pmjoint_codegen.loops.status import Status
-from pmjoint_codegen.simulate.run import initial_state, make_problem
+from pmjoint_codegen.simulate.run import make_problem
 from pmjoint_codegen.simulate.settings import make_settings
+from pmjoint_codegen.simulate.start import initial_state
 
 BUDGET = 10_000
 
@@ -39,7 +40,7 @@ def prepared(evaluator: Evaluator, controller: str = "continuous") -> Problem:
 
 
 def driven(evaluator: Evaluator, problem: Problem) -> tuple[CompiledLoop, Progress, Memory]:
-    start = initial_state(evaluator.manifest, make_settings(evaluator.manifest))
+    start = initial_state(evaluator, make_settings(evaluator.manifest))
     progress, memory = Progress(), make_memory(problem, start)
     loop = cast(CompiledLoop, make_loop(evaluator, problem, progress, memory))
     loop(BUDGET)

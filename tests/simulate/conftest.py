@@ -221,7 +221,7 @@ def polynomial_manifest() -> Manifest:
         signals=tuple(Variable(name, "", "") for name in ("y", "y_r", "e", "v", "u")),
         partials=(),
         functions=tuple(Function(name, *size, "", "", 0) for name, size in sizes.items()),
-        simulation=Simulation("0", ("0",), (0.0,), 1.0, 0.1, 0.1, False),
+        simulation=Simulation("0", ("0",), (0.0,), 1.0, 0.1, 0.1, False, "zero"),
         files={},
     )
 

@@ -34,8 +34,9 @@ from pmjoint_codegen.errors import installing
 from pmjoint_codegen.kernels.evaluator import Evaluator
 from pmjoint_codegen.loops.modes import Actuator, make_actuator
 from pmjoint_codegen.loops.status import Status
-from pmjoint_codegen.simulate.run import Run, initial_state, run
+from pmjoint_codegen.simulate.run import Run, run
 from pmjoint_codegen.simulate.settings import Settings, make_settings
+from pmjoint_codegen.simulate.start import initial_state
 
 RUNS: Final = (2, 48)  # drawn runs to compare: at least, at most
 STEPS: Final = {"compiled": 500_000, "interpreted": 2_000}  # for all of them together: some seconds
@@ -159,7 +160,7 @@ def reference(loop: Loop, subject: Subject, settings: Settings) -> Trajectory:
         UntrustedError: heyoka's run deviates from its own equations.
     """
     times = settings.times()
-    limit, start = settings.parameters[subject.manifest.limit], initial_state(subject.manifest, settings)
+    limit, start = settings.parameters[subject.manifest.limit], initial_state(subject.interpreted, settings)
     return loop.run(times[kept_rows(len(times))], start, limit, _actuator(subject, settings))
 
 

@@ -5,6 +5,7 @@ estimation    without disturbance, x - x_hat = exp(A0 t) (x - x_hat)(0)     as e
 limits        without disturbance, z(t) does not depend on u_max            z' does not contain u, but has
                                                                             y where d alpha_i / dy moves
 no saturation with u_max out of reach, r = 0                                bit for bit
+              from a matched start, r = exp(Ar t) r(0)
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from pmjoint_codegen.errors import PmjointError
 from pmjoint_codegen.kernels.evaluator import Evaluator
 from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.simulate.run import Run
+from pmjoint_codegen.values import BRAKING, MATCHED
 from pmjoint_derive import Derivation
 from pmjoint_derive.signals import partial_name
 
@@ -82,7 +84,7 @@ def quiet_findings(evaluator: Evaluator, *, bare: bool = True) -> list[Finding]:
     run, wider, free = (
         default_run(evaluator, {manifest.limit: limit * factor}) for factor in (1.0, 2.0, OUT_OF_REACH)
     )
-    found = [("u_max out of reach gives r = 0", float(np.max(np.abs(_block(free, "r")))), 0.0)]
+    found = [undriven(evaluator, free)]
     done = run.status == wider.status == Status.DONE
     if bare and done and run.settings.parameters["compensator"] == 1:
         z = [np.column_stack([one[f"z{i + 1}"] for i in range(manifest.rho)]) for one in (run, wider, free)]
@@ -92,18 +94,38 @@ def quiet_findings(evaluator: Evaluator, *, bare: bool = True) -> list[Finding]:
     return [*found, ("x - x_hat = exp(A0 t) (x - x_hat)(0)", estimation_gap(evaluator, run), ACCURACY)]
 
 
+def undriven(evaluator: Evaluator, run: Run) -> Finding:
+    """What (23) does where nothing is clipped: it stays at 0, or decays from its matched start.
+
+    With braking r_1 is no linear function, and r_2 alone decays as the last entry of its hold's matrix says.
+    """
+    r = _block(run, "r")
+    if run.settings.start != MATCHED:
+        return "u_max out of reach gives r = 0", float(np.max(np.abs(r))), 0.0
+    (Ar,) = evaluator.call("compensator_matrix", run.settings.p)
+    if BRAKING in run.settings.parameters:
+        Ar, r = Ar[-1:], r[:, -1:]
+    Ar = Ar.reshape(r.shape[1], r.shape[1])
+    gap = float(np.max(np.abs(r - _decayed(Ar, r[0], run.t))))
+    return "u_max out of reach gives r = exp(Ar t) r(0)", gap / max(1.0, float(np.max(np.abs(r)))), ACCURACY
+
+
 def estimation_gap(evaluator: Evaluator, run: Run) -> float:
     """Largest distance of the estimation error from its exact solution, relative to the state's size."""
     epsilon = estimation_errors(run)
     A0 = evaluator.call("filter_matrix", run.settings.p)[0].reshape(run.manifest.n, run.manifest.n)
-    poles, vectors = np.linalg.eig(A0 + 0j)
-    if np.linalg.cond(vectors) > 1e6:  # coinciding poles: step by step, each a small power series
-        exact = _stepped(A0, epsilon[0], run.t)
-    else:
-        start = np.linalg.solve(vectors, epsilon[0])
-        exact = np.real((np.exp(np.outer(run.t, poles)) * start) @ vectors.T)
+    exact = _decayed(A0, epsilon[0], run.t)
     scale = max(1.0, float(np.max(np.abs(run.states[:, : run.manifest.nx]))))
     return float(np.max(np.abs(epsilon - exact))) / scale
+
+
+def _decayed(A: Array, start: Array, t: Array) -> Array:
+    """``exp(A t) start`` at some instants, shape (instants, size)."""
+    poles, vectors = np.linalg.eig(A + 0j)
+    if np.linalg.cond(vectors) > 1e6:  # coinciding poles: step by step, each a small power series
+        return _stepped(A, start, t)
+    weights = np.linalg.solve(vectors, start)
+    return np.real((np.exp(np.outer(t, poles)) * weights) @ vectors.T)
 
 
 def _stepped(A0: Array, start: Array, t: Array) -> Array:

@@ -54,8 +54,11 @@ void pmj_continuous_batch(const pmj_sweep *sweep, const pmj_results *results);
 /* batch_sampled.c */
 void pmj_sampled_batch(const pmj_sweep *sweep, const pmj_results *results);
 
-/* matrices.c: A0 of (14) and Ar of (23), [runs][n n + rho rho] */
+/* matrices.c: A0 of (14) and Ar of (23), [runs][PMJ_NM] */
 void pmj_matrices(long long runs, const double *p, double *matrices);
+
+/* matrices.c: the controller's state matched to y(0), [runs][nX - nx]; y is [runs] */
+void pmj_starts(long long runs, const double *y, const double *p, double *states);
 
 /* matrices.c: the number of lanes that the library was built for */
 long long pmj_width(void);

@@ -29,8 +29,9 @@ from pmjoint_codegen.loops.modes import Actuator, make_actuator
 from pmjoint_codegen.modelfile import model_of
 from pmjoint_codegen.provision import provide
 from pmjoint_codegen.simulate import run as simulate_run
-from pmjoint_codegen.simulate.run import initial_state, run
+from pmjoint_codegen.simulate.run import run
 from pmjoint_codegen.simulate.settings import make_settings
+from pmjoint_codegen.simulate.start import initial_state
 
 MODELS = ("paper", "joint", "joint-damped", "joint-exact", "joint-lag", "third-order")
 
@@ -177,7 +178,7 @@ def start_of(subject: Subject, case: Any) -> tuple[Any, Actuator, Any]:
     rows = np.array(case["rows"])
     settings = make_settings(subject.manifest, x0=rows[0, 1:3], horizon=float(rows[-1, 0]))
     limits = subject.interpreted.call("actuation", settings.p)[0]
-    return settings, make_actuator(np.asarray(limits)), initial_state(subject.manifest, settings)
+    return settings, make_actuator(np.asarray(limits)), initial_state(subject.interpreted, settings)
 
 
 @pytest.mark.parametrize("name", NARROW)
@@ -312,7 +313,7 @@ def test_an_argument_on_the_wrong_side_is_no_reference(heyoka: Any, paper: Subje
     blind = Loop(heyoka, subject, settings.parameters)
     blind._kinks = None
     actuator = make_actuator(np.asarray(subject.interpreted.call("actuation", settings.p)[0]))
-    start = initial_state(subject.manifest, settings)
+    start = initial_state(subject.interpreted, settings)
     t = settings.times()
     blind.run(t, start, 10.0, actuator)  # the equations of one side hold all along
     whole = Loop(heyoka, subject, settings.parameters)

@@ -1,0 +1,102 @@
+"""The matched start: the controller's state in which no transient of its own begins.
+
+From the measured y(0): ``xi_1 = y``, ``xi_{i+1} = -phi_i(y)``, ``Xi_1j = 0``, ``Xi_{i+1,j} = -Phi_ij(y)``
+and ``lambda = 0``. So ``x_hat_1 = y``, and x_hat is that of a joint at rest. Then r_1, r_2, ... follow from
+``z_i = 0`` in order: z_i holds r_i with the factor -1 or ``-1/b_m`` and no later r. With ``z(0) = 0`` there
+is no kick, and the error decays along the compensator (23). Without compensator r = 0, and only the filters
+are matched.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import sympy as sp
+
+from pmjoint_derive.design import Design
+from pmjoint_derive.equation import Equation, Equations
+from pmjoint_derive.model import real_symbol
+from pmjoint_derive.shield import multiplied_out
+
+SECTION = "Start"
+
+
+def start_symbol(symbol: sp.Symbol) -> sp.Symbol:
+    """Name of a quantity's value at the matched start."""
+    return real_symbol(f"{symbol.name}_start")
+
+
+def filter_starts(design: Design) -> dict[sp.Symbol, sp.Expr]:
+    """Matched values of xi, Xi and lambda, as functions of y; keyed by state."""
+    plant, s = design.plant, design.signals
+    zero = sp.Integer(0)
+    found = dict(zip(s.xi, (s.y, *(-phi for phi in plant.phi)), strict=False))
+    rows = ((zero,) * plant.p, *(tuple(-entry for entry in row) for row in plant.Phi))
+    for states, row in zip(s.Xi, rows, strict=False):
+        found |= dict(zip(states, row, strict=True))
+    return found | dict.fromkeys(s.lambda_, zero)
+
+
+def start_equations(design: Design, law: Iterable[Equation]) -> list[Equation]:
+    """The matched start as named equations ``xi1_start`` and so on.
+
+    A step of the law that has another value there, such as alpha_1, gets an equation of its own,
+    ``alpha1_start``; one that does not depend on the controller's state keeps its name.
+
+    Args:
+        design: the design.
+        law: its errors, virtual controls and what they are made of.
+    """
+    return _Start(design, Equations(law)).equations()
+
+
+class _Start:
+    """The values of named equations at the matched start, each found once."""
+
+    def __init__(self, design: Design, law: Equations) -> None:
+        self._design = design
+        self._law = law
+        self._named: list[Equation] = []
+        self._values: dict[sp.Symbol, sp.Expr] = {}
+
+    def equations(self) -> list[Equation]:
+        s = self._design.signals
+        for state, value in filter_starts(self._design).items():
+            self._values[state] = self._name(state, value, f"matched start of {state}")
+        for z, r in zip(s.z, s.r, strict=True):
+            meaning = f"matched start of {r}: {z} = 0 there; 0 without compensator"
+            self._values[r] = self._name(r, self._solved(z, r), meaning)
+            self._values[z] = sp.Integer(0)
+        return self._named
+
+    def _solved(self, z: sp.Symbol, r: sp.Symbol) -> sp.Expr:
+        """The value of r at which an error vanishes; the error is linear in it."""
+        error = self._law[z.name].expression
+        slope = sp.diff(error, r)
+        rest = self._at_start(error.xreplace({r: sp.Integer(0)}))
+        return multiplied_out(-rest / slope, (self._design.signals.y,))
+
+    def _at_start(self, expression: sp.Expr) -> sp.Expr:
+        symbols = sorted(expression.free_symbols, key=lambda symbol: str(symbol.name))
+        return expression.xreplace({symbol: self._value(symbol) for symbol in symbols})
+
+    def _value(self, symbol: sp.Symbol) -> sp.Expr:
+        """What a state or a name stands for at the start."""
+        if symbol not in self._values:
+            item = self._law.get(symbol.name)
+            self._values[symbol] = symbol if item is None else self._step(item)
+        return self._values[symbol]
+
+    def _step(self, item: Equation) -> sp.Expr:
+        value = self._at_start(item.expression)
+        if value == item.expression:
+            return item.symbol
+        if value.is_Atom or (-value).is_Symbol:
+            return value
+        return self._name(item.symbol, value, f"{item.symbol} at the matched start")
+
+    def _name(self, symbol: sp.Symbol, value: sp.Expr, meaning: str) -> sp.Expr:
+        """Give a value a name; a zero passes through names as a zero."""
+        unit = self._law[symbol.name].unit if symbol.name in self._law else self._design.units.of(symbol)
+        self._named.append(Equation(start_symbol(symbol), value, SECTION, "", meaning, unit))
+        return value if value.is_Number else start_symbol(symbol)
