@@ -187,7 +187,8 @@ class Simulator:
         memory, state = _integrate(self.evaluator, start, prepared.problem, progress)
         known = self._known(prepared, start, memory.rows[: state.row], memory, state)
         status = Status(state.status)
-        ended = {"status": status, "message": _message(manifest, settings, status, state.t, memory)}
+        kink = state.touching - (0 if prepared.problem.sample_time else prepared.problem.n_thresholds)
+        ended = {"status": status, "message": _message(manifest, settings, status, state.t, memory, kink)}
         return {**known, **_figures(manifest, memory, state), **ended}
 
     def _known(
@@ -209,6 +210,7 @@ class Simulator:
             "states": rows,
             "switches": _switches(prepared.actuator, memory, state),
             "initial_mode": prepared.actuator.labels[state.first_mode],
+            "sticks": _sticks(memory, state),
             "steps": state.steps,
             "_deferred": deferred,
         }
@@ -375,6 +377,12 @@ def _switches(actuator: Actuator, memory: Memory, state: Progress) -> tuple[tupl
     return tuple(found)
 
 
+def _sticks(memory: Memory, state: Progress) -> tuple[tuple[float, float], ...]:
+    """The intervals in which a kink held the plant; the last may still go on."""
+    times = [*memory.hold_times[: state.holds].tolist(), state.t]
+    return tuple(zip(times[::2], times[1::2], strict=False))
+
+
 def _figures(manifest: Manifest, memory: Memory, state: Progress) -> dict[str, Any]:
     names = [*(item.name for item in manifest.states), "v", "e", *([RATE] if reports_rate(manifest) else [])]
     pairs = zip(memory.peaks.tolist(), memory.peak_times.tolist(), strict=True)
@@ -386,7 +394,12 @@ def _figures(manifest: Manifest, memory: Memory, state: Progress) -> dict[str, A
 
 
 def _message(
-    manifest: Manifest, settings: Settings, status: Status, t: float, memory: Memory | None = None
+    manifest: Manifest,
+    settings: Settings,
+    status: Status,
+    t: float,
+    memory: Memory | None = None,
+    kink: int = -1,
 ) -> str:
     largest = int(np.argmax(memory.peaks[: manifest.nX])) if memory else 0  # the one that passed the limit
     return sentence(
@@ -396,4 +409,5 @@ def _message(
         max_steps=settings.max_steps,
         max_switches=settings.max_switches,
         state=manifest.states[largest].name,
+        kink=manifest.kinks[kink % len(manifest.kinks)] if manifest.kinks else "",  # that which it is on
     )
