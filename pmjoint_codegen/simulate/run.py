@@ -27,6 +27,7 @@ from pmjoint_codegen.loops.problem import Memory, Problem, Progress, make_memory
 from pmjoint_codegen.loops.select import Advance, CompiledLoop, make_loop
 from pmjoint_codegen.loops.status import Status, sentence
 from pmjoint_codegen.manifest import Manifest
+from pmjoint_codegen.simulate.located import sticks_of, switches_of
 from pmjoint_codegen.simulate.record import RATE, Record, reports_rate
 from pmjoint_codegen.simulate.settings import RunOptions, Settings, make_settings
 from pmjoint_codegen.simulate.summary import summarise
@@ -208,9 +209,9 @@ class Simulator:
             "message": prepared.done,
             "t": problem.times[: state.row],
             "states": rows,
-            "switches": _switches(prepared.actuator, memory, state),
+            "switches": switches_of(prepared.actuator, memory, state),
             "initial_mode": prepared.actuator.labels[state.first_mode],
-            "sticks": _sticks(memory, state),
+            "sticks": sticks_of(memory, state),
             "steps": state.steps,
             "_deferred": deferred,
         }
@@ -363,24 +364,6 @@ def _moving(manifest: Manifest) -> list[int]:
     ):  # pressures with their own states; otherwise they are commands, constant between samples
         names |= {"P1", "P2"}
     return [i for i, item in enumerate(manifest.signals) if item.name in names]
-
-
-def _switches(actuator: Actuator, memory: Memory, state: Progress) -> tuple[tuple[float, int], ...]:
-    """The switches at which u enters or leaves a limit; those of other channels only are omitted."""
-    found = []
-    before = actuator.labels[state.first_mode]
-    for i in range(state.switches):
-        label = actuator.labels[int(memory.switch_modes[i])]
-        if label != before:
-            found.append((float(memory.switch_times[i]), label))
-        before = label
-    return tuple(found)
-
-
-def _sticks(memory: Memory, state: Progress) -> tuple[tuple[float, float], ...]:
-    """The intervals in which a kink held the plant; the last may still go on."""
-    times = [*memory.hold_times[: state.holds].tolist(), state.t]
-    return tuple(zip(times[::2], times[1::2], strict=False))
 
 
 def _figures(manifest: Manifest, memory: Memory, state: Progress) -> dict[str, Any]:
