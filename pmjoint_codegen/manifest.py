@@ -272,6 +272,11 @@ class Manifest:
         """Highest Taylor coefficient that ``plant_taylor`` gives, of the same."""
         return self._order("plant_taylor")
 
+    @property
+    def can_hold(self) -> bool:
+        """Whether a kink can hold a run, as Coulomb friction does: there is a kernel ``holds``."""
+        return any(item.name == "holds" for item in self.functions)
+
     def _order(self, name: str) -> int:
         return dict(self.function(name).outputs)["c"] // (self.nx + 1 + len(self.kinks)) - 1
 

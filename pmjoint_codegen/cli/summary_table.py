@@ -54,6 +54,8 @@ def _saturation(run: Run) -> Iterator[tuple[str, ...]]:
     if len(run.switches) > _SHOWN:
         yield "", f"and {len(run.switches) - _SHOWN} more switches, in summary.json"
     yield "saturated", f"{run.summary['saturated_s']:.6g} s in all"
+    if run.manifest.can_hold:
+        yield "stuck", f"{run.summary['stuck_s']:.6g} s in all, {len(run.sticks)} times"
 
 
 def _peaks(run: Run) -> Iterator[tuple[str, ...]]:

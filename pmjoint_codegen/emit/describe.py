@@ -11,7 +11,7 @@ import sympy as sp
 from sympy.printing.pycode import PythonCodePrinter
 
 from pmjoint_codegen import __version__
-from pmjoint_codegen.emit.table import LOOPS, Kernel, Made, kernel_table
+from pmjoint_codegen.emit.table import Kernel, Made, kernel_table, loop_rows
 from pmjoint_codegen.emit.vocabulary import Vocabulary, vocabulary
 from pmjoint_codegen.identity import Document, model_hash
 from pmjoint_codegen.manifest import (
@@ -40,7 +40,7 @@ def tool_versions() -> dict[str, str]:
 
 def describe_functions(derivation: Derivation, functions: Mapping[str, ca.Function]) -> tuple[Function, ...]:
     """The kernels as records, with their sizes and operation counts."""
-    rows = (*kernel_table(derivation), *LOOPS)
+    rows = (*kernel_table(derivation), *loop_rows(functions))
     return tuple(_function(row, functions[row.name]) for row in rows)
 
 

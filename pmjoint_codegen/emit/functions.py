@@ -9,7 +9,16 @@ import sympy as sp
 
 from pmjoint_codegen.emit.compact import compact_where_long
 from pmjoint_codegen.emit.guard import guard_function
-from pmjoint_codegen.emit.table import LANES, LOOPS, Composed, Guard, Kernel, Made, Taylor, kernel_table
+from pmjoint_codegen.emit.table import (
+    Composed,
+    Guard,
+    Kernel,
+    Made,
+    Taylor,
+    kernel_table,
+    lane_rows,
+    loop_rows,
+)
 from pmjoint_codegen.emit.taylor import taylor_function
 from pmjoint_codegen.emit.translate import Translator
 from pmjoint_codegen.kernels.turn import alone
@@ -37,7 +46,7 @@ def build_function(kernel: Kernel, derivation: Derivation) -> ca.Function:
 
 @alone
 def build_functions(derivation: Derivation, order: int, stage: Stage = unwatched) -> dict[str, ca.Function]:
-    """Every kernel by name, in the order of the table, then those of `LOOPS`, which are made from them.
+    """Every kernel by name, in the order of the table, then those of `loop_rows`, which are made from them.
 
     Args:
         derivation: named equations.
@@ -53,15 +62,15 @@ def build_functions(derivation: Derivation, order: int, stage: Stage = unwatched
         stage("building kernels", count / len(rows))
         functions[name] = build_function(kernel, derivation)
     stage(f"building Taylor coefficients up to order {order}", 0.0)
-    for made in LOOPS:
+    for made in loop_rows(rows):
         functions[made.name] = make_function(made, functions, order)
     return functions
 
 
 @alone
 def lane_functions(functions: Mapping[str, ca.Function]) -> dict[str, ca.Function]:
-    """The functions of `LANES` by name, from those of `build_functions`."""
-    return {made.name: make_function(made, functions) for made in LANES}
+    """The functions of `lane_rows` by name, from those of `build_functions`."""
+    return {made.name: make_function(made, functions) for made in lane_rows(functions)}
 
 
 def make_function(made: Made, functions: Mapping[str, ca.Function], order: int = 0) -> ca.Function:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from itertools import chain
 
 import casadi as ca
 
@@ -29,9 +30,12 @@ def lane_sizes(words: Vocabulary, functions: Mapping[str, ca.Function]) -> dict[
         "PMJ_NM": len(words.h) // 2,
         "PMJ_NR": functions["reference"].size1_out(0),
         "PMJ_ORDER": LANE_ORDER,
+        **({"PMJ_HOLDS": 1} if "holds" in functions else {}),
     }
     for name, guard in (("LOOP", "guard"), ("PLANT", "plant_guard")):
-        for what, places in zip(("STATES", "RESTS"), bent(functions[guard]), strict=True):
+        guards = [functions[one] for one in (guard, f"{guard}_held") if one in functions]
+        both = [sorted({*chain(*places)}) for places in zip(*map(bent, guards), strict=True)]
+        for what, places in zip(("STATES", "RESTS"), both, strict=True):
             sizes[f"PMJ_{name}_BENT_{what}"] = len(places)
             sizes[f"PMJ_{name}_BENT_{what}_LIST"] = f"{{{', '.join(map(str, places or [0]))}}}"
     return sizes

@@ -3,7 +3,7 @@
 Stages, input to output:
 
     derive           Model               -> Derivation (named equations)
-    build_functions  Derivation          -> CasADi functions, one for each row of the table and of LOOPS
+    build_functions  Derivation          -> CasADi functions, one for each row of the table and of `loop_rows`
     kernels_source   rows' functions     -> kernels.c, which CasADi prints
     tapes_of         functions           -> tapes -> kernels.tape, for the interpreted evaluator
     loops_source     tapes               -> loops.c, called by the loops of single runs
@@ -39,7 +39,7 @@ from pmjoint_codegen.emit.print_c import steps
 from pmjoint_codegen.emit.sampling import SAMPLED, sampled_sizes
 from pmjoint_codegen.emit.scalar_text import HEADER as SAMPLED_HEADER
 from pmjoint_codegen.emit.scalar_text import loops_source, sampled_header
-from pmjoint_codegen.emit.table import LANES, LOOPS, Taylor
+from pmjoint_codegen.emit.table import Taylor, lane_rows, loop_rows
 from pmjoint_codegen.emit.tape import tapes_of
 from pmjoint_codegen.emit.vocabulary import vocabulary
 from pmjoint_codegen.errors import ModelError
@@ -110,7 +110,7 @@ def generate(
     hashes = {name: sha256(text.encode()) for name, text in texts.items()}
     guards = {
         row.name: rule_of(functions[row.of], row.order or order)
-        for row in (*LOOPS, *LANES)
+        for row in (*loop_rows(functions), *lane_rows(functions))
         if isinstance(row, Taylor)
     }
     windows = not looks_at_actuator(functions["plant_guard"], len(vocabulary(derivation).w))
@@ -128,7 +128,7 @@ def _kernel_files(
     operations = sum(item.operations for item in records)
     size = f"{operations} operations in {len(records)} functions."
     head = provenance(document, derivation, "kernels", size)
-    made = {row.name for row in LOOPS}
+    made = {row.name for row in loop_rows(functions)}
     tapes = tapes_of(functions.values())
     sampled = [tape for tape in tapes if tape.name in SAMPLED]
     called = [tape for tape in tapes if tape.name in made and tape.name not in SAMPLED]

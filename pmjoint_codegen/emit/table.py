@@ -7,7 +7,7 @@ derivation, `LOOPS` those of single runs and `LANES` those of sweeps. `vocabular
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
 import casadi as ca
@@ -15,7 +15,8 @@ import sympy as sp
 
 from pmjoint_codegen.emit.lanes import LANE_ORDER, arrive, bernstein, matrices, same, stacked
 from pmjoint_codegen.emit.sampling import HOLD_ORDER, PLANT_ORDER, sample
-from pmjoint_codegen.emit.vocabulary import Block, rate_block, twins, vocabulary
+from pmjoint_codegen.emit.stick import Stick, stick
+from pmjoint_codegen.emit.vocabulary import Block, Vocabulary, rate_block, twins, vocabulary
 from pmjoint_derive import Derivation, real_symbol
 from pmjoint_derive.closed_loop import disturbance_symbols, tracking_error
 from pmjoint_derive.compensator import compensator_matrix
@@ -154,6 +155,29 @@ LANES: tuple[Made, ...] = (
     Composed("plant_rates_lanes", ("plant",), stacked),
     Composed("sample_lanes", ("sample",), same),
 )
+# Of a plant that a kink can hold; their functions have the channels of those without `_held`.
+HELD_LOOPS: tuple[Made, ...] = (
+    Taylor("taylor_held", "closed_loop_held", "X", None, "", "coefficients of what closed_loop_held gives"),
+    Guard("guard_held", "closed_loop_held", "X", about="the guard of closed_loop_held"),
+    Taylor(
+        "plant_taylor_held",
+        "plant_held",
+        "x",
+        PLANT_ORDER,
+        "",
+        "coefficients of what plant_held gives",
+    ),
+    Guard("plant_guard_held", "plant_held", "x", about="the guard of plant_held"),
+)
+HELD_LANES: tuple[Made, ...] = (
+    Taylor("taylor_held_lanes", "closed_loop_held", "X", LANE_ORDER),
+    Composed("guard_held_lanes", ("guard_held",), same),
+    Composed("rates_held_lanes", ("closed_loop_held",), stacked),
+    Taylor("plant_held_lanes", "plant_held", "x", HOLD_ORDER),
+    Composed("plant_guard_held_lanes", ("plant_guard_held",), same),
+    Composed("plant_rates_held_lanes", ("plant_held",), stacked),
+    Composed("holds_lanes", ("holds",), same),
+)
 
 
 def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
@@ -176,6 +200,7 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
     matched = tuple(
         start_symbol(state) * (s.compensator if state in s.r else 1) for state in s.controller_state
     )
+    held = stick(words, s.t, rate_block("x", words.x)[1], {**own, **delivered}, derivation.equations)
     return (
         Kernel("reference", (t, p), (y_r,), "", "the reference and its derivatives"),
         Kernel(
@@ -260,7 +285,62 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
             "(24)",
             "the controller's state matched to y(0)",
         ),
+        *([] if held is None else _held_kernels(derivation, words, held, {**own, **delivered}, in_mode)),
     )
+
+
+def _held_kernels(
+    derivation: Derivation,
+    words: Vocabulary,
+    held: Stick,
+    given: Mapping[sp.Symbol, sp.Expr],
+    in_mode: Mapping[sp.Symbol, sp.Expr],
+) -> list[Kernel]:
+    """The rows of a plant that a kink can hold: ``plant`` and ``closed_loop`` there, and whether it does."""
+    t, x, p = ("t", (derivation.signals.t,)), ("x", words.x), ("p", words.p)
+    X, sided = ("X", (*words.x, *words.s)), (*words.sides, *held.flags)
+    e, v = ("e", (real_symbol("e"),)), ("v", (derivation.signals.v,))
+    kinks = ("kinks", held.channels)
+    controller = rate_block("X", words.s)[1]
+    return [
+        Kernel(
+            "plant_held",
+            (t, x, ("w", (*words.w, *sided)), p),
+            (("x_dot", held.rates), e, kinks),
+            "(11)",
+            "plant, held on the kinks whose flags are 1",
+            {**given, **held.given},
+            held.sides,
+        ),
+        Kernel(
+            "closed_loop_held",
+            (t, X, ("g", (*words.g, *sided)), p),
+            (("X_dot", (*held.rates, *controller)), v, e, kinks),
+            "(11), (14), (23), (29)",
+            "closed_loop, held on the kinks whose flags are 1",
+            {**given, **in_mode, **held.given},
+            held.sides,
+        ),
+        Kernel(
+            "holds",
+            (t, x, ("w", (*words.w, *words.sides)), p),
+            (("value", held.values), ("pull", held.pulls), ("place", held.places)),
+            "",
+            "side that holds on each kink, its slope in the argument's rate, the state there",
+            {**given},
+            held.sides,
+        ),
+    ]
+
+
+def loop_rows(names: Iterable[str]) -> tuple[Made, ...]:
+    """The rows of single runs of a model, from the names in its `kernel_table`."""
+    return (*LOOPS, *HELD_LOOPS) if "holds" in names else LOOPS
+
+
+def lane_rows(names: Iterable[str]) -> tuple[Made, ...]:
+    """The rows of its sweeps."""
+    return (*LANES, *HELD_LANES) if "holds" in names else LANES
 
 
 def actuator_limits(derivation: Derivation) -> dict[sp.Symbol, tuple[sp.Expr, ...]]:

@@ -12,6 +12,7 @@ MAX_DEPTH: Final = 48
 MAX_REFINEMENTS: Final = 100
 CLOSE: Final = 1e-9  # relative: a Newton step below it is the last
 ON_KINK: Final = 2  # value of `touching` on a kink; on a threshold of v it is 1
+LET_GO: Final = 3  # on a kink that has held the run until now
 JUMPED: Final = (
     1e-6  # part of an argument's change in a step: below it, the argument is on its zero, to rounding
 )

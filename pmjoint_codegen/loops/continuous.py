@@ -23,7 +23,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from pmjoint_codegen.kernels.evaluator import Array, Evaluator, Kernel
+from pmjoint_codegen.kernels.evaluator import Array, Evaluator
 from pmjoint_codegen.loops.constants import DEFECT, GROWTH, ROUNDED_UP, SMALLEST_STEP, UNDECIDED_STEP
 from pmjoint_codegen.loops.polynomial import first_beyond, note_extremum, note_rate, note_value, passes
 from pmjoint_codegen.loops.problem import Memory, Problem, Progress
@@ -31,6 +31,7 @@ from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.loops.stepper import Stepper
 from pmjoint_codegen.loops.steps import allowed_step, arrive, bounds, scales, shrink
 from pmjoint_codegen.loops.steps import values as values_at
+from pmjoint_codegen.loops.stick import Steps, Stick
 
 
 def continuous_loop(
@@ -59,17 +60,16 @@ class _Loop:
     """One run; its methods have the names of the C functions."""
 
     def __init__(self, evaluator: Evaluator, problem: Problem, progress: Progress, memory: Memory) -> None:
-        self.taylor: Kernel = evaluator.kernel("taylor")
-        self.stepper = Stepper(
-            evaluator.kernel("guard"), evaluator.kernel("closed_loop"), problem, progress, memory
-        )
+        self.kernels = Steps(evaluator, ("taylor", "guard", "closed_loop"), progress)
+        self.stepper = Stepper(self.kernels, problem, progress, memory)
+        self.stick = Stick(evaluator, problem, progress, memory)
         self.problem = problem
         self.progress = progress
         self.memory = memory
         self.c: Array = np.empty(0)  # coefficients at t
         self.scales: Array = np.empty(0)  # of the channels at t, for relative errors
         self.term_sums: Array = np.empty(0)  # bounds on the channels within the trial step
-        self.sides: Array = memory.sides
+        self.sides: Array = memory.sides[: problem.n_kinks]
         self.v = problem.n_states  # indices of v and e among the channels
         self.e = problem.n_states + 1
         self.X: Array = memory.state[: problem.n_states].copy()
@@ -91,12 +91,17 @@ class _Loop:
 
     def actuation(self, mode: int) -> Array:
         """A mode and the present sides, as the kernels expect them."""
-        return np.concatenate([self.problem.modes[mode], self.sides])
+        return self.stick.sided(self.problem.modes[mode])
+
+    def delivered(self, v: float) -> Array:
+        """The output w of the actuator at a value of v in the present mode."""
+        mode = self.problem.modes[self.progress.mode]
+        return np.asarray(mode[::2] + mode[1::2] * v)
 
     def expand(self, t: float, X: Array, mode: int) -> Array:
         """Taylor coefficients at (t, X) in a mode, shape (N + 1, channels)."""
         self.progress.evaluations += 1
-        (c,) = self.taylor(np.array([t]), X, self.actuation(mode), self.problem.p)
+        (c,) = self.kernels.taylor(np.array([t]), X, self.actuation(mode), self.problem.p)
         return c.reshape(self.problem.order + 1, self.problem.n_channels)
 
     def start(self) -> None:
@@ -109,6 +114,9 @@ class _Loop:
         progress.mode = int(np.sum(c[0, self.v] > problem.thresholds))
         progress.first_mode = progress.mode
         self.c = self.expand(0.0, self.X, progress.mode)
+        x, w = self.X[: problem.n_plant], self.delivered(float(self.c[0, self.v]))
+        if self.stick.find_rest(self.c[0, self.e + 1 :].tolist(), x, w):
+            self.c = self.expand(0.0, self.X, progress.mode)
         if not np.all(np.isfinite(self.c[:2])):
             progress.status = Status.NON_FINITE
         elif self.beyond():
@@ -158,7 +166,7 @@ class _Loop:
                 progress.last_cut = h if h < first else math.inf
                 progress.touching = -1
                 if index >= 0:
-                    self.cross(index, end)
+                    self.cross(index, end, values)
                 if index >= problem.n_thresholds:
                     self.c = self.expand(end, self.X, progress.mode)
                 return
@@ -221,7 +229,7 @@ class _Loop:
     def pass_at_once(self, index: int) -> None:
         """A threshold or kink is passed at the very start of a step: the coefficients beyond it."""
         progress = self.progress
-        self.cross(index, progress.t)
+        self.cross(index, progress.t, self.c[0])
         progress.idle += index < self.problem.n_thresholds
         self.c = self.expand(progress.t, self.X, progress.mode)
 
@@ -272,16 +280,15 @@ class _Loop:
         progress.integral += size * total
         self.stepper.note_settled(self.c[:, self.e].tolist(), last, size, end)
 
-    def cross(self, index: int, t: float) -> None:
-        """A threshold or a kink is passed at time t."""
-        progress, problem = self.progress, self.problem
-        progress.touching = index
-        if index >= problem.n_thresholds:
-            self.sides[index - problem.n_thresholds] *= -1.0
-            progress.flips += 1
-            if progress.flips > 2 * problem.n_kinks:
-                progress.status = Status.SLIDING
+    def cross(self, index: int, t: float, values: Array) -> None:
+        """A threshold or a kink is passed at time t, where the channels have `values`."""
+        progress, first = self.progress, self.problem.n_thresholds
+        if index >= first:
+            kink, x = index - first, self.X[: self.problem.n_plant]
+            side = float(values[self.e + 1 + kink])
+            self.stick.meet(kink, x, self.delivered(float(values[self.v])), side, first)
             return
+        progress.touching = index
         progress.mode += 1 if index == progress.mode else -1
         self.note_switch(t, progress.mode)
 

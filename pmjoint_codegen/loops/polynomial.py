@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from pmjoint_codegen.kernels.evaluator import Array
-from pmjoint_codegen.loops.constants import CLOSE, JUMPED, MAX_DEPTH, MAX_REFINEMENTS, ON_KINK
+from pmjoint_codegen.loops.constants import CLOSE, JUMPED, LET_GO, MAX_DEPTH, MAX_REFINEMENTS, ON_KINK
 
 EPSILON: Final = sys.float_info.epsilon
 
@@ -127,12 +127,15 @@ def passes(q: list[float], level: float, touching: int, outward: int, h: float) 
     Args:
         q: coefficients.
         level: value to pass.
-        touching: 0; 1 where the run stands on a threshold of v; `ON_KINK` where it stands on a kink.
+        touching: 0; 1 where the run stands on a threshold of v; `ON_KINK` where it stands on a kink; `LET_GO`
+            where that has held it until now.
         outward: direction.
         h: size of the step, s.
     """
     q = [q[0] - level, *q[1:]]
     q[0] = _on_level(q, h, touching)
+    if touching == LET_GO and len(q) > 2 and q[1] * outward > 0.0:
+        q[1] = 0.0  # it leaves at a rate of 0, to rounding
     zeros = leading_zeros(q, h)
     if q[zeros] * outward > 0.0:
         return 0.0

@@ -122,7 +122,8 @@ class Progress:
         status: a `Status`.
         mode: index of the interval of v between thresholds.
         first_mode: mode at t = 0.
-        touching: threshold that v is on at t, n_thresholds + j on kink j, or -1.
+        touching: threshold that v is on at t, n_thresholds + j on kink j, n_kinks more if it has let go, or
+            -1.
         idle: switches since time last advanced.
         flips: changes of side at kinks since time last advanced.
         row: output rows written.
@@ -133,6 +134,8 @@ class Progress:
         sample: index of the next sample.
         buffer: which half of the coefficient memory is current.
         disc: the disc that proved the last step sound.
+        held: the kink that holds the run, or -1.
+        holds: how often a kink has begun to hold it, or has let go.
     """
 
     t: float = 0.0
@@ -154,6 +157,8 @@ class Progress:
     sample: int = 0
     buffer: int = 0
     disc: int = 0
+    held: int = -1
+    holds: int = 0
 
 
 @dataclass(frozen=True)
@@ -171,10 +176,12 @@ class Memory:
         rest: nonlinear parts on it, and defects.
         rates: values inside a step.
         g: the mode, then sides, continuous loop.
-        w: the actuator's output, then sides, sampled loop.
+        w: the actuator's output, then sides.
         window: shape (2 + 2 nx,), for which the guard is known: t and its radius, x and its radii;
         sampled loop.
-        sides: on which side of each kink the run is, +1 or -1.
+        sides: on which side of each kink the run is, +1 or -1; then 1 for the one that holds it.
+        holds: results of the kernel that says whether a kink holds.
+        hold_times: when one begins to hold the run, lets go, and so on, s; empty without kinks.
         sample: X at the last sample, sampled loop.
         rows: shape (n_rows, nX), X at the output instants; the first row is filled in at the start.
         row_samples: shape (n_rows, nX), X at the last sample before each output instant, sampled loop.
@@ -198,6 +205,8 @@ class Memory:
     w: Array
     window: Array
     sides: Array
+    holds: Array
+    hold_times: Array
     sample: Array
     rows: Array
     row_samples: Array
@@ -227,10 +236,12 @@ def make_memory(problem: Problem, x0: Array) -> Memory:
         majorants=np.zeros(padded),
         rest=np.zeros(padded),
         rates=np.zeros(padded),
-        g=np.zeros(2 * problem.n_actuated + problem.n_kinks),
-        w=np.zeros(problem.n_actuated + problem.n_kinks),
+        g=np.zeros(2 * (problem.n_actuated + problem.n_kinks)),
+        w=np.zeros(problem.n_actuated + 2 * problem.n_kinks),
         window=np.full(2 + 2 * problem.n_plant, -1.0),
-        sides=np.ones(problem.n_kinks),
+        sides=np.repeat([1.0, 0.0], problem.n_kinks),
+        holds=np.zeros(problem.n_kinks * (2 + problem.n_plant)),
+        hold_times=np.empty(problem.max_switches if problem.n_kinks else 0),
         sample=x0.copy(),
         rows=np.empty((rows, n)),
         row_samples=np.empty((sampled_rows, n)),

@@ -29,6 +29,7 @@ from pmjoint_codegen.loops.quadrature import short_steps
 from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.loops.stepper import Stepper
 from pmjoint_codegen.loops.steps import bounds, scales, shrink, spread
+from pmjoint_codegen.loops.stick import Steps, Stick
 
 
 def sampled_loop(
@@ -48,10 +49,11 @@ class _Loop:
 
     def __init__(self, evaluator: Evaluator, problem: Problem, progress: Progress, memory: Memory) -> None:
         self.kernel = evaluator.kernel("sample")
-        self.plant_taylor = evaluator.kernel("plant_taylor")
         self.rates = evaluator.kernel("plant")
         self.guard = evaluator.kernel("plant_guard")
-        self.stepper = Stepper(self.guard, self.rates, problem, progress, memory)
+        self.kernels = Steps(evaluator, ("plant_taylor", "plant_guard", "plant"), progress)
+        self.stepper = Stepper(self.kernels, problem, progress, memory)
+        self.stick = Stick(evaluator, problem, progress, memory)
         self.windows = evaluator.manifest.windows
         self.e = problem.n_plant  # index of e among the channels
         self.problem = problem
@@ -151,8 +153,11 @@ class _Loop:
         """Integrate the plant under constant w for the time `length`, to `end`; `c` are the sample's own."""
         for kink, value in enumerate(c[0, self.e + 1 :].tolist()):
             self.set_side(kink, -1.0 if value < 0.0 else 1.0)
-        short = length <= self.problem.max_step and self.smooth(c, length) and self.within(c, length)
-        if not (short and self.shown(c, w, length)):
+        moving = self.progress.held < 0
+        short = (
+            moving and length <= self.problem.max_step and self.smooth(c, length) and self.within(c, length)
+        )
+        if self.progress.held >= 0 or not (short and self.shown(c, w, length)):
             self.long_hold(w, end, rows_until)
             return
         progress = self.progress
@@ -166,7 +171,7 @@ class _Loop:
 
     def actuation(self, w: Array) -> Array:
         """The vector w and the present sides, as the kernels of the plant expect them."""
-        return np.concatenate([w, self.memory.sides])
+        return self.stick.sided(w)
 
     def within(self, c: Array, length: float) -> bool:
         """Whether a hold is one step: the last term is below the tolerance, the one before in proportion."""
@@ -231,11 +236,11 @@ class _Loop:
         t_sample = progress.t
         smallest = SMALLEST_STEP * max(end, 1.0)
         progress.touching, progress.flips, progress.last_cut = -1, 0, math.inf
-        self.find_sides(w)
+        self.stick.find_out(self.find_sides(w), self.x, w)
         while progress.t < end and progress.status == Status.RUNNING:
             left = end - progress.t
             c = self.channels(
-                self.plant_taylor(np.array([progress.t]), self.x, self.actuation(w), problem.p)[0]
+                self.kernels.taylor(np.array([progress.t]), self.x, self.actuation(w), problem.p)[0]
             )
             progress.evaluations += 1
             tau, kink = self.long_step(c, w, left, smallest)
@@ -252,15 +257,19 @@ class _Loop:
                 progress.touching, progress.flips = -1, 0
                 progress.status = Status.DIVERGED if diverging else progress.status
             if kink >= 0 and progress.status == Status.RUNNING:
-                self.flip(kink)
+                side = float((trial if tau > 0.0 else c[0])[self.e + 1 + kink])
+                self.stick.meet(kink, self.x, w, side, 0)
 
-    def find_sides(self, w: Array) -> None:
-        """The sides of all kinks at the state; an argument of 0 leaves its side unchanged."""
-        sides = self.memory.sides
-        for j in range(len(sides)):  # an argument depends on the sides before its own
-            found = self.rates(np.array([self.progress.t]), self.x, self.actuation(w), self.problem.p)
-            value = float(found[2][j])
+    def find_sides(self, w: Array) -> list[float]:
+        """The sides of all kinks at the state, where an argument of 0 leaves its side; the arguments."""
+        sides, count = self.memory.sides, self.problem.n_kinks
+        arguments: list[float] = []
+        for j in range(count):  # an argument depends on the sides before its own
+            given = np.concatenate([w, sides[:count]])
+            arguments = self.rates(np.array([self.progress.t]), self.x, given, self.problem.p)[2].tolist()
+            value = arguments[j]
             self.set_side(j, -1.0 if value < 0.0 else 1.0 if value > 0.0 else float(sides[j]))
+        return arguments
 
     def set_side(self, kink: int, side: float) -> None:
         """Put a kink on a side.
@@ -270,14 +279,6 @@ class _Loop:
         if self.memory.sides[kink] != side:
             self.memory.window[1] = -1.0
         self.memory.sides[kink] = side
-
-    def flip(self, kink: int) -> None:
-        """Go to the other side of a kink."""
-        self.set_side(kink, -float(self.memory.sides[kink]))
-        self.progress.touching = kink
-        self.progress.flips += 1
-        if self.progress.flips > 2 * self.problem.n_kinks:
-            self.progress.status = Status.SLIDING
 
     def long_step(self, c: Array, w: Array, left: float, smallest: float) -> tuple[float, int]:
         """The length of a step of a long hold, up to `left` or the first kink, and that kink or -1.

@@ -17,7 +17,7 @@ from pmjoint_codegen.loops.sampled import sampled_loop
 
 Advance = Callable[[int], None]
 _START: Final = {field.name: field.default for field in fields(Progress)}
-_LAYOUT: Final = Struct("5d14q")  # of `pmj_progress`: five doubles, then integers
+_LAYOUT: Final = Struct("5d16q")  # of `pmj_progress`: five doubles, then integers
 
 
 def make_loop(evaluator: Evaluator, problem: Problem, progress: Progress, memory: Memory) -> Advance:
@@ -53,11 +53,12 @@ class CompiledLoop:
         sampled = bool(problem.sample_time)
         names = ("plant_taylor", "plant_guard", "plant") if sampled else ("taylor", "guard", "closed_loop")
         self._library = lib  # its code runs, so it must stay loaded
-        self._bound = [evaluator.function(name) for name in names]  # the structs point into them
-        self._functions = [function.struct for function in self._bound]
+        held = (*(f"{name}_held" for name in names), "holds") if evaluator.manifest.can_hold else ()
+        self._bound = [evaluator.function(name) for name in (*names, *held)]  # the structs point into them
+        self._kernels = ffi.new("pmj_kernels *", [function.struct for function in self._bound])
         self._run = lib.pmj_sampled if problem.sample_time else lib.pmj_continuous
         self._records = (problem, progress, memory)  # and into these
-        self._arguments = (self._problem[0], *self._functions, self._progress[0], self._memory[0])
+        self._arguments = (self._problem[0], self._kernels, self._progress[0], self._memory[0])
         self._begin = lib.pmj_begin
         self._bytes = ffi.buffer(self._progress[0])
 

@@ -36,9 +36,11 @@ _SENTENCES: Final = {
     Status.STALLED: "stalled at t = {t:.6g} s: no step that time can resolve is shown to follow the model, "
     "as where it is singular or nearly a jump, sigma(y) vanishes or a state grows without bound",
     Status.TOO_MANY_STEPS: "used up {max_steps} steps at t = {t:.6g} s",
-    Status.TOO_MANY_SWITCHES: "used up {max_switches} saturation switches at t = {t:.6g} s",
-    Status.SLIDING: "stuck to a kink at t = {t:.6g} s: the rates on both sides of a sign(...) point to it, "
-    "as where Coulomb friction holds a joint at rest; for what follows, smooth it, such as tanh(x2/0.01)",
+    Status.TOO_MANY_SWITCHES: "used up {max_switches} saturation switches, or changes between stick "
+    "and slip, at t = {t:.6g} s",
+    Status.SLIDING: "stuck to the kink of sign({kink}) at t = {t:.6g} s: the rates on both sides point to "
+    "it, but its side does not enter them as a factor alone, or another kink holds already; smooth it, such "
+    "as tanh(({kink})/0.01)",
     Status.KERNEL_FAILED: "a generated kernel reported a failure at t = {t:.6g} s",
 }
 
@@ -51,6 +53,7 @@ def sentence(
     max_steps: int,
     max_switches: int,
     state: str = "a state",
+    kink: str = "...",
 ) -> str:
     """Describe how a run ended.
 
@@ -61,9 +64,10 @@ def sentence(
         max_steps: limit of the run.
         max_switches: limit of the run.
         state: name of the state that passed the bound.
+        kink: argument of the kink that the run is stuck to.
     """
     return _SENTENCES[status].format(
-        t=t, divergence=divergence, max_steps=max_steps, max_switches=max_switches, state=state
+        t=t, divergence=divergence, max_steps=max_steps, max_switches=max_switches, state=state, kink=kink
     )
 
 

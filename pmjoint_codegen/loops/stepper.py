@@ -10,29 +10,26 @@ import math
 
 import numpy as np
 
-from pmjoint_codegen.kernels.evaluator import Array, Kernel
-from pmjoint_codegen.loops.constants import DEFECT, ON_KINK, ROUNDED_UP
+from pmjoint_codegen.kernels.evaluator import Array
+from pmjoint_codegen.loops.constants import DEFECT, LET_GO, ON_KINK, ROUNDED_UP
 from pmjoint_codegen.loops.polynomial import last_outside, passes
 from pmjoint_codegen.loops.problem import Memory, Problem, Progress
 from pmjoint_codegen.loops.steps import arrive, bounds, shrink
+from pmjoint_codegen.loops.stick import Steps
 
 
 class Stepper:
     """Checks steps of one run.
 
     Args:
-        guard: bounds the nonlinear part of the right-hand side on a disc.
-        rates: the right-hand side.
+        kernels: for the present step.
         problem: of the run.
         progress: of the run.
         memory: of the run.
     """
 
-    def __init__(
-        self, guard: Kernel, rates: Kernel, problem: Problem, progress: Progress, memory: Memory
-    ) -> None:
-        self.guard = guard
-        self.rates = rates
+    def __init__(self, kernels: Steps, problem: Problem, progress: Progress, memory: Memory) -> None:
+        self.kernels = kernels
         self.problem = problem
         self.progress = progress
         self.memory = memory
@@ -55,7 +52,7 @@ class Stepper:
             for disc in [likely, *(i for i in range(problem.n_ratios) if i != likely)]:  # the last one first
                 R = float(problem.ratios[disc]) * h
                 P = bounds(c[1:], R)[: problem.n_rates] * R
-                (rest,) = self.guard(now, start, actuation, problem.p, np.array([R]), P)
+                (rest,) = self.kernels.guard(now, start, actuation, problem.p, np.array([R]), P)
                 miss = float(problem.factors[disc]) * self.largest(rest, h, scales) * allowed
                 if miss <= 1.0:
                     self.progress.disc = disc
@@ -81,7 +78,8 @@ class Stepper:
         """How far the polynomials are from the right-hand side at a time of a step of size tau from t."""
         n = self.problem.n_rates
         values, slopes = arrive(c, at)
-        found = self.rates(np.array([t + at]), np.ascontiguousarray(values[:n]), actuation, self.problem.p)
+        now, start = np.array([t + at]), np.ascontiguousarray(values[:n])
+        found = self.kernels.rates(now, start, actuation, self.problem.p)
         return self.largest(np.concatenate([slopes[:n], values[n:]]) - np.concatenate(found), tau, scales)
 
     def first_kink(
@@ -89,15 +87,31 @@ class Stepper:
     ) -> tuple[int, float]:
         """The kink that is passed first within h and before tau, or -1; the time until then, or tau.
 
-        At the start, the run is on kink `touching`.
+        One that holds the run is found where it lets go. At the start, the run is on kink `touching`, or
+        n_kinks more if that has just let go.
         """
-        first, found = self.problem.n_channels - self.problem.n_kinks, -1
-        for j, side in enumerate(self.memory.sides.tolist()):
+        count = self.problem.n_kinks
+        first, found = self.problem.n_channels - count, -1
+        for j, side in enumerate(self.memory.sides[:count].tolist()):
+            if j == self.progress.held:
+                goes, tau = self.lets_go(c, term_sums, first + j, h, tau)
+                found = j if goes else found
+                continue
             low, high = (0.0, math.inf) if side > 0.0 else (-math.inf, 0.0)
-            on = ON_KINK if touching == j else 0
-            if touching == j or not self.stays(c, term_sums, first + j, low, high, h):
+            on = ON_KINK if touching == j else LET_GO if touching == count + j else 0
+            if on or not self.stays(c, term_sums, first + j, low, high, h):
                 when = passes(c[:, first + j].tolist(), 0.0, on, -1 if side > 0.0 else 1, tau)
                 found, tau = (found, tau) if when is None else (j, when)
+        return found, tau
+
+    def lets_go(self, c: Array, term_sums: Array, channel: int, h: float, tau: float) -> tuple[bool, float]:
+        """Whether the side of a kink that holds the run leaves [-1, 1] before tau, and when, or tau."""
+        found = False
+        if self.stays(c, term_sums, channel, -1.0, 1.0, h):
+            return found, tau
+        for side in (-1, 1):
+            when = passes(c[:, channel].tolist(), float(side), 0, side, tau)
+            found, tau = (found, tau) if when is None else (True, when)
         return found, tau
 
     def note_settled(self, c: list[float], last: float, tau: float, end: float) -> None:

@@ -45,6 +45,7 @@ class Record:
             e(0) is 0 or NaN.
         steps: accepted integration steps.
         wall_s: duration of the run, s.
+        sticks: (from, to) of every interval in which a kink held the plant, as Coulomb friction does, s.
     """
 
     manifest: Manifest
@@ -62,6 +63,7 @@ class Record:
     settling_s: float | None
     steps: int
     wall_s: float
+    sticks: tuple[tuple[float, float], ...] = ()
 
     @property
     def columns(self) -> tuple[str, ...]:

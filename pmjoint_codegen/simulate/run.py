@@ -27,6 +27,7 @@ from pmjoint_codegen.loops.problem import Memory, Problem, Progress, make_memory
 from pmjoint_codegen.loops.select import Advance, CompiledLoop, make_loop
 from pmjoint_codegen.loops.status import Status, sentence
 from pmjoint_codegen.manifest import Manifest
+from pmjoint_codegen.simulate.located import sticks_of, switches_of
 from pmjoint_codegen.simulate.record import RATE, Record, reports_rate
 from pmjoint_codegen.simulate.settings import RunOptions, Settings, make_settings
 from pmjoint_codegen.simulate.signals import signals_of
@@ -187,7 +188,8 @@ class Simulator:
         memory, state = _integrate(self.evaluator, start, prepared.problem, progress)
         known = self._known(prepared, start, memory.rows[: state.row], memory, state)
         status = Status(state.status)
-        ended = {"status": status, "message": _message(manifest, settings, status, state.t, memory)}
+        kink = state.touching - (0 if prepared.problem.sample_time else prepared.problem.n_thresholds)
+        ended = {"status": status, "message": _message(manifest, settings, status, state.t, memory, kink)}
         return {**known, **_figures(manifest, memory, state), **ended}
 
     def _known(
@@ -207,8 +209,9 @@ class Simulator:
             "message": prepared.done,
             "t": problem.times[: state.row],
             "states": rows,
-            "switches": _switches(prepared.actuator, memory, state),
+            "switches": switches_of(prepared.actuator, memory, state),
             "initial_mode": prepared.actuator.labels[state.first_mode],
+            "sticks": sticks_of(memory, state),
             "steps": state.steps,
             "_deferred": deferred,
         }
@@ -341,7 +344,12 @@ def _figures(manifest: Manifest, memory: Memory, state: Progress) -> dict[str, A
 
 
 def _message(
-    manifest: Manifest, settings: Settings, status: Status, t: float, memory: Memory | None = None
+    manifest: Manifest,
+    settings: Settings,
+    status: Status,
+    t: float,
+    memory: Memory | None = None,
+    kink: int = -1,
 ) -> str:
     largest = int(np.argmax(memory.peaks[: manifest.nX])) if memory else 0  # the one that passed the limit
     return sentence(
@@ -351,4 +359,5 @@ def _message(
         max_steps=settings.max_steps,
         max_switches=settings.max_switches,
         state=manifest.states[largest].name,
+        kink=manifest.kinks[kink % len(manifest.kinks)] if manifest.kinks else "",  # that which it is on
     )

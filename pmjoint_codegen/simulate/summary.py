@@ -51,6 +51,7 @@ def summarise(run: Record) -> dict[str, Any]:
         "initial_mode": run.initial_mode,
         "saturation_switches": [[t, label] for t, label in run.switches],
         "saturated_s": saturated_time(run),
+        **stick_summary(run),
         "max_abs_v": finite(run.peaks["v"][0]),
         "ise": finite(run.ise),
         "max_abs_e": finite(run.peaks["e"][0]),
@@ -87,6 +88,16 @@ def held(run: Record) -> bool:
     e, mode = run["e"], run.switches[-1][1] if run.switches else run.initial_mode
     ends = (np.abs(e[-1:]), np.array([run.peaks["e"][0]]), np.array([float(mode != 0)]))
     return bool(holds(np.array([int(run.status)]), *ends)[0])
+
+
+def stick_summary(run: Record) -> dict[str, Any]:
+    """How long and when a kink held the plant, s; nothing of a model where none can."""
+    if not run.manifest.can_hold:
+        return {}
+    return {
+        "stuck_s": sum(end - start for start, end in run.sticks),
+        "sticks": [list(interval) for interval in run.sticks],
+    }
 
 
 def saturated_time(run: Record) -> float:

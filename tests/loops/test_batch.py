@@ -334,7 +334,7 @@ def test_lanes_see_what_is_inside_their_steps(cache: Path, name: str, sample_tim
 
 @pytest.mark.parametrize("sample_time", [0.0, 0.01])
 def test_a_lane_that_sticks_to_a_kink_ends_with_that_status(cache: Path, sample_time: float) -> None:
-    one, _ = changed(cache, "0", ("0", "-0.5*sign(x2)"))
+    one, _ = changed(cache, "0", ("0", "-0.25*sign(x2)*(1 + sign(x2)*sign(x1 - 500))"))
     runs = make_runs(one, 3, horizon=20.0)
     runs = sampled(one, runs, sample_time) if sample_time else runs
     outcome = one.simulate(runs)

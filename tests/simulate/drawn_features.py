@@ -53,6 +53,12 @@ MODELS = {
         "0",
         "fh*sign(x1-fx) + gh*abs(x1-gx) + kh*min(max((x1-kx)/kw, 0), 1)",
     ),
+    # Coulomb's friction, its rise towards rest, more at rest itself; a pulse that may tear it off
+    "stick": (
+        "0",
+        "0",
+        f"-(fh + gh*exp(-(x2/gw)**2) + kh*(1 - sign(x2)**2))*sign(x2) + {PULSE.format('q')}",
+    ),
 }
 FILE = """schema = 1
 name = "drawn"
@@ -116,12 +122,14 @@ class Drawn:
         x0: initial plant states.
         features: what the small steps are told.
         period: sample time, s.
+        rest: what friction can hold at rest, rad/s^2; None where nothing does.
     """
 
     parameters: Mapping[str, float]
     x0: tuple[float, float]
     features: tuple[Feature, ...]
     period: float = PERIODS[0]
+    rest: float | None = None
 
 
 def parameters_of(name: str) -> list[str]:
@@ -153,27 +161,31 @@ def drawn(draw: st.DrawFn, name: str) -> Drawn:
         if one == "f" and name == "angle":  # the law knows phi, and takes its slope
             height = min(height, 100.0 * width)
         # Friction slows: a force that pushes multiplies what it starts from by exp(h/w t).
-        sign = 1.0 if one == "f" and name == "velocity" else draw(SIGNS)
+        slows = (one == "f" and name == "velocity") or (one in "fgk" and name == "stick")
+        sign = 1.0 if slows else draw(SIGNS)
+        height = min(height, 0.5 * width / 0.1) if one == "g" and name == "stick" else height
         own = {"h": sign * height, "t": place, "x": place, "w": width, "d": draw(st.floats(0.01, 1.0))}
         values |= {f"{one}{kind}": own[kind] for kind in kinds}
         if "w" in kinds:
-            over = "t" if "t" in kinds else "x2" if name == "velocity" else "x1"
+            over = "t" if "t" in kinds else "x2" if name in ("velocity", "stick") else "x1"
             features += [
                 Feature(over, place + away, width) for away in ([0.0, own["d"]] if "d" in kinds else [0.0])
             ]
     moving = st.floats(-2.0, 2.0)
     x0 = (0.0, 0.0) if at_rest else (draw(moving), draw(moving))
     swing = 0.0 if at_rest else 1.0
-    return Drawn({**values, "swing": swing}, x0, tuple(features), draw(st.sampled_from(PERIODS)))
+    rest = sum(values[f"{one}h"] for one in "fgk") if name == "stick" else None
+    return Drawn({**values, "swing": swing}, x0, tuple(features), draw(st.sampled_from(PERIODS)), rest)
 
 
 def expected(model: Model, example: Drawn, controller: str, x0: Array) -> Array:
     """States and v at the output instants, by small steps."""
     parameters = make_settings(model.compiled.manifest, parameters=example.parameters).parameters
     if controller == "continuous":
-        return model.equations.continuous(parameters, example.features, x0, instants())
+        return model.equations.continuous(parameters, example.features, x0, instants(), example.rest)
     count = round(HORIZON / example.period)
-    rows = model.equations.sampled(parameters, example.features, x0, count, example.period)
+    features, period = example.features, example.period
+    rows = model.equations.sampled(parameters, features, x0, count, period, example.rest)
     return rows[:: round(STEP / example.period)]
 
 

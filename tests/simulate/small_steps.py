@@ -4,6 +4,9 @@ It shares the symbolic derivation with what it is compared with, and nothing els
 recurrence, no guard. It is told where narrow features are, and never takes more than an eighth of one's width
 while near; saturation and kinks are located on its dense output, and the step is then taken again up to
 there, so that no step crosses one.
+
+Friction is told apart: its ``sign(x2)`` with the side 0 leaves the other forces, A. At x2 = 0 the joint rests
+as long as |A| is less than what friction holds there, which is given as a number; x2' is then 0.
 """
 
 from __future__ import annotations
@@ -125,7 +128,12 @@ class Equations:
         return made
 
     def continuous(
-        self, parameters: Mapping[str, float], features: Sequence[Feature], x0: Array, t: Array
+        self,
+        parameters: Mapping[str, float],
+        features: Sequence[Feature],
+        x0: Array,
+        t: Array,
+        rest: float | None = None,
     ) -> Array:
         """States and v at instants of a run, shape (instants, nX + 1)."""
         p = [parameters[name] for name in self.names]
@@ -136,7 +144,7 @@ class Equations:
             slopes, (v,), _, *kinks = loop((time,), X, (*mode, *sides[2:]))
             return slopes, [v - limit, v + limit, *(kinks[0] if kinks else [])]
 
-        path = Path(rates, features, 2 + self.n_kinks)
+        path = Path(rates, features, 2 + self.n_kinks, None if rest is None else Friction(2, rest))
         X = np.zeros(self.n_states)
         X[: self.n_plant] = x0
         states = np.array(path.along(X, t))
@@ -153,6 +161,7 @@ class Equations:
         x0: Array,
         count: int,
         period: float,
+        rest: float | None = None,
     ) -> Array:
         """States and v at the samples of a run, shape (count + 1, nX + 1); w and y are held in between."""
         p, n = [parameters[name] for name in self.names], self.n_plant
@@ -169,7 +178,7 @@ class Equations:
             flat = [entry for block in filters((y,), X[n:], (u,)) for entry in block]
             return [*slopes, *flat, *compensator((y,), X[n:], (du,))[0]], list(kinks[0] if kinks else [])
 
-        path = Path(rates, features, self.n_kinks)
+        path = Path(rates, features, self.n_kinks, None if rest is None else Friction(0, rest))
         for k in range(count + 1):
             v = loop((k * period,), X.tolist(), (0.0, 1.0, *[1.0] * self.n_kinks))[1][0]
             rows.append([*X.tolist(), v])
@@ -189,22 +198,65 @@ class Steps(DOP853):  # type: ignore[misc]
         return 0.0 if math.isnan(norm) and bool(np.all(np.isfinite(K))) else norm
 
 
+@dataclass(frozen=True)
+class Friction:
+    """Coulomb's friction.
+
+    Attributes:
+        side: which of the sides is that of its ``sign(x2)``.
+        level: what it holds at rest, rad/s^2.
+    """
+
+    side: int
+    level: float
+
+
 class Path:
     """A run between located changes of side."""
 
-    def __init__(self, rates: Rates, features: Sequence[Feature], count: int) -> None:
-        self.rates = rates
+    def __init__(
+        self, rates: Rates, features: Sequence[Feature], count: int, friction: Friction | None = None
+    ) -> None:
+        self.given = rates
+        self.friction = friction
         self.over_t = [feature for feature in features if feature.over == "t"]
         self.over_x1 = [feature for feature in features if feature.over == "x1"]
         self.over_x2 = [feature for feature in features if feature.over == "x2"]
         self.count = count
+
+    def rates(self, t: float, X: Any, sides: Sequence[float]) -> tuple[list[float], list[float]]:
+        """The rates and what tells the sides; at rest x2' is 0."""
+        slopes, arguments = self.given(t, X, sides)
+        if self.friction is not None and sides[self.friction.side] == 0.0:
+            arguments[self.friction.side] = self.friction.level - abs(slopes[1])
+            slopes[1] = 0.0
+        return slopes, arguments
+
+    def met(self, t: float, X: Array, sides: list[float], crossed: int) -> None:
+        """A side changes, or the joint comes to rest, or leaves it."""
+        if self.friction is None or crossed != self.friction.side:
+            sides[crossed] = -sides[crossed]
+            return
+        was, sides[crossed] = sides[crossed], 0.0
+        force = self.given(t, X.tolist(), sides)[0][1]
+        if was == 0.0:
+            sides[crossed] = math.copysign(1.0, force)
+        elif abs(force) < self.friction.level:
+            X[1] = 0.0
+        else:
+            sides[crossed] = -was
 
     def along(self, X: Array, t: Array) -> list[Array]:
         """States at instants; the first is that of X."""
         now, rows, flips = float(t[0]), [X.copy()], 0
         sides = [1.0] * self.count
         for _ in range(self.count + 1):  # an argument may depend on the sides before its own
-            sides = [-1.0 if value < 0 else 1.0 for value in self.rates(now, X.tolist(), sides)[1]]
+            sides = [-1.0 if value < 0 else 1.0 for value in self.given(now, X.tolist(), sides)[1]]
+        if self.friction is not None and X[1] == 0.0:
+            self.met(now, X, sides, self.friction.side)
+            if sides[self.friction.side] != 0.0:  # it is torn off at once
+                sides[self.friction.side] = 0.0
+                self.met(now, X, sides, self.friction.side)
         while len(rows) < len(t):
             end, X, crossed = self._smooth(now, X, float(t[-1]), sides, t[len(rows) :], rows)
             flips = flips + 1 if end == now else 0
@@ -212,7 +264,7 @@ class Path:
                 raise SlidingError(f"t = {now}")
             now = end
             if crossed >= 0:
-                sides[crossed] = -sides[crossed]
+                self.met(now, X, sides, crossed)
         return rows
 
     def longest(self, t: float, X: Array, slopes: Array) -> float:
@@ -266,7 +318,8 @@ class Path:
 
     def _signed(self, t: float, X: Array, sides: list[float]) -> Array:
         """What tells the sides, positive where it is on its own."""
-        signed: Array = np.array(self.rates(t, X.tolist(), sides)[1]) * np.array(sides)
+        values, sided = np.array(self.rates(t, X.tolist(), sides)[1]), np.array(sides)
+        signed: Array = np.where(sided == 0.0, values, values * sided)
         return signed
 
     def _crossing(

@@ -18,7 +18,7 @@ from pmjoint_codegen.check.oracles.precise import Numbers
 from pmjoint_codegen.check.oracles.reference import Array, Reference, reference_of
 from pmjoint_codegen.check.result import Difference, GateResult, failed, passed
 from pmjoint_codegen.check.subject import Subject
-from pmjoint_codegen.emit.table import LOOPS, Guard
+from pmjoint_codegen.emit.table import Guard, loop_rows
 from pmjoint_codegen.manifest import Function
 
 SEED = 20260117
@@ -32,7 +32,7 @@ def check(subject: Subject) -> GateResult:
     evaluator = subject.compiled or subject.interpreted
     random = np.random.default_rng(SEED)
     worst, values, first = 0.0, 0, None
-    for guard in (row for row in LOOPS if isinstance(row, Guard)):
+    for guard in (row for row in loop_rows(subject.table) if isinstance(row, Guard)):
         function = subject.manifest.function(guard.name)
         reference = reference_of(subject.derivation, subject.table[guard.of])
         found = batches(subject.interpreted, function, POINTS, SEED, extreme=False, features=subject.features)

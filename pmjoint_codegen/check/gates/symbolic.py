@@ -25,7 +25,7 @@ from pmjoint_codegen.check.oracles.reference import (
 )
 from pmjoint_codegen.check.result import Difference, GateResult, failed, not_run, passed
 from pmjoint_codegen.check.subject import Subject
-from pmjoint_codegen.emit.table import LOOPS, Guard, Taylor
+from pmjoint_codegen.emit.table import Guard, Taylor, loop_rows
 from pmjoint_codegen.kernels.tape import Tape
 from pmjoint_codegen.manifest import Function
 from pmjoint_derive.closed_loop import column_name
@@ -87,7 +87,7 @@ def check(subject: Subject) -> GateResult:
     mismatch = vocabulary_mismatch(subject)
     if mismatch:
         return failed(mismatch)
-    judgements, guards = [], [row.name for row in LOOPS if isinstance(row, Guard)]
+    judgements, guards = [], [row.name for row in loop_rows(subject.table) if isinstance(row, Guard)]
     for function in subject.manifest.functions:
         if function.name in guards:
             continue
@@ -110,7 +110,7 @@ def vocabulary_mismatch(subject: Subject) -> str:
         "partial derivatives": (manifest.partials, partials),
         "kernels": (
             tuple(item.name for item in manifest.functions),
-            (*subject.table, *(row.name for row in LOOPS)),
+            (*subject.table, *(row.name for row in loop_rows(subject.table))),
         ),
     }
     return "; ".join(f"{what}: {a} in model.json, {b} derived" for what, (a, b) in pairs.items() if a != b)
@@ -121,7 +121,7 @@ def kernel_reference(subject: Subject, function: Function) -> Reference:
     derivation, table, manifest = subject.derivation, subject.table, subject.manifest
     if function.name in table:
         return reference_of(derivation, table[function.name])
-    for row in LOOPS:
+    for row in loop_rows(table):
         if row.name == function.name and isinstance(row, Taylor):
             return taylor_reference(row.name, derivation, table[row.of], row.order or manifest.order)
     plant = taylor_reference("plant_taylor", derivation, table["plant"], manifest.hold_order)

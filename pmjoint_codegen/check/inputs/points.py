@@ -131,15 +131,15 @@ def _arguments(
     special: Mapping[str, Callable[[int], Array]] = {
         "p": lambda _size: parameter_values(manifest, count, random),
         "t": lambda size: random.uniform(0.0, manifest.simulation.horizon, (count, size)),
-        "g": lambda _size: _with_sides(_modes(evaluator, count, random), manifest, random),
+        "g": lambda size: _with_sides(_modes(evaluator, count, random), manifest, random, size),
         "R": lambda size: 10.0 ** random.uniform(-4.0, 2.0, (count, size)),
         "P": lambda size: 10.0 ** random.uniform(-4.0, 2.0, (count, size)),
     }
-    if manifest.kinks and ("w", manifest.nw + len(manifest.kinks)) in function.inputs:
+    if manifest.kinks and dict(function.inputs).get("w", 0) > manifest.nw:
         special = {
             **special,
             "w": lambda size: _with_sides(
-                draw(count * manifest.nw).reshape(count, manifest.nw), manifest, random
+                draw(count * manifest.nw).reshape(count, manifest.nw), manifest, random, size
             ),
         }
     return tuple(
@@ -165,10 +165,14 @@ def _modes(evaluator: Evaluator, count: int, random: np.random.Generator) -> Arr
     return np.ascontiguousarray(modes[random.integers(0, len(modes), count)])
 
 
-def _with_sides(actuation: Array, manifest: Manifest, random: np.random.Generator) -> Array:
-    """The given actuator entries, then a random side of every kink."""
-    sides = random.choice(np.array([-1.0, 1.0]), (len(actuation), len(manifest.kinks)))
-    return np.ascontiguousarray(np.hstack([actuation, sides]))
+def _with_sides(actuation: Array, manifest: Manifest, random: np.random.Generator, size: int) -> Array:
+    """The given actuator entries, then a random side of every kink, then, to `size`, which of them holds."""
+    kinks = len(manifest.kinks)
+    sides = random.choice(np.array([-1.0, 1.0]), (len(actuation), kinks))
+    flags = np.empty((len(actuation), 0))
+    if size > actuation.shape[1] + kinks:  # one or none
+        flags = np.eye(kinks + 1, kinks)[random.integers(0, kinks + 1, len(actuation))]
+    return np.ascontiguousarray(np.hstack([actuation, sides, flags]))
 
 
 def _actuator(evaluator: Evaluator) -> Actuator:

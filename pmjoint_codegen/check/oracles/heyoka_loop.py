@@ -10,17 +10,20 @@ run-time parameter of heyoka's, so many runs need only one compilation; other pa
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 import sympy as sp
 
+from pmjoint_codegen.check.oracles.heyoka_events import MOST_FLIPS, Crossings
 from pmjoint_codegen.check.oracles.heyoka_kinks import UNIT, Kinks, SlidingError, UntrustedError
+from pmjoint_codegen.check.oracles.heyoka_rests import Rests
 from pmjoint_codegen.check.oracles.program import Program, compile_program
 from pmjoint_codegen.check.subject import Subject
 from pmjoint_codegen.check.trajectory import ACCURACY, Switches, Trajectory
+from pmjoint_codegen.emit.stick import NEVER
 from pmjoint_codegen.loops.modes import Actuator
 
 Array = npt.NDArray[np.float64]
@@ -33,8 +36,10 @@ POINTS: Final = (0.25, 0.5, 0.75, 1.0)  # of a step, where its polynomial is com
 TRUSTED: Final = (
     0.1 * ACCURACY
 )  # allowed deviation of a run from its equations: the defect's integral, relative
-MOST_FLIPS: Final = 10_000  # of sides in a run; more is sliding by ever shorter steps
 ONE_THRESHOLD: Final = 1e-3 * ACCURACY  # relative distance below which two thresholds are one
+
+
+FREE: Final = -1  # no kink holds
 
 
 class Expressions:
@@ -106,7 +111,7 @@ class Loop:
         *right, self._v = translated(program, heyoka.time)
         self._system = list(zip(variables, right, strict=True))
         jacobian = heyoka.diff_tensors(right, diff_args=variables).jacobian
-        self._rates = heyoka.cfunc([*right, *np.ravel(jacobian)], vars=variables)
+        self._rates = {FREE: heyoka.cfunc([*right, *np.ravel(jacobian)], vars=variables)}
         gradient = heyoka.diff_tensors([self._v], diff_args=variables).gradient
         self._law = heyoka.cfunc([self._v, *gradient], vars=variables)
         self._arguments = translated(arguments, heyoka.time)
@@ -122,7 +127,16 @@ class Loop:
             if kernel.sides
             else None
         )
-        self._solvers: dict[int, tuple[Any, _Crossings]] = {}
+        holds = dict(subject.table["holds"].outputs)["value"] if "holds" in subject.table else ()
+        self._rests: Final = Rests(
+            heyoka,
+            [kink for kink, side in enumerate(holds) if side != NEVER],
+            translated(arguments, clock),
+            [*variables, clock],
+            right,
+            self._width - len(kernel.sides),
+        )
+        self._solvers: dict[tuple[int, int], tuple[Any, Crossings]] = {}
 
     def run(self, t: Array, start: Array, limit: float, actuator: Actuator) -> Trajectory:
         """Integrate, changing mode or side where v crosses a threshold, or a kink's argument zero.
@@ -155,26 +169,50 @@ class Loop:
         coarse = without_narrow_modes(actuator)
         thresholds = coarse.thresholds.tolist()
         mode = int(np.searchsorted(thresholds, self.law(t[:1], start[np.newaxis], limit)[0, 0]))
-        solver, crossings = self._solver(len(thresholds))
         given = np.array([*coarse.modes[mode], *[1.0] * self._n_kinks, limit])
-        if self._kinks is not None:
-            given[self._sides] = self._kinks.begin(float(t[0]), start, given)
-        crossings.begin(coarse.modes.tolist(), mode, float(t[0]), given)
-        solver.reset_cooldowns()
-        solver.time, solver.state[:] = float(t[0]), start
-        solver.pars[:] = [*given, *thresholds]
+        held, found, defect = self._begin(float(t[0]), start, given), list[tuple[float, int]](), 0.0
         states = np.full((len(t), len(start)), np.nan)
-        output = solver.propagate_until(float(t[-1]), max_delta_t=longest, c_output=True)[4]
-        if crossings.ended is not None:
-            raise crossings.ended
-        reached = 0 if output is None else int(np.searchsorted(t, output.bounds[1], side="right"))
-        if reached:
-            states[:reached] = output(np.ascontiguousarray(t[:reached]))
-        if reached == len(t):
-            self._trust(output, crossings.along)
+        time, state, reached = float(t[0]), start, 0
+        for _ in range(MOST_FLIPS):  # from one change between stick and slip to the next
+            solver, crossings = self._solver(len(thresholds), held)
+            crossings.begin(coarse.modes.tolist(), time, given)
+            solver.reset_cooldowns()
+            solver.time, solver.state[:] = time, state
+            solver.pars[:] = [*given, *thresholds]
+            output = solver.propagate_until(float(t[-1]), max_delta_t=longest, c_output=True)[4]
+            if crossings.ended is not None:
+                raise crossings.ended
+            found += crossings.found
+            if output is not None:
+                first, reached = reached, int(np.searchsorted(t, output.bounds[1], side="right"))
+                if reached > first:
+                    states[first:reached] = output(np.ascontiguousarray(t[first:reached]))
+                if reached == len(t) or crossings.rest is not None:
+                    defect = self._trust(output, crossings.along, held, defect)
+            if crossings.rest is None:
+                break
+            time, state, given = float(solver.time), np.array(solver.state), crossings.along[-1][1].copy()
+            held = self._rest(crossings.rest, held, given)
         values = np.hstack([states, self.law(t, states, limit)[:, :1]])
-        labels = [(time, coarse.labels[place]) for time, place in crossings.found]
+        labels = [(time, coarse.labels[place]) for time, place in found]
         return Trajectory((*self.names, "v"), t, values, _changes(coarse.labels[mode], labels))
+
+    def _begin(self, t: float, start: Array, given: Array) -> int:
+        """Set the sides at the start; the kink that holds the run there, or `FREE`."""
+        if self._kinks is None:
+            return FREE
+        arguments = self._kinks.values(np.array([t]), start[np.newaxis], given[np.newaxis])[0][0]
+        for kink in np.flatnonzero(arguments == 0.0).tolist():
+            if self._rests.holds(kink, t, start, given):
+                return self._rest((kink, 0.0), FREE, given)
+        given[self._sides] = self._kinks.begin(t, start, given)
+        return FREE
+
+    def _rest(self, change: tuple[int, float], held: int, given: Array) -> int:
+        """A kink begins to hold the run, with the side 0, or lets go to another; gives the one that holds."""
+        kink, side = change
+        given[self._sides.start + kink] = side
+        return FREE if held == kink else kink
 
     def law(self, t: Array, states: Array, limit: float) -> Array:
         """v, and its derivatives with respect to the states, shape (rows, 1 + nX)."""
@@ -188,7 +226,7 @@ class Loop:
         )
         return np.asarray(values, dtype=np.float64).T
 
-    def defect(self, output: Any, given: Array) -> Array:
+    def defect(self, output: Any, given: Array, held: int) -> Array:
         """Deviation of every step from the equations, shape (steps,): the worst |p' - f| times its length.
 
         Relative to max(1, |X_i|), beyond rounding.
@@ -196,6 +234,7 @@ class Loop:
         Args:
             output: heyoka's continuous output.
             given: parameters step by step, shape (steps, parameters).
+            held: the kink that holds the run, or `FREE`.
 
         Raises:
             UntrustedError: a kink's argument is on the wrong side.
@@ -213,7 +252,7 @@ class Loop:
             # Not by the terms above: a step between two events at one instant has length 0.
             lower = powers[1:] * tau[:, np.newaxis] ** powers[:-1]
             slopes = (output.tcs[:, :, 1:] * lower[:, np.newaxis, :]).sum(axis=2)
-            rates, slopes_of_rates = self._of_rates(t, states, given)
+            rates, slopes_of_rates = self._of_rates(t, states, given, held)
             sizes = np.maximum(1.0, np.abs(states))
             # Terms of a rate cancel, at high gain most of all.
             terms_of_rates = np.sum(np.abs(slopes_of_rates) * sizes[:, np.newaxis, :], axis=2)
@@ -226,29 +265,36 @@ class Loop:
                     raise UntrustedError(f"misses a kink near t = {float(t[np.argmax(wrong)]):.6g} s")
         return worst
 
-    def _of_rates(self, t: Array, states: Array, given: Array) -> tuple[Array, Array]:
+    def _of_rates(self, t: Array, states: Array, given: Array, held: int = FREE) -> tuple[Array, Array]:
         """X', shape (rows, nX), and its derivatives with respect to X, shape (rows, nX, nX)."""
-        values = self._rates(
+        compiled = self._rates[held]
+        values = compiled(
             np.ascontiguousarray(states.T),
-            pars=np.ascontiguousarray(given.T[: self._rates.nparams]),
+            pars=np.ascontiguousarray(given.T[: compiled.nparams]),
             time=np.ascontiguousarray(t),
         )
         count = len(self.names)
         both = np.asarray(values, dtype=np.float64).T
         return both[:, :count], both[:, count:].reshape(-1, count, count)
 
-    def _trust(self, output: Any, along: Sequence[tuple[float, Array]]) -> None:
-        """Raise `UntrustedError` if a run deviates from its equations, or leaves a side wrongly."""
+    def _trust(self, output: Any, along: Sequence[tuple[float, Array]], held: int, before: float) -> float:
+        """Raise `UntrustedError` if a run deviates from its equations, or leaves a side wrongly.
+
+        Gives the deviation up to here, of which `before` is that of earlier pieces.
+        """
         began = np.array([t for t, _ in along])
         given = np.array([parameters for _, parameters in along])
         middles = 0.5 * (output.times[:-1] + output.times[1:])
-        defects = self.defect(output, given[np.searchsorted(began, middles, side="right") - 1])
-        if not float(np.sum(defects)) <= TRUSTED:
+        places = np.maximum(np.searchsorted(began, middles, side="right") - 1, 0)
+        defects = self.defect(output, given[places], held)
+        total = before + float(np.sum(defects))
+        if not total <= TRUSTED:
             place = int(np.argmax(np.where(np.isnan(defects), np.inf, defects)))
             raise UntrustedError(
-                f"leaves its equations by {float(np.sum(defects)):.3g} in all, "
+                f"leaves its equations by {total:.3g} in all, "
                 f"most of it near t = {float(output.times[place]):.6g} s"
             )
+        return total
 
     def scales(self, trajectory: Trajectory, limit: float) -> Array:
         """Scales of the errors of a trajectory's entries, shape (rows, columns).
@@ -270,91 +316,37 @@ class Loop:
         """Indices of the sides among the parameters."""
         return slice(self._width - self._n_kinks, self._width)
 
-    def _solver(self, count: int) -> tuple[Any, _Crossings]:
-        """A solver for a number of thresholds, and the record that its events use."""
-        if count not in self._solvers:
-            crossings, first, kinks = _Crossings(), self._width + 1, self._kinks
+    def _solver(self, count: int, held: int) -> tuple[Any, Crossings]:
+        """A solver for a number of thresholds and a kink that holds, and the record that its events use."""
+        if held not in self._rates:
+            right, variables = self._rests.systems[held], [variable for variable, _ in self._system]
+            jacobian = self._heyoka.diff_tensors(right, diff_args=variables).jacobian
+            self._rates[held] = self._heyoka.cfunc([*right, *np.ravel(jacobian)], vars=variables)
+        if (count, held) not in self._solvers:
+            crossings, first, kinks = Crossings(), self._width + 1, self._kinks
             thresholds = [self._heyoka.par[first + place] for place in range(count)]
             events = [(self._v - level, crossings.crossing(i)) for i, level in enumerate(thresholds)]
             if kinks is not None:
                 arguments = zip(self._arguments, kinks.moving, strict=True)
                 events += [
-                    (argument, crossings.flipping(kinks, i))
+                    (argument, crossings.flipping(kinks, self._rests if held == FREE else None, i))
                     for i, (argument, moving) in enumerate(arguments)
-                    if moving
+                    if moving and i != held
                 ]
+            system = self._system
+            if held != FREE:
+                ends = [(self._rests.sides[held] - end, end) for end in (-1.0, 1.0)]
+                events += [(value, crossings.letting_go(held, end)) for value, end in ends]
+                variables = [variable for variable, _ in self._system]
+                system = list(zip(variables, self._rests.systems[held], strict=True))
             solver = self._heyoka.taylor_adaptive(
-                self._system,
+                system,
                 [0.0] * len(self.names),
                 pars=[0.0] * (first + count),
                 t_events=[self._heyoka.t_event(value, callback=callback) for value, callback in events],
             )
-            self._solvers[count] = solver, crossings
-        return self._solvers[count]
-
-
-class _Crossings:
-    """The data that the events of a solver share with the run.
-
-    Attributes:
-        found: (t in s, mode that begins) in order.
-        along: (t in s, parameters from there on) in order; the first is the start's.
-        ended: why the run ended.
-    """
-
-    def __init__(self) -> None:
-        """Start without findings."""
-        self._modes: list[list[float]] = []
-        self.found: list[tuple[float, int]] = []
-        self.along: list[tuple[float, Array]] = []
-        self.ended: UntrustedError | None = None
-
-    def begin(self, modes: list[list[float]], mode: int, t: float, given: Array) -> None:
-        """Prepare for a run.
-
-        Args:
-            modes: offsets and slopes of every channel, for every mode.
-            mode: the first.
-            t: s.
-            given: parameters at the start: offsets and slopes, sides, limit.
-        """
-        self._modes, self.found, self.along, self.ended = modes, [], [(t, given.copy())], None
-
-    def crossing(self, place: int) -> Callable[[Any, int], bool]:
-        """The callback for a crossing of a threshold by v: the mode on its other side begins."""
-
-        def crossed(solver: Any, direction: int) -> bool:
-            mode = place + 1 if direction > 0 else place
-            given = self.along[-1][1].copy()
-            given[: len(self._modes[mode])] = self._modes[mode]
-            self.found.append((float(solver.time), mode))
-            return self._go_on(solver, given)
-
-        return crossed
-
-    def flipping(self, kinks: Kinks, place: int) -> Callable[[Any, int], bool]:
-        """The callback for a zero of a kink's argument: its other side begins, unless it points back."""
-
-        def flipped(solver: Any, direction: int) -> bool:
-            t, given = float(solver.time), self.along[-1][1].copy()
-            try:
-                if direction == 0 or len(self.along) > MOST_FLIPS:
-                    raise (
-                        SlidingError(t) if direction else UntrustedError(f"rests on a kink at t = {t:.6g} s")
-                    )
-                sides = kinks.flip(place, float(direction), t, np.array(solver.state), given.copy())
-            except UntrustedError as error:
-                self.ended = error
-                return False
-            given[len(given) - 1 - kinks.count : len(given) - 1] = sides
-            return self._go_on(solver, given)
-
-        return flipped
-
-    def _go_on(self, solver: Any, given: Array) -> bool:
-        solver.pars[: len(given)] = given
-        self.along.append((float(solver.time), given))
-        return True
+            self._solvers[count, held] = solver, crossings
+        return self._solvers[count, held]
 
 
 def operation_count(program: Program) -> int:

@@ -1,4 +1,4 @@
-#include "pmjoint_runtime.h"
+#include "stick.h"
 
 #include <float.h>
 #include <math.h>
@@ -15,16 +15,17 @@ static const double *actuation(const pmj_problem *problem, const pmj_memory *mem
     for (long long i = 0; i < size; ++i) {
         memory->g[i] = problem->modes[mode * size + i];
     }
-    for (long long j = 0; j < problem->n_kinks; ++j) {
+    for (long long j = 0; j < 2 * problem->n_kinks; ++j) {
         memory->g[size + j] = memory->sides[j];
     }
     return memory->g;
 }
 
 /* Taylor coefficients at (t, X) in the given mode, into half `buffer`; 0 is success. */
-static int expand(const pmj_problem *problem, const pmj_function *taylor, pmj_progress *progress,
+static int expand(const pmj_problem *problem, const pmj_kernels *run, pmj_progress *progress,
                   const pmj_memory *memory, double t, const double *X, long long mode, long long buffer)
 {
+    const pmj_function *taylor = pmj_taylor_now(run, progress);
     taylor->arg[0] = &t;
     taylor->arg[1] = X;
     taylor->arg[2] = actuation(problem, memory, mode);
@@ -93,7 +94,7 @@ static long long first_passage(const pmj_problem *problem, const pmj_progress *p
             }
         }
     }
-    const long long kink = pmj_first_kink(problem, memory, c, progress->touching - problem->n_thresholds, h, tau);
+    const long long kink = pmj_first_kink(problem, memory, c, progress->touching - problem->n_thresholds, progress->held, h, tau);
     found = kink >= 0 ? problem->n_thresholds + kink : found;
     return found;
 }
@@ -139,7 +140,7 @@ static void note_switch(const pmj_problem *problem, pmj_progress *progress, cons
 }
 
 /* First call: the sides and the mode at t = 0, and the coefficients there. */
-static void start(const pmj_problem *problem, const pmj_function *taylor, pmj_progress *progress,
+static void start(const pmj_problem *problem, const pmj_kernels *run, pmj_progress *progress,
                   const pmj_memory *memory)
 {
     const long long n = problem->n_states;
@@ -151,14 +152,17 @@ static void start(const pmj_problem *problem, const pmj_function *taylor, pmj_pr
         memory->sides[j] = 1.0;
     }
     for (long long pass = 0; pass <= problem->n_kinks; ++pass) { /* an argument depends on the sides before its own */
-        failed |= expand(problem, taylor, progress, memory, 0.0, memory->state, 0, 0);
+        failed |= expand(problem, run, progress, memory, 0.0, memory->state, 0, 0);
         for (long long j = 0; j < problem->n_kinks; ++j) {
             memory->sides[j] = c[n + 2 + j] < 0.0 ? -1.0 : 1.0;
         }
     }
     progress->mode = pmj_mode_at(problem, c[n]);
     progress->first_mode = progress->mode;
-    failed |= expand(problem, taylor, progress, memory, 0.0, memory->state, progress->mode, 0);
+    failed |= expand(problem, run, progress, memory, 0.0, memory->state, progress->mode, 0);
+    pmj_deliver(problem, progress, memory, c[n]);
+    const int holds = pmj_find_rest(problem, run, progress, memory, c + n + 2);
+    failed |= holds < 0 || (holds && expand(problem, run, progress, memory, 0.0, memory->state, progress->mode, 0));
     if (failed) {
         progress->status = PMJ_KERNEL_FAILED;
     } else if (!pmj_all_finite(c, 2 * problem->n_channels)) {
@@ -176,20 +180,17 @@ static void start(const pmj_problem *problem, const pmj_function *taylor, pmj_pr
     }
 }
 
-/* A threshold or a kink is passed at time t. */
-static void cross(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory, long long index,
-                  double t)
+/* A threshold or a kink is passed at time t, where the channels have `values`. */
+static void cross(const pmj_problem *problem, const pmj_kernels *run, pmj_progress *progress, const pmj_memory *memory,
+                  long long index, double t, const double *values)
 {
-    progress->touching = index;
     if (index >= problem->n_thresholds) {
         const long long j = index - problem->n_thresholds;
-        memory->sides[j] = -memory->sides[j];
-        progress->flips += 1;
-        if (progress->flips > 2 * problem->n_kinks) {
-            progress->status = PMJ_SLIDING;
-        }
+        pmj_deliver(problem, progress, memory, values[problem->n_states]);
+        pmj_meet(problem, run, progress, memory, t, j, values[problem->n_states + 2 + j], problem->n_thresholds);
         return;
     }
+    progress->touching = index;
     progress->mode += index == progress->mode ? 1 : -1;
     note_switch(problem, progress, memory, t, progress->mode);
 }
@@ -264,9 +265,9 @@ static void accept(const pmj_problem *problem, pmj_progress *progress, const pmj
 static void pass_at_once(const pmj_problem *problem, const pmj_kernels *run, pmj_progress *progress,
                          const pmj_memory *memory, long long index)
 {
-    cross(problem, progress, memory, index, progress->t);
+    cross(problem, run, progress, memory, index, progress->t, coefficients(problem, memory, progress->buffer));
     progress->idle += index < problem->n_thresholds;
-    if (expand(problem, run->taylor, progress, memory, progress->t, memory->state, progress->mode, progress->buffer)) {
+    if (expand(problem, run, progress, memory, progress->t, memory->state, progress->mode, progress->buffer)) {
         progress->status = PMJ_KERNEL_FAILED;
     }
 }
@@ -298,7 +299,7 @@ static void step(const pmj_problem *problem, const pmj_kernels *run, pmj_progres
     const double first = first_step(problem, progress, memory, c, remaining);
     double h = first;
     for (;;) {
-        h = pmj_guarded(problem, run->guard, progress, memory, actuation(problem, memory, progress->mode), c, h, smallest);
+        h = pmj_guarded(problem, pmj_guard_now(run, progress), progress, memory, actuation(problem, memory, progress->mode), c, h, smallest);
         if (!(h > 0.0)) {
             progress->status = h < 0.0 ? PMJ_KERNEL_FAILED
                                : pmj_all_finite(c, (problem->order + 1) * width) ? PMJ_STALLED : PMJ_NON_FINITE;
@@ -317,11 +318,11 @@ static void step(const pmj_problem *problem, const pmj_kernels *run, pmj_progres
         const long long mode = progress->mode
                                + (index < 0 || index >= problem->n_thresholds ? 0 : index == progress->mode ? 1 : -1);
         pmj_arrive(c, width, problem->order, tau, memory->trial, memory->slope);
-        if (expand(problem, run->taylor, progress, memory, end, memory->trial, mode, 1 - progress->buffer)) {
+        if (expand(problem, run, progress, memory, end, memory->trial, mode, 1 - progress->buffer)) {
             progress->status = PMJ_KERNEL_FAILED;
             return;
         }
-        const double miss = missed(problem, run->rates, progress, memory, c, next, tau);
+        const double miss = missed(problem, pmj_rates_now(run, progress), progress, memory, c, next, tau);
         if (miss < 0.0) {
             progress->status = PMJ_KERNEL_FAILED;
             return;
@@ -332,10 +333,10 @@ static void step(const pmj_problem *problem, const pmj_kernels *run, pmj_progres
             progress->last_cut = h < first ? h : HUGE_VAL;
             progress->touching = -1;
             if (index >= 0) {
-                cross(problem, progress, memory, index, end);
+                cross(problem, run, progress, memory, index, end, memory->trial);
             }
             if (index >= problem->n_thresholds
-                && expand(problem, run->taylor, progress, memory, end, memory->state, progress->mode, progress->buffer)) {
+                && expand(problem, run, progress, memory, end, memory->state, progress->mode, progress->buffer)) {
                 progress->status = PMJ_KERNEL_FAILED;
             }
             return;
@@ -352,7 +353,7 @@ static void step(const pmj_problem *problem, const pmj_kernels *run, pmj_progres
 /* Reset a run to start from `memory->state`: `progress` and `memory` become as when they were made. */
 void pmj_begin(const pmj_problem *problem, pmj_progress *progress, pmj_memory *memory)
 {
-    const pmj_progress fresh = {.touching = -1, .row = 1, .last_cut = HUGE_VAL};
+    const pmj_progress fresh = {.touching = -1, .row = 1, .last_cut = HUGE_VAL, .held = -1};
     *progress = fresh;
     for (long long i = 0; i < problem->n_states; ++i) {
         memory->rows[i] = memory->state[i];
@@ -365,23 +366,25 @@ void pmj_begin(const pmj_problem *problem, pmj_progress *progress, pmj_memory *m
         memory->peaks[i] = 0.0;
         memory->peak_times[i] = 0.0;
     }
+    for (long long j = 0; j < problem->n_kinks; ++j) {
+        memory->sides[problem->n_kinks + j] = 0.0;
+    }
 }
 
 /* Advance the closed loop by at most `budget` steps; `progress->status` records whether and how it ended.
  * Between calls the caller may read `progress`, report it, or stop. `memory->state` starts as X(0). */
-void pmj_continuous(const pmj_problem *problem, const pmj_function *taylor, const pmj_function *guard,
-                    const pmj_function *rates, pmj_progress *progress, pmj_memory *memory, long long budget)
+void pmj_continuous(const pmj_problem *problem, const pmj_kernels *run, pmj_progress *progress, pmj_memory *memory,
+                    long long budget)
 {
-    const pmj_kernels run = {taylor, guard, rates};
     if (progress->evaluations == 0) {
-        start(problem, taylor, progress, memory);
+        start(problem, run, progress, memory);
     }
     for (long long i = 0; i < budget && progress->status == PMJ_RUNNING; ++i) {
         if (progress->steps + progress->rejected >= problem->max_steps) {
             progress->status = PMJ_TOO_MANY_STEPS;
             return;
         }
-        step(problem, &run, progress, memory);
+        step(problem, run, progress, memory);
         if (progress->status == PMJ_RUNNING && progress->row == problem->n_rows) {
             progress->status = PMJ_DONE;
         }

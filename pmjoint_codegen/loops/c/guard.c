@@ -147,10 +147,23 @@ int pmj_channel_passes(const pmj_problem *problem, const double *c, long long ch
     return pmj_passes(q, problem->order, level, touching, outward, h, tau);
 }
 
-/* The kink that is passed first within h and before `*tau`, which then becomes the time until that; or -1. At the
- * start, the run is on kink `touching`. */
+/* When the side of a kink that holds the run leaves [-1, 1]; the same results as of `pmj_channel_passes`. */
+static int lets_go(const pmj_problem *problem, const pmj_memory *memory, const double *c, long long channel, double h, double *tau)
+{
+    int found = 0;
+    if (pmj_stays(problem, memory, c, channel, -1.0, 1.0, h)) {
+        return 0;
+    }
+    for (int side = -1; side <= 1; side += 2) {
+        found |= pmj_channel_passes(problem, c, channel, (double)side, 0, side, *tau, tau);
+    }
+    return found;
+}
+
+/* The kink that is passed first within h and before `*tau`, which then becomes the time until that, or the kink `held` if
+ * it lets go of the run before; or -1. At the start, the run is on kink `touching`, or n_kinks more if it has just let go. */
 long long pmj_first_kink(const pmj_problem *problem, const pmj_memory *memory, const double *c, long long touching,
-                         double h, double *tau)
+                         long long held, double h, double *tau)
 {
     const long long first = problem->n_channels - problem->n_kinks;
     long long found = -1;
@@ -159,8 +172,11 @@ long long pmj_first_kink(const pmj_problem *problem, const pmj_memory *memory, c
         const int above = memory->sides[j] > 0.0;
         const double low = above ? 0.0 : -HUGE_VAL;
         const double high = above ? HUGE_VAL : 0.0;
-        if ((touching == j || !pmj_stays(problem, memory, c, first + j, low, high, h))
-            && pmj_channel_passes(problem, c, first + j, 0.0, touching == j ? PMJ_ON_KINK : 0, above ? -1 : 1, *tau, &when)) {
+        const int on = touching == j ? PMJ_ON_KINK : touching == problem->n_kinks + j ? PMJ_LET_GO : 0;
+        if (j == held) {
+            found = lets_go(problem, memory, c, first + j, h, tau) ? j : found;
+        } else if ((on || !pmj_stays(problem, memory, c, first + j, low, high, h))
+                   && pmj_channel_passes(problem, c, first + j, 0.0, on, above ? -1 : 1, *tau, &when)) {
             found = j;
             *tau = when;
         }

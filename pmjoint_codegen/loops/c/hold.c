@@ -1,5 +1,5 @@
 #include "hold.h"
-#include "pmjoint_runtime.h"
+#include "stick.h"
 
 #include <float.h>
 #include <math.h>
@@ -111,15 +111,20 @@ static int find_sides(const pmj_problem *problem, const pmj_function *rates, con
     return 0;
 }
 
-/* Go to the other side of a kink. */
-static void flip(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory, long long kink)
+/* Whether the kink that holds the run still does under the new w; or whether one on whose zero the run is begins to. `rest`
+ * has the arguments. 0 is success. */
+static int find_rest(const pmj_problem *problem, const pmj_kernels *plant, pmj_progress *progress,
+                     const pmj_memory *memory)
 {
-    set_side(problem, memory, kink, -memory->sides[kink]);
-    progress->touching = kink;
-    progress->flips += 1;
-    if (progress->flips > 2 * PMJ_NK) {
-        progress->status = PMJ_SLIDING;
+    double side = 0.0;
+    if (progress->held < 0) {
+        return pmj_find_rest(problem, plant, progress, memory, memory->rest + PMJ_NX + 1) < 0;
     }
+    const int holds = pmj_can_hold(problem, plant, memory, progress->t, progress->held, &side);
+    if (holds == 0) {
+        pmj_let_go(problem, progress, memory, progress->t, side, 0);
+    }
+    return holds < 0;
 }
 
 /* The error of a step of a long hold relative to the allowed one; above 1 it is too long, -1 if a kernel fails. */
@@ -129,7 +134,7 @@ static double missed(const pmj_problem *problem, const pmj_kernels *plant, const
     double most = 0.0;
     for (long long j = 0; j <= problem->n_inside; ++j) {
         const double at = j < problem->n_inside ? tau * problem->inside[j] : tau;
-        const double defect = pmj_defect(problem, plant->rates, progress->t, memory, memory->w, memory->coefficients, at, tau);
+        const double defect = pmj_defect(problem, pmj_rates_now(plant, progress), progress->t, memory, memory->w, memory->coefficients, at, tau);
         if (defect < 0.0) {
             return -1.0;
         }
@@ -152,14 +157,14 @@ static double long_step(const pmj_problem *problem, const pmj_kernels *plant, pm
     const double least = smallest < left ? smallest : left;
     pmj_scales(c, CHANNELS, memory->scales);
     for (;;) {
-        h = pmj_guarded(problem, plant->guard, progress, memory, memory->w, c, h, least);
+        h = pmj_guarded(problem, pmj_guard_now(plant, progress), progress, memory, memory->w, c, h, least);
         if (!(h > 0.0)) {
             progress->status = h < 0.0 ? PMJ_KERNEL_FAILED : pmj_all_finite(c, (problem->order + 1) * CHANNELS) ? PMJ_STALLED : PMJ_NON_FINITE;
             return 0.0;
         }
         double tau = h;
         pmj_bounds(c, CHANNELS, problem->order, h, 0, memory->term_sums);
-        *kink = pmj_first_kink(problem, memory, c, progress->touching, h, &tau);
+        *kink = pmj_first_kink(problem, memory, c, progress->touching, progress->held, h, &tau);
         if (*kink >= 0 && tau == 0.0) {
             return 0.0;
         }
@@ -187,19 +192,20 @@ static void long_hold(const pmj_problem *problem, const pmj_kernels *plant, pmj_
     progress->touching = -1;
     progress->flips = 0;
     progress->last_cut = HUGE_VAL;
-    if (find_sides(problem, plant->rates, progress, memory)) {
+    if (find_sides(problem, plant->rates, progress, memory) || find_rest(problem, plant, progress, memory)) {
         progress->status = PMJ_KERNEL_FAILED;
     }
     while (progress->t < end && progress->status == PMJ_RUNNING) {
         const double left = end - progress->t;
         long long kink = -1;
-        plant->taylor->arg[0] = &progress->t;
-        plant->taylor->arg[1] = memory->state;
-        plant->taylor->arg[2] = memory->w;
-        plant->taylor->arg[3] = problem->p;
-        plant->taylor->res[0] = c;
+        const pmj_function *taylor = pmj_taylor_now(plant, progress);
+        taylor->arg[0] = &progress->t;
+        taylor->arg[1] = memory->state;
+        taylor->arg[2] = memory->w;
+        taylor->arg[3] = problem->p;
+        taylor->res[0] = c;
         progress->evaluations += 1;
-        if (pmj_apply(plant->taylor)) {
+        if (pmj_apply(taylor)) {
             progress->status = PMJ_KERNEL_FAILED;
             return;
         }
@@ -220,7 +226,8 @@ static void long_hold(const pmj_problem *problem, const pmj_kernels *plant, pmj_
             progress->status = diverging ? PMJ_DIVERGED : progress->status;
         }
         if (kink >= 0 && progress->status == PMJ_RUNNING) {
-            flip(problem, progress, memory, kink);
+            const double side = tau > 0.0 ? memory->trial[E + 1 + kink] : c[E + 1 + kink];
+            pmj_meet(problem, plant, progress, memory, progress->t, kink, side, 0);
         }
     }
 }
@@ -300,7 +307,7 @@ void pmj_hold(const pmj_problem *problem, const pmj_kernels *plant, pmj_progress
               double length, double end, double rows_until)
 {
     take_sides(problem, memory);
-    if (!(length <= problem->max_step && smooth(memory->coefficients, length)
+    if (!(progress->held < 0 && length <= problem->max_step && smooth(memory->coefficients, length)
           && within(memory->coefficients, bounds_of(problem, length))
           && shown(problem, plant, progress, memory, length))) {
         long_hold(problem, plant, progress, memory, end, rows_until);

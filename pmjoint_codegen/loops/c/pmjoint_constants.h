@@ -14,6 +14,7 @@
 #define PMJ_MAX_REFINEMENTS 100
 #define PMJ_CLOSE 1e-9   /* relative: a Newton step below it is the last */
 #define PMJ_ON_KINK 2    /* value of `touching` on a kink; on a threshold of v it is 1 */
+#define PMJ_LET_GO 3     /* on a kink that has held the run until now */
 #define PMJ_JUMPED 1e-6  /* part of an argument's change in a step: below it, the argument is on its zero, to rounding */
 
 /* Below this step, relative to max(1 s, t), time does not advance. */

@@ -24,11 +24,15 @@ typedef struct {
     double *w;
 } pmj_function;
 
-/* The kernels for a run's steps. */
+/* The kernels for a run's steps: sampled, those of the plant. The last four are null pointers if no kink can hold the run. */
 typedef struct {
     const pmj_function *taylor;
     const pmj_function *guard;
     const pmj_function *rates;
+    const pmj_function *held_taylor; /* the same while a kink holds the run */
+    const pmj_function *held_guard;
+    const pmj_function *held_rates;
+    const pmj_function *holds;       /* whether it does */
 } pmj_kernels;
 
 /* The constants of a run. Arrays are row-major; sizes in brackets. */
@@ -83,7 +87,7 @@ typedef struct {
     long long status;         /* PMJ_... */
     long long mode;           /* index of the interval of v between thresholds */
     long long first_mode;     /* at t = 0 */
-    long long touching;       /* threshold that v is on at t, n_thresholds + j on kink j, or -1 */
+    long long touching;       /* threshold that v is on at t, n_thresholds + j on kink j, n_kinks more if it has let go, or -1 */
     long long idle;           /* switches since time last advanced */
     long long flips;          /* changes of side at a kink since time last advanced */
     long long row;            /* output rows written */
@@ -94,6 +98,8 @@ typedef struct {
     long long sample;         /* sampled: index of the next sample */
     long long buffer;         /* which half of the coefficient memory is current */
     long long disc;           /* the disc that proved the last step sound */
+    long long held;           /* the kink that holds the run, or -1 */
+    long long holds;          /* how often a kink has begun to hold it, or has let go */
 } pmj_progress;
 
 /* Memory that a run writes. */
@@ -107,10 +113,12 @@ typedef struct {
     double *majorants;        /* [channels + 3]: how far channels can move on a disc, padded */
     double *rest;             /* [channels]: results of the guard */
     double *rates;            /* [channels + 3]: values inside a step, padded */
-    double *g;                /* continuous: [2 nw + nk]: the mode, then sides */
-    double *w;                /* sampled: [nw + nk]: w, then sides */
+    double *g;                /* continuous: [2 nw + 2 nk]: the mode, then sides */
+    double *w;                /* [nw + 2 nk]: w, then sides */
     double *window;           /* sampled: [2 + 2 nx]: t and its radius, x and its radii, for which the guard is known */
-    double *sides;            /* [nk]: on which side of each kink the run is, +1 or -1 */
+    double *sides;            /* [2 nk]: on which side of each kink the run is, +1 or -1; then 1 for the one that holds it */
+    double *holds;            /* [nk (2 + nx)]: results of the kernel that says whether a kink holds */
+    double *hold_times;       /* [max_switches], or [0] without kinks: when one begins to hold the run, lets go, and so on */
     double *sample;           /* sampled: [nX], X at the last sample */
     double *rows;             /* [n_rows][nX]; the first row is filled in at the start */
     double *row_samples;      /* sampled: [n_rows][nX], X at the last sample before each row */
@@ -150,12 +158,12 @@ double pmj_allowed_step(const double *c, const double *scales, long long width, 
 
 /* continuous.c */
 void pmj_begin(const pmj_problem *problem, pmj_progress *progress, pmj_memory *memory);
-void pmj_continuous(const pmj_problem *problem, const pmj_function *taylor, const pmj_function *guard,
-                    const pmj_function *rates, pmj_progress *progress, pmj_memory *memory, long long budget);
+void pmj_continuous(const pmj_problem *problem, const pmj_kernels *run, pmj_progress *progress, pmj_memory *memory,
+                    long long budget);
 
-/* sampled.c; the kernels are those of the plant */
-void pmj_sampled(const pmj_problem *problem, const pmj_function *taylor, const pmj_function *guard,
-                 const pmj_function *rates, pmj_progress *progress, pmj_memory *memory, long long budget);
+/* sampled.c */
+void pmj_sampled(const pmj_problem *problem, const pmj_kernels *plant, pmj_progress *progress, pmj_memory *memory,
+                 long long budget);
 
 /* guard.c */
 int pmj_all_finite(const double *values, long long n);
@@ -171,7 +179,7 @@ int pmj_stays(const pmj_problem *problem, const pmj_memory *memory, const double
 int pmj_channel_passes(const pmj_problem *problem, const double *c, long long channel, double level, int touching,
                        int outward, double h, double *tau);
 long long pmj_first_kink(const pmj_problem *problem, const pmj_memory *memory, const double *c, long long touching,
-                         double h, double *tau);
+                         long long held, double h, double *tau);
 void pmj_note_settled(pmj_progress *progress, const double *c, long long width, long long order, double last, double tau,
                       double end);
 

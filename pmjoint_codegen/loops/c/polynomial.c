@@ -253,6 +253,9 @@ int pmj_passes(double *q, long long degree, double level, int touching, int outw
 {
     q[0] -= level;
     q[0] = on_level(q, degree, h, touching);
+    if (touching == PMJ_LET_GO && degree > 1 && q[1] * outward > 0.0) {
+        q[1] = 0.0; /* it leaves at a rate of 0, to rounding */
+    }
     const long long zeros = pmj_leading_zeros(q, degree, h);
     if (q[zeros] * outward > 0.0) {
         *tau = 0.0;

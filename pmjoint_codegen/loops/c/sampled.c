@@ -176,10 +176,9 @@ static RARE int note_sample(const pmj_problem *problem, const pmj_memory *memory
  *
  ** The ordinary sample is handled here, on values that the compiler keeps in registers. If anything else may happen (a
  * switch, an output row, a second step, an end), `whole_sample` handles all of it, with the same arithmetic. */
-void pmj_sampled(const pmj_problem *problem, const pmj_function *taylor, const pmj_function *guard,
-                 const pmj_function *rates, pmj_progress *progress, pmj_memory *memory, long long budget)
+void pmj_sampled(const pmj_problem *problem, const pmj_kernels *plant, pmj_progress *progress, pmj_memory *memory,
+                 long long budget)
 {
-    const pmj_kernels plant = {taylor, guard, rates};
     const double R = problem->hold_ratios[0] * problem->sample_time;
     const int whole = problem->sample_time <= problem->max_step;
     double window[2 + 2 * PMJ_NX];
@@ -226,7 +225,7 @@ void pmj_sampled(const pmj_problem *problem, const pmj_function *taylor, const p
                     note_start(problem, progress, memory, memory->coefficients);
                 }
                 progress->t = t;
-                whole_sample(problem, &plant, progress, memory, t, v, kept);
+                whole_sample(problem, plant, progress, memory, t, v, kept);
                 memcpy(X, memory->sample, sizeof X);
                 memcpy(window, memory->window, sizeof window);
                 now = ordinary_of(problem, progress);

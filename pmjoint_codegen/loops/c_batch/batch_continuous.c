@@ -5,12 +5,25 @@
 #include <float.h>
 #include <string.h>
 
-/* Lane w goes to the other side of the kink that its step ends at. */
-static void cross_kink(pmj_group *all, int w)
+/* The actuator's output at lane w's v, then the sides, for the plant's kernels. */
+static void deliver(const pmj_group *all, int w, double v, pmj_lanes *out)
+{
+    for (int j = 0; j < PMJ_NW; ++j) {
+        out[j] = pmj_all(all->g[2 * j][w] + all->g[2 * j + 1][w] * v);
+    }
+    for (int j = 0; j < PMJ_NK; ++j) {
+        out[PMJ_NW + j] = all->g[2 * PMJ_NW + j];
+    }
+}
+
+/* Lane w meets the kink that its step ends at, or that lets go of it there; v and that channel are given. */
+static void cross_kink(pmj_group *all, int w, double v, double side)
 {
     pmj_lane *one = &all->runs.lanes[w];
     const int kink = one->crossing - one->actuator.thresholds;
-    pmj_flip(&all->runs, &all->g[2 * PMJ_NW + kink], w, one->crossing);
+    pmj_lanes out[PMJ_NW + PMJ_NK];
+    deliver(all, w, v, out);
+    pmj_meet_lane(&all->runs, all->runs.t, all->runs.X, out, all->g + 2 * PMJ_NW, w, kink, side, one->actuator.thresholds);
     one->crossing = -1;
 }
 
@@ -39,9 +52,7 @@ static int search(pmj_group *all, const pmj_flow *flow, const pmj_lanes *c, int 
         h = when;
     }
     for (int j = 0; j < PMJ_NK; ++j) {
-        const int outward = all->g[2 * PMJ_NW + j][w] > 0.0 ? -1 : 1;
-        const int touching = one->touching == thresholds + j ? PMJ_ON_KINK : 0;
-        if (pmj_passes_lane(flow, c, w, E + 1 + j, 0.0, touching, outward, h, &when)) {
+        if (pmj_passes_kink(flow, c, one, w, E + 1, j, all->g[2 * PMJ_NW + j][w], thresholds, h, &when)) {
             one->crossing = thresholds + j;
             one->next_mode = one->mode;
             h = when;
@@ -52,7 +63,7 @@ static int search(pmj_group *all, const pmj_flow *flow, const pmj_lanes *c, int 
         all->alert[w] = -1;
         pmj_set_mode(all, w, one->next_mode);
         if (h == 0.0 && one->crossing >= thresholds) {
-            cross_kink(all, w);
+            cross_kink(all, w, c[V][w], c[E + 1 + one->crossing - thresholds][w]);
             all->touching[w] = -1;
             return 0;
         }
@@ -85,6 +96,10 @@ static int begin(const pmj_sweep *sweep, pmj_group *all, const pmj_lanes *c, int
     pmj_start_metrics(&all->runs.metrics, w, c[E][w], c[V][w], sweep->settled);
     one->mode = pmj_mode_of(&one->actuator, c[V][w]);
     pmj_set_mode(all, w, one->mode);
+    pmj_lanes out[PMJ_NW + PMJ_NK];
+    deliver(all, w, c[V][w], out);
+    moved |= pmj_find_rest_lane(&all->runs, all->runs.t, all->runs.X, out, all->g + 2 * PMJ_NW, w, c + E + 1,
+                                one->actuator.thresholds);
     return one->mode == 0 && !moved;
 }
 
@@ -131,7 +146,7 @@ static int reject(pmj_group *all, const pmj_lanes *next, int w, double part)
 
 /* The work for an accepted step of lane w besides the arithmetic common to all lanes; the status. Beyond a kink the
  * coefficients differ: the lane is not `ready`. */
-static int settle(const pmj_sweep *sweep, pmj_group *all, int w, int *ready)
+static int settle(const pmj_sweep *sweep, pmj_group *all, const pmj_lanes *next, int w, int *ready)
 {
     pmj_lane *one = &all->runs.lanes[w];
     const int moved = all->runs.t[w] > all->t_before[w];
@@ -139,7 +154,7 @@ static int settle(const pmj_sweep *sweep, pmj_group *all, int w, int *ready)
     one->flips = moved ? 0 : one->flips;
     one->touching = -1;
     if (one->crossing >= one->actuator.thresholds) {
-        cross_kink(all, w);
+        cross_kink(all, w, next[V][w], all->ends[E + 1 + one->crossing - one->actuator.thresholds - PMJ_NS][w]);
         *ready = 0;
     } else if (one->crossing >= 0) {
         pmj_cross(all, w, all->runs.t[w]);
@@ -201,7 +216,7 @@ static pmj_mask judge(const pmj_sweep *sweep, const pmj_results *results, const 
             status = reject(all, next, w, parts[w]);
         } else if (accepted[w]) {
             int go = 1;
-            status = settle(sweep, all, w, &go);
+            status = settle(sweep, all, next, w, &go);
             ready[w] = go ? ready[w] : 0;
         }
         if (status == PMJ_RUNNING && (all->runs.stalled[w] || all->runs.sliding[w])) {
@@ -232,8 +247,9 @@ static pmj_mask risky(const pmj_group *all, const pmj_lanes *c, pmj_mask ready)
     pmj_mask found = pmj_may_leave(a, PMJ_ORDER, all->runs.low, all->runs.high, ready, all->touching) | (ready & all->stuck);
     for (int j = 0; j < PMJ_NK; ++j) {
         const pmj_mask above = all->g[2 * PMJ_NW + j] > 0.0;
-        const pmj_lanes low = pmj_select(above, pmj_all(0.0), pmj_all(-HUGE_VAL));
-        const pmj_lanes high = pmj_select(above, pmj_all(HUGE_VAL), pmj_all(0.0));
+        const pmj_mask held = all->g[2 * PMJ_NW + PMJ_NK + j] != 0.0;
+        const pmj_lanes low = pmj_select(held, pmj_all(-1.0), pmj_select(above, pmj_all(0.0), pmj_all(-HUGE_VAL)));
+        const pmj_lanes high = pmj_select(held, pmj_all(1.0), pmj_select(above, pmj_all(HUGE_VAL), pmj_all(0.0)));
         pmj_scale(c + E + 1 + j, CHANNELS, PMJ_ORDER, all->h, a);
         found = found | pmj_may_leave(a, PMJ_ORDER, low, high, ready, all->touching);
     }
@@ -257,7 +273,7 @@ static void advance(const pmj_sweep *sweep, const pmj_flow *flow, pmj_group *all
 {
     const pmj_lanes remaining = sweep->horizon - all->runs.t;
     pmj_lanes X[PMJ_NS];
-    for (int i = 0; i < 2 * PMJ_NW + PMJ_NK; ++i) {
+    for (int i = 0; i < 2 * (PMJ_NW + PMJ_NK); ++i) {
         all->g_before[i] = all->g[i];
     }
     all->limited_before = all->runs.limited;
@@ -305,7 +321,8 @@ void pmj_continuous_batch(const pmj_sweep *sweep, const pmj_results *results)
     }
     pmj_enter(&all);
     while (all.runs.busy > 0) {
-        pmj_taylor_lanes(&all.runs.t, all.runs.X, all.g, all.runs.p, all.c[1 - current]);
+        PMJ_EITHER(all.g + 2 * PMJ_NW, (PMJ_ORDER + 1) * CHANNELS, all.c[1 - current], pmj_taylor_lanes,
+                   pmj_taylor_held_lanes, &all.runs.t, all.runs.X, all.g, all.runs.p);
         const pmj_mask ready = judge(sweep, results, &flow, &all, all.c[current], all.c[1 - current]);
         current = 1 - current;
         advance(sweep, &flow, &all, all.c[current], ready);

@@ -16,6 +16,9 @@ static void load(const pmj_sweep *sweep, pmj_sampled_group *all, int w)
     all->runs.high[w] = -HUGE_VAL;
     all->overflow[w] = 0;
     all->window_R[w] = -1.0;
+    for (int j = 0; j < PMJ_NK; ++j) {
+        all->w[PMJ_NW + PMJ_NK + j][w] = 0.0;
+    }
 }
 
 /* The lanes whose v has left the mode of the sample before: their new mode. */

@@ -16,6 +16,7 @@ void pmj_load_lane(const pmj_sweep *sweep, pmj_group *all, int w)
     all->last_cut[w] = HUGE_VAL;
     for (int j = 0; j < PMJ_NK; ++j) {
         all->g[2 * PMJ_NW + j][w] = 1.0;
+        all->g[2 * PMJ_NW + PMJ_NK + j][w] = 0.0;
     }
     all->tried[w] = 0.0;
     all->on_trial[w] = 0;

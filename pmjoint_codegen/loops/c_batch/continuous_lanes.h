@@ -2,7 +2,7 @@
 #ifndef PMJOINT_CONTINUOUS_LANES_H
 #define PMJOINT_CONTINUOUS_LANES_H
 
-#include "runs.h"
+#include "stick_lanes.h"
 
 /* Channels of `taylor_lanes`: X, v, e, then the arguments of kinks. */
 #define V PMJ_NS
@@ -14,8 +14,8 @@ typedef struct {
     pmj_runs runs;
     pmj_lanes c[2][(PMJ_ORDER + 1) * CHANNELS]; /* coefficients: of the trial step, and at its end */
     pmj_lanes X_before[PMJ_NS]; /* where the trial step began */
-    pmj_lanes g[2 * PMJ_NW + PMJ_NK]; /* the mode, then sides */
-    pmj_lanes g_before[2 * PMJ_NW + PMJ_NK]; /* of the trial step */
+    pmj_lanes g[2 * (PMJ_NW + PMJ_NK)]; /* the mode, then sides and flags */
+    pmj_lanes g_before[2 * (PMJ_NW + PMJ_NK)]; /* of the trial step */
     pmj_lanes slope[PMJ_NS];
     pmj_lanes ends[CHANNELS - PMJ_NS]; /* values of the other channels at the end of the trial step */
     pmj_lanes missed;     /* the trial step's error at points inside it, relative to the allowed one */
@@ -38,13 +38,27 @@ typedef struct {
     pmj_mask stuck;       /* rounding decides the mode: time has not advanced */
 } pmj_group;
 
+/* The guard, and that of lanes that a kink holds. */
+static inline void pmj_loop_guard(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, const pmj_lanes *p,
+                                  const pmj_lanes *R, const pmj_lanes *P, pmj_lanes *restrict rest)
+{
+    PMJ_EITHER(g + 2 * PMJ_NW, CHANNELS, rest, pmj_guard_lanes, pmj_guard_held_lanes, t, X, g, p, R, P);
+}
+
+/* The rates, and those of lanes that a kink holds. */
+static inline void pmj_loop_rates(const pmj_lanes *t, const pmj_lanes *X, const pmj_lanes *g, const pmj_lanes *p,
+                                  pmj_lanes *restrict rates)
+{
+    PMJ_EITHER(g + 2 * PMJ_NW, CHANNELS, rates, pmj_rates_lanes, pmj_rates_held_lanes, t, X, g, p);
+}
+
 /* The closed loop, for the checks of its steps; a constant that the compiler sees. */
 static inline pmj_flow pmj_closed_loop(void)
 {
     static const int states[] = PMJ_LOOP_BENT_STATES_LIST;
     static const int rests[] = PMJ_LOOP_BENT_RESTS_LIST;
     const pmj_flow flow = {
-        CHANNELS, PMJ_NS, V, PMJ_ORDER, states, PMJ_LOOP_BENT_STATES, rests, PMJ_LOOP_BENT_RESTS, pmj_guard_lanes, pmj_rates_lanes,
+        CHANNELS, PMJ_NS, V, PMJ_ORDER, states, PMJ_LOOP_BENT_STATES, rests, PMJ_LOOP_BENT_RESTS, pmj_loop_guard, pmj_loop_rates,
     };
     return flow;
 }

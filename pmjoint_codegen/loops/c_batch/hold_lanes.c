@@ -39,13 +39,34 @@ static pmj_mask whole(const pmj_sweep *sweep, const pmj_sampled_group *all, cons
     return (before <= sweep->tolerance) & (last <= sweep->tolerance);
 }
 
+/* The guard of the plant, and that of lanes that a kink holds. */
+static void plant_guard(const pmj_lanes *t, const pmj_lanes *x, const pmj_lanes *w, const pmj_lanes *p, const pmj_lanes *R,
+                        const pmj_lanes *P, pmj_lanes *restrict rest)
+{
+    PMJ_EITHER(w + PMJ_NW, CHANNELS, rest, pmj_plant_guard_lanes, pmj_plant_guard_held_lanes, t, x, w, p, R, P);
+}
+
+/* Its rates, and those of lanes that a kink holds. */
+static void plant_rates(const pmj_lanes *t, const pmj_lanes *x, const pmj_lanes *w, const pmj_lanes *p,
+                        pmj_lanes *restrict rates)
+{
+    PMJ_EITHER(w + PMJ_NW, CHANNELS, rates, pmj_plant_rates_lanes, pmj_plant_rates_held_lanes, t, x, w, p);
+}
+
+/* Its coefficients, and those of lanes that a kink holds. */
+static void expand(const pmj_sampled_group *all, pmj_lanes t, pmj_lanes *restrict c)
+{
+    PMJ_EITHER(all->w + PMJ_NW, (PMJ_HOLD_ORDER + 1) * CHANNELS, c, pmj_plant_lanes, pmj_plant_held_lanes, &t, all->x,
+               all->w, all->runs.p);
+}
+
 static pmj_flow plant_flow(void)
 {
     static const int states[] = PMJ_PLANT_BENT_STATES_LIST;
     static const int rests[] = PMJ_PLANT_BENT_RESTS_LIST;
     const pmj_flow flow = {
         CHANNELS, PMJ_NX, -1, PMJ_HOLD_ORDER, states, PMJ_PLANT_BENT_STATES, rests, PMJ_PLANT_BENT_RESTS,
-        pmj_plant_guard_lanes, pmj_plant_rates_lanes,
+        plant_guard, plant_rates,
     };
     return flow;
 }
@@ -152,9 +173,7 @@ static pmj_lanes long_steps(const pmj_sweep *sweep, const pmj_flow *flow, pmj_sa
             kink[w] = on[w] ? -1 : kink[w];
             for (int j = 0; on[w] && j < PMJ_NK; ++j) {
                 double when = 0.0;
-                const int outward = all->w[PMJ_NW + j][w] > 0.0 ? -1 : 1;
-                const int touching = one->touching == j ? PMJ_ON_KINK : 0;
-                if (pmj_passes_lane(flow, all->c, w, E + 1 + j, 0.0, touching, outward, h[w], &when)) {
+                if (pmj_passes_kink(flow, all->c, one, w, E + 1, j, all->w[PMJ_NW + j][w], 0, h[w], &when)) {
                     kink[w] = j;
                     h[w] = when;
                 }
@@ -203,10 +222,17 @@ pmj_lanes pmj_hold_lanes(const pmj_sweep *sweep, const pmj_results *results, pmj
     }
     pmj_inverse_scales(all->c, CHANNELS, scales);
     pmj_mask once = whole(sweep, all, scales, left) & smooth(all, left) & (left <= sweep->max_step) & on;
+    once = once & ~pmj_held(all->w + PMJ_NW);
     once = once & shown(sweep, all, once, left);
+    for (int w = 0; PMJ_NK > 0 && w < PMJ_WIDTH; ++w) {
+        if (on[w] && !once[w]
+            && pmj_find_rest_lane(&all->runs, t, all->x, all->w, all->w + PMJ_NW, w, all->c + E + 1, 0)) {
+            all->window_R[w] = -1.0;
+        }
+    }
     if (PMJ_NK > 0 && pmj_any(on & ~once)) { /* where an argument is 0, the sample has neither side */
         pmj_lanes c[(PMJ_HOLD_ORDER + 1) * CHANNELS];
-        pmj_plant_lanes(&t, all->x, all->w, all->runs.p, c);
+        expand(all, t, c);
         for (int i = 0; i < (PMJ_HOLD_ORDER + 1) * CHANNELS; ++i) {
             all->c[i] = pmj_select(once, all->c[i], c[i]);
         }
@@ -246,7 +272,11 @@ pmj_lanes pmj_hold_lanes(const pmj_sweep *sweep, const pmj_results *results, pmj
                 all->runs.lanes[w].flips = 0;
             }
             if (going[w] && kink[w] >= 0) {
-                pmj_flip(&all->runs, &all->w[PMJ_NW + kink[w]], w, kink[w]);
+                double side = 0.0;
+                for (int k = PMJ_HOLD_ORDER; k >= 0; --k) {
+                    side = side * h[w] + all->c[k * CHANNELS + E + 1 + kink[w]][w];
+                }
+                pmj_meet_lane(&all->runs, t + h, all->x, all->w, all->w + PMJ_NW, w, kink[w], side, 0);
                 all->window_R[w] = -1.0;
                 kink[w] = -1;
             }
@@ -257,7 +287,7 @@ pmj_lanes pmj_hold_lanes(const pmj_sweep *sweep, const pmj_results *results, pmj
             return e;
         }
         once = (pmj_mask){0};
-        pmj_plant_lanes(&t, all->x, all->w, all->runs.p, all->c);
+        expand(all, t, all->c);
         pmj_inverse_scales(all->c, CHANNELS, scales);
     }
 }

@@ -33,6 +33,7 @@ void pmj_load(const pmj_sweep *sweep, pmj_runs *runs, int w)
     pmj_clear_metrics(&runs->metrics, w);
     one->mode = 0;
     one->touching = -1;
+    one->held = -1;
     one->flips = 0;
     one->switches = 0;
     one->row = 0;
@@ -64,17 +65,6 @@ void pmj_set_thresholds(pmj_runs *runs, int w, int mode)
     runs->low[w] = mode > 0 ? actuator->at[mode - 1] : -HUGE_VAL;
     runs->high[w] = mode < actuator->thresholds ? actuator->at[mode] : HUGE_VAL;
     runs->limited[w] = actuator->labels[mode] != 0 ? 1.0 : 0.0;
-}
-
-void pmj_flip(pmj_runs *runs, pmj_lanes *side, int w, int touching)
-{
-    pmj_lane *one = &runs->lanes[w];
-    (*side)[w] = -(*side)[w];
-    one->touching = touching;
-    one->flips += 1;
-    if (one->flips > 2 * PMJ_NK) {
-        runs->sliding[w] = -1;
-    }
 }
 
 void pmj_finish(const pmj_sweep *sweep, const pmj_results *results, const pmj_runs *runs, int w, int status, double e)

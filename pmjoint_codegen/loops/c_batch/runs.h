@@ -15,7 +15,8 @@ typedef struct {
     long long run;        /* -1: the lane is empty */
     pmj_actuator actuator;
     int mode;
-    int touching;         /* kink j (sampled), or threshold, or their number + j (continuous), that the run is on, or -1 */
+    int touching;         /* kink j (sampled), or threshold, or their number + j (continuous), that the run is on, PMJ_NK more if it has let go, or -1 */
+    int held;             /* the kink that holds the run, or -1 */
     int flips;            /* changes of side at kinks since time last advanced */
     int switches;
     long long row;        /* next output instant */
@@ -57,9 +58,6 @@ void pmj_load_actuators(pmj_runs *runs);
 
 /* The thresholds beside a mode of lane w, and whether u is at a limit in it. */
 void pmj_set_thresholds(pmj_runs *runs, int w, int mode);
-
-/* Lane w goes to the other side of a kink, and is then on the kink. */
-void pmj_flip(pmj_runs *runs, pmj_lanes *side, int w, int touching);
 
 /* Record how the run of lane w ended, with the error e. */
 void pmj_finish(const pmj_sweep *sweep, const pmj_results *results, const pmj_runs *runs, int w, int status, double e);

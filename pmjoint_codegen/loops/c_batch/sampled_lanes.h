@@ -2,7 +2,7 @@
 #ifndef PMJOINT_SAMPLED_LANES_H
 #define PMJOINT_SAMPLED_LANES_H
 
-#include "runs.h"
+#include "stick_lanes.h"
 
 /* Channels of `plant_lanes`: x, e, then the arguments of kinks. */
 #define E PMJ_NX
@@ -15,7 +15,7 @@ typedef struct {
     pmj_lanes h[PMJ_NH];
     pmj_lanes x[PMJ_NX];      /* plant states inside the hold */
     pmj_lanes next[N_CONTROLLER];        /* controller states at the next sample */
-    pmj_lanes w[PMJ_NW + PMJ_NK]; /* the actuator's output, then sides */
+    pmj_lanes w[PMJ_NW + 2 * PMJ_NK]; /* the actuator's output, then sides and flags */
     pmj_lanes window_t;       /* for which the guard is known: t and its radius, */
     pmj_lanes window_R;
     pmj_lanes window_x[PMJ_NX]; /* x and its radii */
