@@ -43,7 +43,11 @@ def test_every_partial_is_that_of_the_whole_expression(derivation: Derivation) -
 def test_names_of_higher_derivatives_are_those_of_their_signals(derivation: Derivation) -> None:
     """An equation ``d2alpha1_dy_dy`` is the second derivative, whatever way it was found."""
     s = derivation.signals
-    higher = [name for name in derivation.equations if name.startswith(("d2alpha", "d3alpha"))]
+    higher = [
+        name
+        for name in derivation.equations
+        if name.startswith(("d2alpha", "d3alpha")) and not name.endswith("_start")
+    ]
     if derivation.plant.rho > 2:
         assert "d2alpha1_dy_dy" in higher
     for name in higher:
