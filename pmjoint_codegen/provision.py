@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,11 +25,14 @@ from pmjoint_codegen.errors import (
 from pmjoint_codegen.identity import canonical_hash, model_hash
 from pmjoint_codegen.manifest import LANES, Manifest
 from pmjoint_codegen.modelfile.reader import read_document
+from pmjoint_codegen.reference.reader import read_command
+from pmjoint_codegen.reference.segments import make_segments
 from pmjoint_codegen.storage import drop_link, replace_folder, sha256_file
 from pmjoint_codegen.workspace import cache_dir, called, find_model, generated_root
 
 Notify = Callable[[str], None]
 Stage = Callable[[str, float], None]  # name, part done
+Reference = str | Mapping[str, Any] | None  # an expression, or data as in a model file
 
 
 @dataclass(frozen=True)
@@ -48,7 +51,7 @@ class Provided:
 def provide(
     model: str | Path,
     *,
-    reference: str | None = None,
+    reference: Reference = None,
     disturbance: Sequence[str] | None = None,
     environment: Mapping[str, str],
     notify: Notify,
@@ -59,7 +62,7 @@ def provide(
 
     Args:
         model: name or path.
-        reference: another y_r, a function of t and parameters.
+        reference: another y_r, a function of t and parameters; or data, as in a model file.
         disturbance: another disturbance, one expression per state.
         environment: for the cache folder.
         notify: called with one line about slow work or a fact that the user should know.
@@ -89,7 +92,7 @@ def provide_document(
     path: Path,
     document: Mapping[str, Any],
     *,
-    reference: str | None = None,
+    reference: Reference = None,
     disturbance: Sequence[str] | None = None,
     environment: Mapping[str, str],
     notify: Notify,
@@ -114,15 +117,44 @@ def provide_document(
             isinstance(line, dict) and "value" in line and "unit" not in line and name != "eps0"
         ):  # no dimension
             notify(f"{path}: joint.{name} has no unit: {line['value']} is taken in SI units")
-    if reference is None and disturbance is None:
-        committed = _committed(path, document, notify)
-        if committed is not None:
-            return committed
+    changed = _changed(document, reference, disturbance)
+    same = model_hash(changed) == model_hash(document)
+    found = _committed(path, document, notify) if same else None
+    if found is None:
+        try:
+            found = _derived(path, changed, environment, notify, stage, lanes=lanes)
+        except ModelError as error:
+            raise _of_option(error, reference, disturbance) from error
+    manifest = with_data(found.manifest, changed, path, own=reference is None)
+    return replace(found, manifest=manifest)
+
+
+def with_data(manifest: Manifest, document: Mapping[str, Any], path: Path, *, own: bool = True) -> Manifest:
+    """The manifest of a model with the data of its reference, if it is data.
+
+    Args:
+        manifest: as it was generated.
+        document: of the model.
+        path: of its file; names of other files are relative to its folder.
+        own: whether the reference is the file's own, not an option's.
+
+    Raises:
+        ModelError: data of the file that cannot be read.
+        UsageError: data of an option.
+    """
+    spec = document.get("simulation", {}).get("reference")
+    if not isinstance(spec, Mapping):
+        return manifest
+    unit = next(item.unit for item in manifest.signals if item.name == "y_r")
+    if not own:
+        return manifest.with_command(read_command(spec, folder=Path(), unit=unit, where="--reference"))
     try:
-        changed = _changed(document, reference, disturbance)
-        return _derived(path, changed, environment, notify, stage, lanes=lanes)
-    except ModelError as error:
-        raise _of_option(error, reference, disturbance) from error
+        place = f"{path}: simulation.reference"
+        command = read_command(spec, folder=path.parent, unit=unit, where=place)
+        make_segments(command, manifest.rho)
+    except UsageError as error:
+        raise ModelError(error.what, where=error.where, remedy=error.remedy) from None
+    return manifest.with_command(command)
 
 
 def _committed(path: Path, document: Mapping[str, Any], notify: Notify) -> Provided | None:
@@ -153,10 +185,10 @@ def _altered(file: Path, recorded: str) -> bool:
 
 
 def _changed(
-    document: Mapping[str, Any], reference: str | None, disturbance: Sequence[str] | None
+    document: Mapping[str, Any], reference: Reference, disturbance: Sequence[str] | None
 ) -> dict[str, Any]:
     changed = {key: dict(value) if isinstance(value, dict) else value for key, value in document.items()}
-    _check_text("--reference", [] if reference is None else [reference])
+    _check_text("--reference", [reference] if isinstance(reference, str) else [])
     _check_text("--disturbance", disturbance or [])
     if reference is not None:
         changed["simulation"] = {**changed.get("simulation", {}), "reference": reference}
@@ -172,7 +204,7 @@ def _check_text(option: str, expressions: Sequence[str]) -> None:
             raise ModelError(f"{quoted(text)} is not UTF-8", where=option, remedy="allowed: an expression")
 
 
-def _of_option(error: ModelError, reference: str | None, disturbance: Sequence[str] | None) -> ModelError:
+def _of_option(error: ModelError, reference: Reference, disturbance: Sequence[str] | None) -> ModelError:
     """The error in an expression that overrides the file's, with the option as its place."""
     options = {
         "simulation.reference": ("--reference", reference),

@@ -16,8 +16,9 @@ from pmjoint_codegen.errors import SimulationError
 
 if TYPE_CHECKING:
     from pmjoint_codegen.closed_loop import ClosedLoop
+    from pmjoint_codegen.provision import Reference
     from pmjoint_codegen.simulate.run import Run
-    from pmjoint_codegen.simulate.settings import RunOptions
+    from pmjoint_codegen.simulate.settings import CommandOptions
 
 _DETAIL_ROWS = 500  # of the saturated transient in the figures
 
@@ -69,12 +70,12 @@ Examples
 def command(
     model: str,
     evaluator: str | None,
-    reference: str | None,
+    reference: Reference,
     disturbance: tuple[str, ...],
     out: Path | None,
     no_figures: bool,
     wants_json: bool,
-    **asked: Unpack[RunOptions],
+    **asked: Unpack[CommandOptions],
 ) -> int:
     """Run ``pmjoint simulate``: click passes the parsed arguments."""
     from pmjoint_codegen.storage import ensure_folder
@@ -103,7 +104,7 @@ def command(
     return failure.exit_code if failure else 0
 
 
-def _load(model: str, evaluator: str | None, reference: str | None, disturbance: Sequence[str]) -> ClosedLoop:
+def _load(model: str, evaluator: str | None, reference: Reference, disturbance: Sequence[str]) -> ClosedLoop:
     """Load the model's kernels, deriving and compiling what is missing."""
     from pmjoint_codegen.closed_loop import ClosedLoop
 
@@ -118,7 +119,7 @@ def _load(model: str, evaluator: str | None, reference: str | None, disturbance:
         )
 
 
-def _run(loop: ClosedLoop, asked: RunOptions) -> tuple[Run, SimulationError | None]:
+def _run(loop: ClosedLoop, asked: CommandOptions) -> tuple[Run, SimulationError | None]:
     """Simulate; a run that ended early comes with its error."""
     with activity("simulating") as progress:
         try:
@@ -144,7 +145,7 @@ def write_results(run: Run, folder: Path) -> tuple[Path, ...]:
 
 
 def _draw(
-    loop: ClosedLoop, run: Run, asked: RunOptions, folder: Path, notes: Sequence[str]
+    loop: ClosedLoop, run: Run, asked: CommandOptions, folder: Path, notes: Sequence[str]
 ) -> tuple[Path, ...]:
     """Draw the figures; the saturated transient comes from a second, short run on a fine grid."""
     from pmjoint_codegen.simulate.figures import write_figures

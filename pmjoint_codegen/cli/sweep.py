@@ -15,8 +15,8 @@ from pmjoint_codegen.cli.options import ModelName, Place, processors, run_option
 from pmjoint_codegen.cli.terminal import activity, document, message, result, table
 
 if TYPE_CHECKING:
-    from pmjoint_codegen.provision import Provided
-    from pmjoint_codegen.simulate.settings import RunOptions
+    from pmjoint_codegen.provision import Provided, Reference
+    from pmjoint_codegen.simulate.settings import CommandOptions
     from pmjoint_codegen.sweep.store import Store
 
 _SHOWN = 3  # damaged files that a message names
@@ -108,7 +108,7 @@ def command(
     draws: int | None,
     seed: int,
     method: str,
-    reference: str | None,
+    reference: Reference,
     disturbance: tuple[str, ...],
     formats: tuple[str, ...],
     threads: int | None,
@@ -117,7 +117,7 @@ def command(
     restart: bool,
     no_figures: bool,
     wants_json: bool,
-    **asked: Unpack[RunOptions],
+    **asked: Unpack[CommandOptions],
 ) -> None:
     """Run ``pmjoint sweep``: click passes the parsed arguments."""
     from pmjoint_codegen.provision import provide

@@ -7,7 +7,7 @@ Python twins share them. Arrays are C-contiguous float64.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +32,11 @@ class Problem:
         thresholds: values of v at which a channel of w enters or leaves a limit, ascending.
         modes: shape (n_thresholds + 1, 2 nw), offset and slope of every channel of w inside a mode.
         p: parameters.
+        breaks: instants at which the reference's next segment begins, s, inside the run.
+        segments: shape (n_breaks + 1, n_segment), what ends p on each.
+        n_breaks: length of `breaks`.
+        n_segment: entries at the end of p that a segment sets; 0 if the reference is an expression. A run
+            writes them: see `own_parameters`.
         hold: matrices of `sampled_update`; empty for the continuous loop.
         nodes: quadrature nodes on (0, 1); a hold that is one step has its own three.
         weights: of the nodes; they add up to 1.
@@ -75,6 +80,10 @@ class Problem:
     thresholds: Array
     modes: Array
     p: Array
+    breaks: Array
+    segments: Array
+    n_breaks: int
+    n_segment: int
     hold: Array
     nodes: Array
     weights: Array
@@ -133,6 +142,7 @@ class Progress:
         sample: index of the next sample.
         buffer: which half of the coefficient memory is current.
         disc: the disc that proved the last step sound.
+        segment: index of the reference's present segment.
     """
 
     t: float = 0.0
@@ -154,6 +164,7 @@ class Progress:
     sample: int = 0
     buffer: int = 0
     disc: int = 0
+    segment: int = 0
 
 
 @dataclass(frozen=True)
@@ -174,6 +185,7 @@ class Memory:
         w: the actuator's output, then sides, sampled loop.
         window: shape (2 + 2 nx,), for which the guard is known: t and its radius, x and its radii;
         sampled loop.
+        segment: shape (n_segment,), the end of the problem's p.
         sides: on which side of each kink the run is, +1 or -1.
         sample: X at the last sample, sampled loop.
         rows: shape (n_rows, nX), X at the output instants; the first row is filled in at the start.
@@ -197,6 +209,7 @@ class Memory:
     g: Array
     w: Array
     window: Array
+    segment: Array
     sides: Array
     sample: Array
     rows: Array
@@ -206,6 +219,11 @@ class Memory:
     peak_times: Array
     switch_times: Array
     switch_modes: npt.NDArray[np.int64]
+
+
+def own_parameters(problem: Problem) -> Problem:
+    """The problem with a p that one run may write; the same problem if none does."""
+    return replace(problem, p=problem.p.copy()) if problem.n_segment else problem
 
 
 def make_memory(problem: Problem, x0: Array) -> Memory:
@@ -230,6 +248,7 @@ def make_memory(problem: Problem, x0: Array) -> Memory:
         g=np.zeros(2 * problem.n_actuated + problem.n_kinks),
         w=np.zeros(problem.n_actuated + problem.n_kinks),
         window=np.full(2 + 2 * problem.n_plant, -1.0),
+        segment=problem.p[len(problem.p) - problem.n_segment :],
         sides=np.ones(problem.n_kinks),
         sample=x0.copy(),
         rows=np.empty((rows, n)),

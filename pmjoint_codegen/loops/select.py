@@ -17,7 +17,7 @@ from pmjoint_codegen.loops.sampled import sampled_loop
 
 Advance = Callable[[int], None]
 _START: Final = {field.name: field.default for field in fields(Progress)}
-_LAYOUT: Final = Struct("5d14q")  # of `pmj_progress`: five doubles, then integers
+_LAYOUT: Final = Struct("5d15q")  # of `pmj_progress`: five doubles, then integers
 
 
 def make_loop(evaluator: Evaluator, problem: Problem, progress: Progress, memory: Memory) -> Advance:

@@ -39,6 +39,7 @@ _NUMBERED = re.compile(
     r"|d\d*y_r|dalpha\d+_d\w+|[A-Za-z]+\d+_dot"  # derivatives
     r"|Omega|theta_\d+|b_\d+|v\d+_\d+"  # steps and coefficients that the derivation names
     r"|[A-Za-z]+\d+_next|[FG][0r]_\d+|g_(offset|slope)\d+|side\d+"  # of the sampled controller, of kernels
+    r"|ref_([ta]|[pq]\d+)|y_cmd"  # of a reference that is data
     r"|\w+_plant|D[1-9]\d*_effective|known\d+|mismatch\d+"  # of the true plant
 )
 _C_KEYWORDS = frozenset(

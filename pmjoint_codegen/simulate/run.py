@@ -23,20 +23,20 @@ from pmjoint_codegen.loops import quadrature
 from pmjoint_codegen.loops.guard import HOLD_RATIOS, discs, hold_factors
 from pmjoint_codegen.loops.hold import hold_matrices
 from pmjoint_codegen.loops.modes import Actuator, make_actuator
-from pmjoint_codegen.loops.problem import Memory, Problem, Progress, make_memory
+from pmjoint_codegen.loops.problem import Memory, Problem, Progress, make_memory, own_parameters
 from pmjoint_codegen.loops.select import Advance, CompiledLoop, make_loop
 from pmjoint_codegen.loops.status import Status, sentence
 from pmjoint_codegen.manifest import Manifest
+from pmjoint_codegen.reference.segments import inside
 from pmjoint_codegen.simulate.record import RATE, Record, reports_rate
 from pmjoint_codegen.simulate.settings import RunOptions, Settings, make_settings
+from pmjoint_codegen.simulate.signals import signals_at
 from pmjoint_codegen.simulate.summary import summarise
 from pmjoint_codegen.values import SETTLED
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-INSTANTANEOUS: Final = ("y", "y_r", "e")  # signals that a sampled controller does not hold constant
-LAGGED: Final = frozenset({"q1", "q2"})  # states of pressures that lag
 BUDGET: Final = 2000  # steps between two looks at progress and Ctrl-C
 FEW_SWITCHES: Final = 1000  # more restart the run, with room for as many as the settings allow
 SHARED: Final = attrgetter(  # settings, besides p, that a `Problem` depends on
@@ -126,6 +126,8 @@ class Simulator:
 
     def settings(self, **asked: Unpack[RunOptions]) -> Settings:
         """Complete a run's settings, or return those of the previous call if it was the same."""
+        if asked.get("reference") is not None:  # compared by its numbers, not as an object
+            return self._checked.__wrapped__(**asked)  # type: ignore[attr-defined, no-any-return]
         try:
             return self._checked(**asked)
         except TypeError:  # an object without a hash may have changed since
@@ -151,7 +153,8 @@ class Simulator:
 
     def _prepared(self, settings: Settings) -> _Preparation:
         """The data of the last run if this one differs only in x0; else new data."""
-        key = (settings.p.tobytes(), *SHARED(settings))
+        reference = settings.reference and settings.reference.command.hash
+        key = (settings.p.tobytes(), reference, *SHARED(settings))
         prepared = self._last
         if prepared is None or prepared.key != key:
             actuator = make_actuator(self.evaluator.call("actuation", settings.p)[0])
@@ -199,7 +202,7 @@ class Simulator:
 
         def deferred(name: str) -> dict[str, Any]:
             if name == "signals":
-                return {name: _signals(evaluator, problem, rows, memory)}
+                return {name: signals_at(evaluator, problem, rows, memory)}
             return _figures(evaluator.manifest, *_integrate(evaluator, start, problem, None))
 
         return {
@@ -237,6 +240,7 @@ def make_problem(evaluator: Evaluator, settings: Settings, actuator: Actuator) -
     around = discs(guard, settings.tolerance)
     rule = quadrature.long_steps()
     times = settings.times()
+    breaks, segments = inside(settings.reference, settings.horizon)
     return Problem(
         n_plant=manifest.nx,
         n_states=manifest.nX,
@@ -249,6 +253,10 @@ def make_problem(evaluator: Evaluator, settings: Settings, actuator: Actuator) -
         thresholds=actuator.thresholds,
         modes=actuator.modes,
         p=settings.p,
+        breaks=breaks,
+        segments=segments,
+        n_breaks=len(breaks),
+        n_segment=segments.shape[1],
         hold=hold_matrices(evaluator, settings.p, settings.sample_time) if sampled else np.empty(0),
         nodes=np.array(rule.nodes),
         weights=np.array(rule.weights),
@@ -294,7 +302,7 @@ def _integrate(
 ) -> tuple[Memory, Progress]:
     """Run the loop to its end, first with room for few switches: large arrays cost more than a run."""
     few = replace(problem, max_switches=min(problem.max_switches, FEW_SWITCHES))
-    for given in (few, problem):
+    for given in map(own_parameters, (few, problem)):
         memory, state = make_memory(given, start), Progress()
         _drive(make_loop(evaluator, given, state, memory), given, state, progress)
         if state.status != Status.TOO_MANY_SWITCHES or given.max_switches == problem.max_switches:
@@ -320,7 +328,7 @@ def _start(manifest: Manifest, settings: Settings, columns: Mapping[str, Array])
 def _bare_loop(evaluator: Evaluator, problem: Problem) -> tuple[CompiledLoop, Progress, Memory]:
     """A loop of states and switches only, with room for few of them: large arrays cost more than a run."""
     few = min(problem.max_switches, FEW_SWITCHES)
-    bare = replace(problem, n_nodes=0, n_searched=0, notes_rate=0, max_switches=few)
+    bare = own_parameters(replace(problem, n_nodes=0, n_searched=0, notes_rate=0, max_switches=few))
     memory, state = make_memory(bare, np.zeros(problem.n_states)), Progress()
     return cast(CompiledLoop, make_loop(evaluator, bare, state, memory)), state, memory
 
@@ -331,36 +339,6 @@ def _drive(advance: Advance, problem: Problem, state: Progress, tell: Tell | Non
         advance(BUDGET)
         if tell is not None:
             tell(min(state.t / problem.horizon, 1.0))
-
-
-def _signals(evaluator: Evaluator, problem: Problem, states: Array, memory: Memory) -> Array:
-    rows = len(states)
-    times = problem.times[:rows, np.newaxis]
-    if not problem.sample_time:
-        return evaluator.call("signals", times, states, problem.p)[0]
-    # Constant since the last sample, except for the plant and the reference.
-    (signals,) = evaluator.call(
-        "signals", memory.row_sample_times[:rows, np.newaxis], memory.row_samples[:rows], problem.p
-    )
-    y, y_r, e = map([item.name for item in evaluator.manifest.signals].index, INSTANTANEOUS)
-    signals[:, y] = states[:, 0]
-    signals[:, y_r] = evaluator.call("reference", times, problem.p)[0][:, 0]
-    signals[:, e] = signals[:, y] - signals[:, y_r]
-    moving = _moving(evaluator.manifest)
-    if moving:
-        (live,) = evaluator.call("signals", times, states, problem.p)
-        signals[:, moving] = live[:, moving]
-    return signals
-
-
-def _moving(manifest: Manifest) -> list[int]:
-    """A joint's physical signals that depend only on the plant's states, and so change between samples."""
-    names = set(manifest.start.names)
-    if (
-        names >= LAGGED
-    ):  # pressures with their own states; otherwise they are commands, constant between samples
-        names |= {"P1", "P2"}
-    return [i for i, item in enumerate(manifest.signals) if item.name in names]
 
 
 def _switches(actuator: Actuator, memory: Memory, state: Progress) -> tuple[tuple[float, int], ...]:

@@ -102,7 +102,7 @@ def vocabulary_mismatch(subject: Subject) -> str:
     partials = tuple(symbol.name for symbol in subject.table["partials"].outputs[0][1])
     signals = tuple(symbol.name for symbol in subject.table["signals"].outputs[0][1])
     pairs = {
-        "parameters": (manifest.parameter_names, words["p"]),
+        "parameters": (tuple(item.name for item in manifest.parameters), words["p"]),
         "states": (tuple(item.name for item in manifest.states), words["X"]),
         "signals": (tuple(item.name for item in manifest.signals), signals),
         "partial derivatives": (manifest.partials, partials),

@@ -44,6 +44,10 @@ typedef struct {
     const double *thresholds; /* [n_thresholds] ascending */
     const double *modes;      /* [(n_thresholds + 1)][2 nw]: offset and slope of each channel of w inside a mode */
     const double *p;          /* parameters */
+    const double *breaks;     /* [n_breaks] instants at which the reference's next segment begins, ascending, inside the run */
+    const double *segments;   /* [n_breaks + 1][n_segment] what ends p on each */
+    long long n_breaks;
+    long long n_segment;      /* 0: the reference is an expression of t */
     const double *hold;       /* sampled: zero-order-hold matrices of `sampled_update` */
     const double *nodes;      /* [n_nodes] Gauss nodes on (0, 1) for the integral of e^2 */
     const double *weights;    /* [n_nodes] */
@@ -94,6 +98,7 @@ typedef struct {
     long long sample;         /* sampled: index of the next sample */
     long long buffer;         /* which half of the coefficient memory is current */
     long long disc;           /* the disc that proved the last step sound */
+    long long segment;        /* index of the reference's present segment */
 } pmj_progress;
 
 /* Memory that a run writes. */
@@ -110,6 +115,7 @@ typedef struct {
     double *g;                /* continuous: [2 nw + nk]: the mode, then sides */
     double *w;                /* sampled: [nw + nk]: w, then sides */
     double *window;           /* sampled: [2 + 2 nx]: t and its radius, x and its radii, for which the guard is known */
+    double *segment;          /* [n_segment]: the end of the problem's p */
     double *sides;            /* [nk]: on which side of each kink the run is, +1 or -1 */
     double *sample;           /* sampled: [nX], X at the last sample */
     double *rows;             /* [n_rows][nX]; the first row is filled in at the start */
@@ -148,8 +154,16 @@ double pmj_shrink(double miss, long long order);
 double pmj_allowed_step(const double *c, const double *scales, long long width, long long order, double tolerance,
                         double safety);
 
-/* continuous.c */
+/* segments.c: break points of the reference */
+double pmj_next_break(const pmj_problem *problem, const pmj_progress *progress); /* infinite if there is none */
+void pmj_first_segment(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory);
+/* Put the segment at time t into p; whether it has changed. */
+int pmj_enter_segments(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory, double t);
+
+/* begin.c */
 void pmj_begin(const pmj_problem *problem, pmj_progress *progress, pmj_memory *memory);
+
+/* continuous.c */
 void pmj_continuous(const pmj_problem *problem, const pmj_function *taylor, const pmj_function *guard,
                     const pmj_function *rates, pmj_progress *progress, pmj_memory *memory, long long budget);
 
