@@ -10,18 +10,21 @@ run-time parameter of heyoka's, so many runs need only one compilation; other pa
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 import sympy as sp
 
+from pmjoint_codegen.check.oracles.heyoka_events import Crossings, Deviation
 from pmjoint_codegen.check.oracles.heyoka_kinks import UNIT, Kinks, SlidingError, UntrustedError
 from pmjoint_codegen.check.oracles.program import Program, compile_program
 from pmjoint_codegen.check.subject import Subject
 from pmjoint_codegen.check.trajectory import ACCURACY, Switches, Trajectory
 from pmjoint_codegen.loops.modes import Actuator
+from pmjoint_codegen.reference.segments import inside
+from pmjoint_codegen.simulate.settings import make_settings
 
 Array = npt.NDArray[np.float64]
 
@@ -30,10 +33,6 @@ LONGEST_STEPS: Final = (
     2e-4,
 )  # s; the shorter one if a run with the longer one deviates from its equations
 POINTS: Final = (0.25, 0.5, 0.75, 1.0)  # of a step, where its polynomial is compared with the right-hand side
-TRUSTED: Final = (
-    0.1 * ACCURACY
-)  # allowed deviation of a run from its equations: the defect's integral, relative
-MOST_FLIPS: Final = 10_000  # of sides in a run; more is sliding by ever shorter steps
 ONE_THRESHOLD: Final = 1e-3 * ACCURACY  # relative distance below which two thresholds are one
 
 
@@ -58,7 +57,12 @@ class Expressions:
         return a * b
 
     def power(self, a: Any, exponent: sp.Rational) -> Any:
-        """Power."""
+        """Power; a whole one as a product: heyoka's recurrence of others divides by the base."""
+        if exponent.is_Integer and exponent > 0:
+            product = a
+            for _ in range(int(exponent) - 1):
+                product = product * a
+            return product
         return a ** float(exponent)
 
     def apply(self, function: str, *arguments: Any) -> Any:
@@ -93,11 +97,18 @@ class Loop:
         # Offset and slope of every channel, then the sides; the limit comes next.
         self._width: Final = len(blocks["g"])
         self._rounding: Final = UNIT * operation_count(program)
+        self._segments: Final = make_settings(subject.manifest).reference
+        first = self._first = subject.manifest.segment  # the reference's segment comes before all of these
         variables = [heyoka.expression(name) for name in self.names]
         known = dict(zip(self.names, variables, strict=True))
         known |= {name: heyoka.expression(value) for name, value in parameters.items()}
-        known[subject.manifest.limit] = heyoka.par[self._width]
-        known |= {symbol.name: heyoka.par[i] for i, symbol in enumerate(blocks["g"])}
+        known[subject.manifest.limit] = heyoka.par[first + self._width]
+        known |= {symbol.name: heyoka.par[first + i] for i, symbol in enumerate(blocks["g"])}
+        known |= (
+            {item.name: heyoka.par[i] for i, item in enumerate(subject.manifest.parameters[-first:])}
+            if first
+            else {}
+        )
 
         def translated(what: Program, clock: Any) -> list[Any]:
             given = known | {time: clock}
@@ -122,7 +133,7 @@ class Loop:
             if kernel.sides
             else None
         )
-        self._solvers: dict[int, tuple[Any, _Crossings]] = {}
+        self._solvers: dict[int, tuple[Any, Crossings]] = {}
 
     def run(self, t: Array, start: Array, limit: float, actuator: Actuator) -> Trajectory:
         """Integrate, changing mode or side where v crosses a threshold, or a kink's argument zero.
@@ -156,31 +167,51 @@ class Loop:
         thresholds = coarse.thresholds.tolist()
         mode = int(np.searchsorted(thresholds, self.law(t[:1], start[np.newaxis], limit)[0, 0]))
         solver, crossings = self._solver(len(thresholds))
-        given = np.array([*coarse.modes[mode], *[1.0] * self._n_kinks, limit])
+        given = np.array([*self._row(float(t[0])), *coarse.modes[mode], *[1.0] * self._n_kinks, limit])
         if self._kinks is not None:
             given[self._sides] = self._kinks.begin(float(t[0]), start, given)
-        crossings.begin(coarse.modes.tolist(), mode, float(t[0]), given)
+        crossings.begin(coarse.modes.tolist(), mode, float(t[0]), given, self._first)
         solver.reset_cooldowns()
         solver.time, solver.state[:] = float(t[0]), start
         solver.pars[:] = [*given, *thresholds]
-        states = np.full((len(t), len(start)), np.nan)
-        output = solver.propagate_until(float(t[-1]), max_delta_t=longest, c_output=True)[4]
-        if crossings.ended is not None:
-            raise crossings.ended
-        reached = 0 if output is None else int(np.searchsorted(t, output.bounds[1], side="right"))
-        if reached:
-            states[:reached] = output(np.ascontiguousarray(t[:reached]))
-        if reached == len(t):
-            self._trust(output, crossings.along)
+        states, deviation = np.full((len(t), len(start)), np.nan), Deviation()
+        breaks = [] if self._segments is None else inside(self._segments, float(t[-1]))[0].tolist()
+        for end in (*breaks, float(t[-1])):
+            began = float(solver.time)
+            output = solver.propagate_until(end, max_delta_t=longest, c_output=True)[4]
+            if crossings.ended is not None:
+                raise crossings.ended
+            reached = began if output is None else float(output.bounds[1])
+            rows = (t >= began) & (t <= reached)
+            if output is not None and np.any(rows):
+                states[rows] = output(np.ascontiguousarray(t[rows]))
+            if reached < end or not np.all(np.isfinite(solver.state)):
+                break
+            self._note_deviation(deviation, output, crossings.along)
+            if end < t[-1]:
+                where = np.array([end]), np.array(solver.state)[np.newaxis]
+                after = int(np.searchsorted(thresholds, self.law(*where, limit)[0, 0]))
+                crossings.enter(solver, self._row(end), after)
+        else:
+            deviation.trust()
         values = np.hstack([states, self.law(t, states, limit)[:, :1]])
         labels = [(time, coarse.labels[place]) for time, place in crossings.found]
         return Trajectory((*self.names, "v"), t, values, _changes(coarse.labels[mode], labels))
 
+    def _row(self, t: float) -> Array:
+        """Parameters of the reference's segment at an instant; empty if it is an expression."""
+        return self._rows(np.array([t]))[0]
+
+    def _rows(self, t: Array) -> Array:
+        if self._segments is None:
+            return np.empty((len(t), 0))
+        return np.asarray(self._segments.rows[self._segments.places(t)])
+
     def law(self, t: Array, states: Array, limit: float) -> Array:
         """v, and its derivatives with respect to the states, shape (rows, 1 + nX)."""
-        given = np.repeat(
-            [[0.0]] * self._width + [[limit]], len(t), axis=1
-        )  # v depends on neither mode nor side
+        others = np.zeros((self._width + 1, len(t)))  # v depends on neither mode nor side
+        others[-1] = limit
+        given = np.ascontiguousarray(np.concatenate([self._rows(t).T, others]))
         values = self._law(
             np.ascontiguousarray(states.T),
             pars=given[: self._law.nparams],
@@ -237,18 +268,16 @@ class Loop:
         both = np.asarray(values, dtype=np.float64).T
         return both[:, :count], both[:, count:].reshape(-1, count, count)
 
-    def _trust(self, output: Any, along: Sequence[tuple[float, Array]]) -> None:
-        """Raise `UntrustedError` if a run deviates from its equations, or leaves a side wrongly."""
+    def _note_deviation(
+        self, deviation: Deviation, output: Any, along: Sequence[tuple[float, Array]]
+    ) -> None:
+        """Add a part of a run's deviation; raise `UntrustedError` if it leaves a side wrongly."""
         began = np.array([t for t, _ in along])
         given = np.array([parameters for _, parameters in along])
         middles = 0.5 * (output.times[:-1] + output.times[1:])
-        defects = self.defect(output, given[np.searchsorted(began, middles, side="right") - 1])
-        if not float(np.sum(defects)) <= TRUSTED:
-            place = int(np.argmax(np.where(np.isnan(defects), np.inf, defects)))
-            raise UntrustedError(
-                f"leaves its equations by {float(np.sum(defects)):.3g} in all, "
-                f"most of it near t = {float(output.times[place]):.6g} s"
-            )
+        deviation.add(
+            output.times, self.defect(output, given[np.searchsorted(began, middles, side="right") - 1])
+        )
 
     def scales(self, trajectory: Trajectory, limit: float) -> Array:
         """Scales of the errors of a trajectory's entries, shape (rows, columns).
@@ -268,12 +297,12 @@ class Loop:
     @property
     def _sides(self) -> slice:
         """Indices of the sides among the parameters."""
-        return slice(self._width - self._n_kinks, self._width)
+        return slice(self._first + self._width - self._n_kinks, self._first + self._width)
 
-    def _solver(self, count: int) -> tuple[Any, _Crossings]:
+    def _solver(self, count: int) -> tuple[Any, Crossings]:
         """A solver for a number of thresholds, and the record that its events use."""
         if count not in self._solvers:
-            crossings, first, kinks = _Crossings(), self._width + 1, self._kinks
+            crossings, first, kinks = Crossings(), self._first + self._width + 1, self._kinks
             thresholds = [self._heyoka.par[first + place] for place in range(count)]
             events = [(self._v - level, crossings.crossing(i)) for i, level in enumerate(thresholds)]
             if kinks is not None:
@@ -291,70 +320,6 @@ class Loop:
             )
             self._solvers[count] = solver, crossings
         return self._solvers[count]
-
-
-class _Crossings:
-    """The data that the events of a solver share with the run.
-
-    Attributes:
-        found: (t in s, mode that begins) in order.
-        along: (t in s, parameters from there on) in order; the first is the start's.
-        ended: why the run ended.
-    """
-
-    def __init__(self) -> None:
-        """Start without findings."""
-        self._modes: list[list[float]] = []
-        self.found: list[tuple[float, int]] = []
-        self.along: list[tuple[float, Array]] = []
-        self.ended: UntrustedError | None = None
-
-    def begin(self, modes: list[list[float]], mode: int, t: float, given: Array) -> None:
-        """Prepare for a run.
-
-        Args:
-            modes: offsets and slopes of every channel, for every mode.
-            mode: the first.
-            t: s.
-            given: parameters at the start: offsets and slopes, sides, limit.
-        """
-        self._modes, self.found, self.along, self.ended = modes, [], [(t, given.copy())], None
-
-    def crossing(self, place: int) -> Callable[[Any, int], bool]:
-        """The callback for a crossing of a threshold by v: the mode on its other side begins."""
-
-        def crossed(solver: Any, direction: int) -> bool:
-            mode = place + 1 if direction > 0 else place
-            given = self.along[-1][1].copy()
-            given[: len(self._modes[mode])] = self._modes[mode]
-            self.found.append((float(solver.time), mode))
-            return self._go_on(solver, given)
-
-        return crossed
-
-    def flipping(self, kinks: Kinks, place: int) -> Callable[[Any, int], bool]:
-        """The callback for a zero of a kink's argument: its other side begins, unless it points back."""
-
-        def flipped(solver: Any, direction: int) -> bool:
-            t, given = float(solver.time), self.along[-1][1].copy()
-            try:
-                if direction == 0 or len(self.along) > MOST_FLIPS:
-                    raise (
-                        SlidingError(t) if direction else UntrustedError(f"rests on a kink at t = {t:.6g} s")
-                    )
-                sides = kinks.flip(place, float(direction), t, np.array(solver.state), given.copy())
-            except UntrustedError as error:
-                self.ended = error
-                return False
-            given[len(given) - 1 - kinks.count : len(given) - 1] = sides
-            return self._go_on(solver, given)
-
-        return flipped
-
-    def _go_on(self, solver: Any, given: Array) -> bool:
-        solver.pars[: len(given)] = given
-        self.along.append((float(solver.time), given))
-        return True
 
 
 def operation_count(program: Program) -> int:
