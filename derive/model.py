@@ -316,6 +316,7 @@ class Model:
         demands: what the physics presumes of its parameters, the controller's and the plant's own.
         start: the physical states that a run starts from; None: those of the plant class.
         design: row of `pmjoint_derive.derivation.DESIGNS`.
+        segment: parameters of ``reference`` that change from break point to break point; see `segment`.
     """
 
     name: str
@@ -338,6 +339,7 @@ class Model:
     demands: tuple[Demand, ...] = ()
     start: Start | None = None
     design: str = "backstepping"
+    segment: tuple[sp.Symbol, ...] = ()
 
     @property
     def least_limit(self) -> sp.Expr:

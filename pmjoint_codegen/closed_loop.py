@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
@@ -52,7 +52,7 @@ class Source:
     file: Path
     document: Mapping[str, Any]
     evaluator: str | None = None
-    reference: str | None = None
+    reference: str | Mapping[str, Any] | None = None
     disturbance: tuple[str, ...] | None = None
     saturation: str | None = None
     environment: Mapping[str, str] | None = None
@@ -77,7 +77,7 @@ class ClosedLoop:
         model: str | Path,
         evaluator: str | None = None,
         *,
-        reference: str | None = None,
+        reference: str | Mapping[str, Any] | None = None,
         disturbance: Sequence[str] | None = None,
         saturation: str | None = None,
         environment: Mapping[str, str] | None = None,
@@ -89,7 +89,8 @@ class ClosedLoop:
         Args:
             model: name, or path of a model file.
             evaluator: ``compiled``, ``interpreted``, or None: compiled if a compiler is found.
-            reference: another y_r, a function of t and parameters.
+            reference: another y_r, a function of t and parameters; or data, as in a model file:
+                ``{"steps": [[0, 0], [1, 0.5]], "filter": 10}``.
             disturbance: another disturbance, one expression per state.
             saturation: ``compensator``, ``clip`` or ``braking`` in place of the model's own.
             environment: for compiler and cache folder; the process's own by default.
@@ -144,12 +145,18 @@ class ClosedLoop:
             tolerance: local error, relative to max(1, |value|); by default 1e-10.
             max_step: longest integration step, s.
             divergence: a state beyond it ends the run; by default 1e4, more for pressures or a distant start.
+            reference: another y_r, as data: an array of shape (points, 2), t and y, or a pair of arrays; an
+                array of one value for every output instant; a function of t, taken at the output instants; or
+                a mapping as in a model file, with a filter. The first such run of a model whose reference is
+                an expression derives and compiles kernels for all data.
             progress: called periodically with the fraction completed.
 
         Raises:
             UsageError: a setting is unknown, of the wrong length, or out of range.
             SimulationError: the run ended early; ``error.run`` is the run so far.
         """
+        if asked.get("reference") is not None and not self.manifest.segment:
+            return self._for_data.simulate(progress=progress, **asked)
         result = self._simulator.run(self._simulator.settings(**asked), progress)
         if result.status != Status.DONE:
             raise SimulationError(result.message, where=self.manifest.name, run=result)
@@ -198,6 +205,17 @@ class ClosedLoop:
 
     def _vector(self, parameters: Mapping[str, float] | None) -> Array:
         return self._simulator.settings(parameters=parameters).p
+
+    @cached_property
+    def _for_data(self) -> ClosedLoop:
+        """The same model with kernels for a reference that is data, whatever the numbers."""
+        made = self.evaluator.recipe
+        source = made[1][0] if made else None
+        if not isinstance(source, Source):
+            raise UsageError(
+                "these kernels contain an expression of t", where="reference", remedy="use ClosedLoop.load"
+            )
+        return ClosedLoop(evaluator_of(replace(source, reference={"steps": [[0.0, 0.0]]})))
 
     @cached_property
     def _simulator(self) -> Simulator:

@@ -10,7 +10,7 @@ import ast
 import json
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
@@ -18,12 +18,14 @@ from typing import Any, Final
 import numpy as np
 
 from pmjoint_codegen.errors import OtherVersionError, StaleError
+from pmjoint_codegen.reference.command import Command
 from pmjoint_codegen.storage import sha256
 from pmjoint_codegen.values import OWN_SUFFIX, SI, Numbers, Rule, evaluate, from_si
 
 FILE_NAME: Final = "model.json"
 LANES: Final = "lanes.c"
 SCHEMA: Final = 3
+SEGMENT: Final = "reference"  # kind of the parameters of a reference's present segment, at the end of p
 _REMEDY: Final = "run pmjoint regenerate"
 
 
@@ -53,6 +55,7 @@ class Parameter:
         about: one line for the reader.
         kind: ``plant``, ``gain``, ``switch`` or ``own``: the simulated plant's own value, such as
             ``J_plant``, of a parameter that the controller uses too. It equals that one unless set.
+            `SEGMENT`: a coefficient of a reference that is data; a run has these from its reference alone.
         scale: how many SI units `unit` is, as a decimal; "1" if kernels take values as given.
     """
 
@@ -115,6 +118,7 @@ class Simulation:
         sample_time: s.
         compensator: whether (23) is driven.
         start: of the controller, ``zero`` or ``matched``.
+        command: the reference where it is data; it stands in the model file alone, not in ``model.json``.
     """
 
     reference: str
@@ -125,6 +129,12 @@ class Simulation:
     sample_time: float
     compensator: bool
     start: str
+    command: Command | None = None
+
+    @property
+    def reference_text(self) -> str:
+        """The reference in one line."""
+        return self.reference if self.command is None else self.command.text
 
 
 @dataclass(frozen=True)
@@ -237,8 +247,22 @@ class Manifest:
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
-        """Names in the order of p."""
-        return tuple(item.name for item in self.parameters)
+        """Names in the order of p, without the reference's segment at its end."""
+        return tuple(item.name for item in self.settable)
+
+    @cached_property
+    def settable(self) -> tuple[Parameter, ...]:
+        """The parameters that have names for a user: all but the reference's segment."""
+        return tuple(item for item in self.parameters if item.kind != SEGMENT)
+
+    @property
+    def segment(self) -> int:
+        """Number of parameters of the reference's segment; 0 where the reference is an expression."""
+        return len(self.parameters) - len(self.settable)
+
+    def with_command(self, command: Command | None) -> Manifest:
+        """The same model with a reference that is data."""
+        return replace(self, simulation=replace(self.simulation, command=command))
 
     @cached_property
     def scales(self) -> Mapping[str, str]:
@@ -294,6 +318,7 @@ class Manifest:
     def to_json(self) -> str:
         """The file's text, with a hash over itself."""
         contents = {"schema": SCHEMA, **asdict(self), "contents_hash": ""}
+        del contents["simulation"]["command"]
         for item in contents["parameters"]:
             if item["scale"] == SI:  # written only if it says something
                 del item["scale"]

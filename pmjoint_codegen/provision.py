@@ -25,6 +25,8 @@ from pmjoint_codegen.errors import (
 from pmjoint_codegen.identity import canonical_hash, model_hash
 from pmjoint_codegen.manifest import LANES, Manifest
 from pmjoint_codegen.modelfile.reader import read_document
+from pmjoint_codegen.reference.reader import read_command
+from pmjoint_codegen.reference.segments import make_segments
 from pmjoint_codegen.storage import drop_link, replace_folder, sha256_file
 from pmjoint_codegen.values import BRAKING, CLIP, COMPENSATOR, SATURATIONS
 from pmjoint_codegen.workspace import cache_dir, called, find_model, generated_root
@@ -33,6 +35,7 @@ SHAPING: Final = ("modelfile", "emit", "report", "kernels", "loops")  # folders 
 
 Notify = Callable[[str], None]
 Stage = Callable[[str, float], None]  # name, part done
+Reference = str | Mapping[str, Any] | None  # an expression, or data as in a model file
 
 
 @dataclass(frozen=True)
@@ -51,7 +54,7 @@ class Provided:
 def provide(
     model: str | Path,
     *,
-    reference: str | None = None,
+    reference: Reference = None,
     disturbance: Sequence[str] | None = None,
     saturation: str | None = None,
     environment: Mapping[str, str],
@@ -63,7 +66,7 @@ def provide(
 
     Args:
         model: name or path.
-        reference: another y_r, a function of t and parameters.
+        reference: another y_r, a function of t and parameters; or data, as in a model file.
         disturbance: another disturbance, one expression per state.
         saturation: ``compensator``, ``clip`` or ``braking`` in place of the model's own.
         environment: for the cache folder.
@@ -95,7 +98,7 @@ def provide_document(
     path: Path,
     document: Mapping[str, Any],
     *,
-    reference: str | None = None,
+    reference: Reference = None,
     disturbance: Sequence[str] | None = None,
     saturation: str | None = None,
     environment: Mapping[str, str],
@@ -123,15 +126,16 @@ def provide_document(
         ):  # no dimension
             notify(f"{path}: joint.{name} has no unit: {line['value']} is taken in SI units")
     redesigned = _redesigned(document, saturation)
-    if reference is None and disturbance is None and redesigned == document:
-        committed = _committed(path, document, notify)
-        if committed is not None:
-            return _switched(committed, saturation)
-    try:
-        changed = _changed(redesigned, reference, disturbance)
-        return _switched(_derived(path, changed, environment, notify, stage, lanes=lanes), saturation)
-    except ModelError as error:
-        raise _of_option(error, reference, disturbance, saturation) from error
+    changed = _changed(redesigned, reference, disturbance)
+    same = model_hash(changed) == model_hash(document)
+    found = _committed(path, document, notify) if same else None
+    if found is None:
+        try:
+            found = _derived(path, changed, environment, notify, stage, lanes=lanes)
+        except ModelError as error:
+            raise _of_option(error, reference, disturbance, saturation) from error
+    manifest = with_data(found.manifest, changed, path, own=reference is None)
+    return _switched(replace(found, manifest=manifest), saturation)
 
 
 def _redesigned(document: Mapping[str, Any], saturation: str | None) -> Mapping[str, Any]:
@@ -165,6 +169,34 @@ def _switched(provided: Provided, saturation: str | None) -> Provided:
     return replace(provided, manifest=replace(manifest, parameters=parameters, simulation=simulation))
 
 
+def with_data(manifest: Manifest, document: Mapping[str, Any], path: Path, *, own: bool = True) -> Manifest:
+    """The manifest of a model with the data of its reference, if it is data.
+
+    Args:
+        manifest: as it was generated.
+        document: of the model.
+        path: of its file; names of other files are relative to its folder.
+        own: whether the reference is the file's own, not an option's.
+
+    Raises:
+        ModelError: data of the file that cannot be read.
+        UsageError: data of an option.
+    """
+    spec = document.get("simulation", {}).get("reference")
+    if not isinstance(spec, Mapping):
+        return manifest
+    unit = next(item.unit for item in manifest.signals if item.name == "y_r")
+    if not own:
+        return manifest.with_command(read_command(spec, folder=Path(), unit=unit, where="--reference"))
+    try:
+        place = f"{path}: simulation.reference"
+        command = read_command(spec, folder=path.parent, unit=unit, where=place)
+        make_segments(command, manifest.rho)
+    except UsageError as error:
+        raise ModelError(error.what, where=error.where, remedy=error.remedy) from None
+    return manifest.with_command(command)
+
+
 def _committed(path: Path, document: Mapping[str, Any], notify: Notify) -> Provided | None:
     name = document.get("name")
     folder = generated_root(path) / str(name)
@@ -193,10 +225,10 @@ def _altered(file: Path, recorded: str) -> bool:
 
 
 def _changed(
-    document: Mapping[str, Any], reference: str | None, disturbance: Sequence[str] | None
+    document: Mapping[str, Any], reference: Reference, disturbance: Sequence[str] | None
 ) -> dict[str, Any]:
     changed = {key: dict(value) if isinstance(value, dict) else value for key, value in document.items()}
-    _check_text("--reference", [] if reference is None else [reference])
+    _check_text("--reference", [reference] if isinstance(reference, str) else [])
     _check_text("--disturbance", disturbance or [])
     if reference is not None:
         changed["simulation"] = {**changed.get("simulation", {}), "reference": reference}
@@ -213,10 +245,10 @@ def _check_text(option: str, expressions: Sequence[str]) -> None:
 
 
 def _of_option(
-    error: ModelError, reference: str | None, disturbance: Sequence[str] | None, saturation: str | None
+    error: ModelError, reference: Reference, disturbance: Sequence[str] | None, saturation: str | None
 ) -> ModelError:
     """The error in an expression that overrides the file's, with the option as its place."""
-    options: Mapping[str, tuple[str, str | Sequence[str] | None]] = {
+    options: Mapping[str, tuple[str, object]] = {
         "simulation.reference": ("--reference", reference),
         "plant.disturbance": ("--disturbance", disturbance),
         "joint.disturbance": ("--disturbance", disturbance),
@@ -227,7 +259,7 @@ def _of_option(
     option, given = options.get(key, ("", None))
     if given is None:
         return error
-    one = given == disturbance and len(given) == 1  # which a joint's plant has in several entries
+    one = given == disturbance and len(disturbance or ()) == 1  # which a joint's plant has in several entries
     return ModelError(error.what, where=option if one else f"{option}{comma}{detail}", remedy=error.remedy)
 
 

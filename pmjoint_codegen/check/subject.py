@@ -56,7 +56,9 @@ class Subject:
     @cached_property
     def manifest(self) -> Manifest:
         """The manifest of the generated folder; raises `StaleError` if it cannot be trusted."""
-        return Manifest.read(self.folder)
+        from pmjoint_codegen.provision import with_data
+
+        return with_data(Manifest.read(self.folder), self.document, self.file)
 
     @cached_property
     def table(self) -> Mapping[str, Kernel]:

@@ -14,7 +14,7 @@ from pmjoint_codegen.cli.terminal import message
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
 
-    from pmjoint_codegen.simulate.settings import RunOptions
+    from pmjoint_codegen.simulate.settings import CommandOptions
 
     _Kind = click.ParamType[Any]  # generic in newer releases of click, for the type checker only
 else:
@@ -112,13 +112,13 @@ def assignments(
     return table
 
 
-def tell_idle_sample_time(asked: RunOptions) -> None:
+def tell_idle_sample_time(asked: CommandOptions) -> None:
     """Warn that a sample time was given to a controller that has none."""
     if asked["sample_time"] is not None and asked["controller"] != "sampled":
         message("pmjoint: --sample-time has no effect without --controller sampled")
 
 
-def check_saturation(saturation: str | None, asked: RunOptions) -> None:
+def check_saturation(saturation: str | None, asked: CommandOptions) -> None:
     """Refuse two options that contradict each other."""
     if saturation not in (None, "clip") and asked["compensator"] is False:
         raise click.UsageError(f"--no-compensator contradicts --saturation {saturation}")
@@ -129,11 +129,54 @@ def processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+_DATA_FILES: Final = (".csv", ".tsv", ".txt")
+_OF_DATA: Final[Mapping[str, tuple[str, Mapping[str, Any]]]] = {
+    "time": (
+        "--reference-time",
+        {"metavar": "NAME", "help": "Its column of time [default: the first]."},
+    ),
+    "column": ("--reference-column", {"metavar": "NAME", "help": "Column of y_r [default: the next]."}),
+    "unit": ("--reference-unit", {"metavar": "UNIT", "help": "Its unit, such as deg [default: y's]."}),
+    "filter": (
+        "--reference-filter",
+        {
+            "type": float,
+            "metavar": "A",
+            "help": "Filter it by (A/(s + A))^(rho + 1), A in 1/s [default: none, a smooth spline].",
+        },
+    ),
+}
+
+
+def _keep(ctx: click.Context, param: click.Parameter, value: Any) -> None:
+    """Keep an option of a reference's file for `_reference`, which is called later."""
+    ctx.meta[f"{__name__}.{param.name}"] = value
+
+
+def _reference(ctx: click.Context, param: click.Parameter, value: str | None) -> str | dict[str, Any] | None:
+    """An expression as text, or a file with the options that belong to it as a model file has them."""
+    kept = {key: ctx.meta.get(f"{__name__}.reference_{key}") for key in _OF_DATA}
+    given = {key: item for key, item in kept.items() if item is not None}
+    if value is not None and value.lower().endswith(_DATA_FILES):
+        return {"file": value, **given}
+    if given:
+        option = _OF_DATA[next(iter(given))][0]
+        raise click.BadParameter(f"{option} belongs to a .csv file", ctx=ctx, param=param)
+    return value
+
+
 # One option per keyword of a run. A command replaces the help text where its option means more.
 _OF_A_RUN: Final[Mapping[str, tuple[str, Mapping[str, Any]]]] = {
     "parameters": ("--set", {"type": Assignment(), "multiple": True, "callback": assignments}),
     "x0": ("--x0", {"type": Numbers(), "help": "Initial plant states."}),
-    "reference": ("--reference", {"metavar": "EXPR", "help": "Another y_r, a function of t and parameters."}),
+    "reference": (
+        "--reference",
+        {
+            "metavar": "EXPR|FILE",
+            "callback": _reference,
+            "help": "Another y_r: a function of t and parameters, or a .csv file with columns t and y.",
+        },
+    ),
     "disturbance": (
         "--disturbance",
         {"metavar": "EXPR", "multiple": True, "help": "Another disturbance; repeat it, one per state."},
@@ -212,6 +255,14 @@ def run_options(**changes: Mapping[str, Any]) -> Callable[[Callable[..., Any]], 
     def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
         for keyword, changed in reversed(changes.items()):
             option, common = _OF_A_RUN[keyword]
+            for key, (name, settings) in reversed(list(_OF_DATA.items()) if keyword == "reference" else []):
+                kept: dict[str, Any] = {
+                    "is_eager": True,
+                    "expose_value": False,
+                    "callback": _keep,
+                    **settings,
+                }
+                command = click.option(name, f"reference_{key}", **kept)(command)
             command = click.option(option, keyword, **{**common, **changed})(command)
         return command
 

@@ -22,8 +22,9 @@ from pmjoint_codegen.errors import SimulationError
 
 if TYPE_CHECKING:
     from pmjoint_codegen.closed_loop import ClosedLoop
+    from pmjoint_codegen.provision import Reference
     from pmjoint_codegen.simulate.run import Run
-    from pmjoint_codegen.simulate.settings import RunOptions
+    from pmjoint_codegen.simulate.settings import CommandOptions
 
 _DETAIL_ROWS = 500  # of the saturated transient in the figures
 
@@ -78,13 +79,13 @@ Examples
 def command(
     model: str,
     evaluator: str | None,
-    reference: str | None,
+    reference: Reference,
     disturbance: tuple[str, ...],
     saturation: str | None,
     out: Path | None,
     no_figures: bool,
     wants_json: bool,
-    **asked: Unpack[RunOptions],
+    **asked: Unpack[CommandOptions],
 ) -> int:
     """Run ``pmjoint simulate``: click passes the parsed arguments."""
     from pmjoint_codegen.storage import ensure_folder
@@ -117,7 +118,7 @@ def command(
 def _load(
     model: str,
     evaluator: str | None,
-    reference: str | None,
+    reference: Reference,
     disturbance: Sequence[str],
     saturation: str | None,
 ) -> ClosedLoop:
@@ -136,7 +137,7 @@ def _load(
         )
 
 
-def _run(loop: ClosedLoop, asked: RunOptions) -> tuple[Run, SimulationError | None]:
+def _run(loop: ClosedLoop, asked: CommandOptions) -> tuple[Run, SimulationError | None]:
     """Simulate; a run that ended early comes with its error."""
     with activity("simulating") as progress:
         try:
@@ -162,7 +163,7 @@ def write_results(run: Run, folder: Path) -> tuple[Path, ...]:
 
 
 def _draw(
-    loop: ClosedLoop, run: Run, asked: RunOptions, folder: Path, notes: Sequence[str]
+    loop: ClosedLoop, run: Run, asked: CommandOptions, folder: Path, notes: Sequence[str]
 ) -> tuple[Path, ...]:
     """Draw the figures; the saturated transient comes from a second, short run on a fine grid."""
     from pmjoint_codegen.simulate.figures import write_figures

@@ -22,8 +22,8 @@ from pmjoint_codegen.cli.options import (
 from pmjoint_codegen.cli.terminal import activity, document, message, result, table
 
 if TYPE_CHECKING:
-    from pmjoint_codegen.provision import Provided
-    from pmjoint_codegen.simulate.settings import RunOptions
+    from pmjoint_codegen.provision import Provided, Reference
+    from pmjoint_codegen.simulate.settings import CommandOptions
     from pmjoint_codegen.sweep.store import Store
 
 _SHOWN = 3  # damaged files that a message names
@@ -118,7 +118,7 @@ def command(
     draws: int | None,
     seed: int,
     method: str,
-    reference: str | None,
+    reference: Reference,
     disturbance: tuple[str, ...],
     saturation: str | None,
     formats: tuple[str, ...],
@@ -128,7 +128,7 @@ def command(
     restart: bool,
     no_figures: bool,
     wants_json: bool,
-    **asked: Unpack[RunOptions],
+    **asked: Unpack[CommandOptions],
 ) -> None:
     """Run ``pmjoint sweep``: click passes the parsed arguments."""
     from pmjoint_codegen.provision import provide

@@ -15,6 +15,7 @@ from pmjoint_codegen.emit.table import Kernel, Made, kernel_table, loop_rows
 from pmjoint_codegen.emit.vocabulary import Vocabulary, vocabulary
 from pmjoint_codegen.identity import Document, model_hash
 from pmjoint_codegen.manifest import (
+    SEGMENT,
     Function,
     GuardRule,
     Manifest,
@@ -23,6 +24,7 @@ from pmjoint_codegen.manifest import (
     Start,
     Variable,
 )
+from pmjoint_codegen.reference.command import DATA
 from pmjoint_codegen.report.notation import plain_text
 from pmjoint_codegen.values import GAINS, Rule
 from pmjoint_derive import Derivation, Model, real_symbol
@@ -118,7 +120,7 @@ def describe(
         partials=tuple(symbol.name for symbol in words.partials),
         functions=functions,
         simulation=Simulation(
-            reference=plain_text(model.reference),
+            reference=DATA if model.segment else plain_text(model.reference),
             disturbance=tuple(plain_text(entry) for entry in model.plant.disturbance),
             x0=(*simulation.x0, *(0.0 for _ in range(len(words.x) - len(simulation.x0)))),
             horizon=simulation.horizon,
@@ -191,7 +193,19 @@ def _parameters(derivation: Derivation) -> tuple[Parameter, ...]:
         for item in model.parameters
         if item.symbol in derivation.own_parameters
     ]
-    return (*plant, *design, switch, *braking, *own)
+    reference = [
+        Parameter(symbol.name, value, "", "of the reference's present segment", SEGMENT)
+        for symbol, value in zip(model.segment, segment_defaults(len(model.segment)), strict=True)
+    ]
+    return (*plant, *design, switch, *braking, *own, *reference)
+
+
+def segment_defaults(count: int) -> tuple[float, ...]:
+    """Values of a segment's parameters for points of checks: a rate, and coefficients of order one.
+
+    A run replaces them with those of its reference.
+    """
+    return (0.25, 1.5, *(0.4 / (1 + i) for i in range(count - 2)))[:count]
 
 
 def rules_of(derivation: Derivation) -> tuple[Rule, ...]:
@@ -220,6 +234,8 @@ def rules_of(derivation: Derivation) -> tuple[Rule, ...]:
 def _reference_rule(model: Model, rho: int) -> list[Rule]:
     """Assumption 1 where a run starts, as far as parameters decide it; their polynomials are finite."""
     t = real_symbol("t")
+    if model.segment:  # data have been checked
+        return []
     at_start = (sp.diff(model.reference, t, order).subs(t, 0) for order in range(rho + 1))
     terms = tuple(_python(value) for value in at_start if not value.is_polynomial(*value.free_symbols))
     allowed = f"parameters for which it and its derivatives up to {rho} are finite at t = 0"

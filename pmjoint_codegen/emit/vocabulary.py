@@ -5,8 +5,9 @@ Blocks (dense vectors): ``p`` parameters, then gains and the compensator's switc
 what the actuator delivers; ``g`` the actuator inside one saturation mode, ``w_j = g[2j] + g[2j+1] v``; ``h``
 the matrices of the exact zero-order hold. Where the plant has kinks, ``g`` of the closed loop and ``w`` of
 the plant end with the side of each, +1 or -1: ``abs(a)`` is then ``side a`` and ``sign(a)`` is ``side``.
-``p`` ends with the plant's own values of parameters that it shares with the controller: rates of x, the
-actuator and what is reported of the plant follow those.
+``p`` continues with the plant's own values of parameters that it shares with the controller: rates of x, the
+actuator and what is reported of the plant follow those. Where the reference is data, ``p`` ends with the
+parameters of its present segment.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ class Vocabulary:
     """The blocks of one derivation, as symbols.
 
     Attributes:
-        p: parameters, gains, switch, the plant's own parameters.
+        p: parameters, gains, switch, the plant's own parameters, the reference's segment.
         x: plant states.
         s: controller states.
         blocks: both by block: x, xi, Xi row by row, lambda, r.
@@ -72,6 +73,7 @@ def vocabulary(derivation: Derivation) -> Vocabulary:
             *(item.symbol for item in derivation.model.parameters),
             *s.gains,
             *derivation.own_parameters.values(),
+            *model.segment,
         ),
         x=x,
         s=s.controller_state,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -45,6 +45,8 @@ class Runs:
         divergence: |X_i| above it ends a run.
         max_steps: limit of steps of one run.
         max_step: longest step, s.
+        breaks: instants at which the reference's next segment begins, s, inside the runs.
+        segments: shape (breaks + 1, entries), what ends p on each; empty for an expression.
     """
 
     x0: Array
@@ -57,6 +59,8 @@ class Runs:
     divergence: float
     max_steps: int
     max_step: float = math.inf
+    breaks: Array = field(default_factory=lambda: np.empty(0))
+    segments: Array = field(default_factory=lambda: np.empty((0, 0)))
 
 
 @dataclass(frozen=True)
@@ -140,10 +144,12 @@ class BatchLibrary:
             final=np.empty((count, size)),
             trajectories=np.empty((count, rows, size + 2)),
         )
-        arrays = {"x0": runs.x0, "p": runs.p, "hold": runs.hold, "times": runs.times}
+        names = ("x0", "p", "hold", "times", "breaks", "segments")
+        arrays = {name: getattr(runs, name) for name in names}
         inputs = {name: self._pointer(array) for name, array in arrays.items()}
         sweep = self._ffi.new("pmj_sweep *", {name: value for name, value in inputs.items() if len(value)})
         sweep.runs, sweep.rows = count, rows
+        sweep.n_breaks, sweep.n_segment = len(runs.breaks), runs.segments.shape[1]
         sweep.hold_stride = runs.hold.shape[1] if len(runs.hold) > 1 else 0
         kept = self._set_rules(sweep, runs)
         sweep.settled = SETTLED

@@ -27,6 +27,7 @@ from pmjoint_codegen.kernels.evaluator import Array, Evaluator
 from pmjoint_codegen.loops.constants import DEFECT, GROWTH, ROUNDED_UP, SMALLEST_STEP, UNDECIDED_STEP
 from pmjoint_codegen.loops.polynomial import first_beyond, note_extremum, note_rate, note_value, passes
 from pmjoint_codegen.loops.problem import Memory, Problem, Progress
+from pmjoint_codegen.loops.segments import enter_segments, next_break
 from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.loops.stepper import Stepper
 from pmjoint_codegen.loops.steps import allowed_step, arrive, bounds, scales, shrink
@@ -134,7 +135,9 @@ class _Loop:
     def step(self) -> None:
         """One step, to the first threshold or kink; cut until guard and points of comparison accept it."""
         progress, problem = self.progress, self.problem
-        remaining = problem.horizon - progress.t
+        at = next_break(problem, progress)
+        last = min(at, problem.horizon)  # where the step must end
+        remaining = last - progress.t
         smallest = min(SMALLEST_STEP * max(progress.t, 1.0), remaining)
         undecided = progress.idle > problem.n_thresholds
         self.scales = scales(self.c)
@@ -154,7 +157,7 @@ class _Loop:
                 return
             diverging, tau = first_beyond(self.c[:, : self.v], problem.divergence, tau)
             index = -1 if diverging else index
-            end = progress.t + tau if tau < remaining else problem.horizon
+            end = progress.t + tau if tau < remaining else last
             threshold = 0 <= index < problem.n_thresholds
             mode = progress.mode + (0 if not threshold else 1 if index == progress.mode else -1)
             values, slopes = arrive(self.c, tau)
@@ -169,6 +172,8 @@ class _Loop:
                     self.cross(index, end, values)
                 if index >= problem.n_thresholds:
                     self.c = self.expand(end, self.X, progress.mode)
+                if end >= at and progress.status == Status.RUNNING:
+                    self.enter()
                 return
             progress.rejected += 1
             h = tau * shrink(miss, problem.order)
@@ -232,6 +237,23 @@ class _Loop:
         self.cross(index, progress.t, self.c[0])
         progress.idle += index < self.problem.n_thresholds
         self.c = self.expand(progress.t, self.X, progress.mode)
+
+    def enter(self) -> None:
+        """At a break point of the reference: the coefficients beyond it; where it jumps, so do v and e."""
+        progress, memory = self.progress, self.memory
+        enter_segments(self.problem, progress, memory, progress.t)
+        self.c = self.expand(progress.t, self.X, progress.mode)
+        mode = int(np.sum(self.c[0, self.v] > self.problem.thresholds))
+        if mode != progress.mode:
+            progress.mode, progress.touching = mode, -1
+            self.note_switch(progress.t, mode)
+            self.c = self.expand(progress.t, self.X, mode)
+        side = float(self.c[0, self.e + 1 + progress.held]) if progress.held >= 0 else 0.0
+        if not abs(side) < 1.0:  # u has jumped, and the kink lets go
+            self.stick.let_go(side, self.problem.n_thresholds)
+            self.c = self.expand(progress.t, self.X, mode)
+        for i in (self.v, self.e):
+            note_value(float(self.c[0, i]), progress.t, i, memory.peaks, memory.peak_times)
 
     def accept(self, values: Array, following: Array, tau: float, end: float) -> None:
         """Accept a step: output rows, metrics of e, peaks, state."""

@@ -7,7 +7,7 @@ Python twins share them. Arrays are C-contiguous float64.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +32,11 @@ class Problem:
         thresholds: values of v at which a channel of w enters or leaves a limit, ascending.
         modes: shape (n_thresholds + 1, 2 nw), offset and slope of every channel of w inside a mode.
         p: parameters.
+        breaks: instants at which the reference's next segment begins, s, inside the run.
+        segments: shape (n_breaks + 1, n_segment), what ends p on each.
+        n_breaks: length of `breaks`.
+        n_segment: entries at the end of p that a segment sets; 0 if the reference is an expression. A run
+            writes them: see `own_parameters`.
         hold: matrices of `sampled_update`; empty for the continuous loop.
         nodes: quadrature nodes on (0, 1); a hold that is one step has its own three.
         weights: of the nodes; they add up to 1.
@@ -75,6 +80,10 @@ class Problem:
     thresholds: Array
     modes: Array
     p: Array
+    breaks: Array
+    segments: Array
+    n_breaks: int
+    n_segment: int
     hold: Array
     nodes: Array
     weights: Array
@@ -136,6 +145,7 @@ class Progress:
         disc: the disc that proved the last step sound.
         held: the kink that holds the run, or -1.
         holds: how often a kink has begun to hold it, or has let go.
+        segment: index of the reference's present segment.
     """
 
     t: float = 0.0
@@ -159,6 +169,7 @@ class Progress:
     disc: int = 0
     held: int = -1
     holds: int = 0
+    segment: int = 0
 
 
 @dataclass(frozen=True)
@@ -179,6 +190,7 @@ class Memory:
         w: the actuator's output, then sides.
         window: shape (2 + 2 nx,), for which the guard is known: t and its radius, x and its radii;
         sampled loop.
+        segment: shape (n_segment,), the end of the problem's p.
         sides: on which side of each kink the run is, +1 or -1; then 1 for the one that holds it.
         holds: results of the kernel that says whether a kink holds.
         hold_times: when one begins to hold the run, lets go, and so on, s; empty without kinks.
@@ -204,6 +216,7 @@ class Memory:
     g: Array
     w: Array
     window: Array
+    segment: Array
     sides: Array
     holds: Array
     hold_times: Array
@@ -215,6 +228,11 @@ class Memory:
     peak_times: Array
     switch_times: Array
     switch_modes: npt.NDArray[np.int64]
+
+
+def own_parameters(problem: Problem) -> Problem:
+    """The problem with a p that one run may write; the same problem if none does."""
+    return replace(problem, p=problem.p.copy()) if problem.n_segment else problem
 
 
 def make_memory(problem: Problem, x0: Array) -> Memory:
@@ -239,6 +257,7 @@ def make_memory(problem: Problem, x0: Array) -> Memory:
         g=np.zeros(2 * (problem.n_actuated + problem.n_kinks)),
         w=np.zeros(problem.n_actuated + 2 * problem.n_kinks),
         window=np.full(2 + 2 * problem.n_plant, -1.0),
+        segment=problem.p[len(problem.p) - problem.n_segment :],
         sides=np.repeat([1.0, 0.0], problem.n_kinks),
         holds=np.zeros(problem.n_kinks * (2 + problem.n_plant)),
         hold_times=np.empty(problem.max_switches if problem.n_kinks else 0),

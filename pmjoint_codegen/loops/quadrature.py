@@ -65,3 +65,23 @@ def lane_steps() -> Rule:
 def short_steps() -> Rule:
     """Three nodes, for the short holds of the sampled loop: exact to degree 5."""
     return _SHORT
+
+
+def short_integral(c: list[float], size: float) -> float:
+    """Integral of e^2 over a hold that is one step, by three Gauss nodes.
+
+    Args:
+        c: Taylor coefficients of e.
+        size: of the step, s.
+    """
+    a, power, total = [c[0]], size, 0.0
+    for coefficient in c[1:]:
+        a.append(coefficient * power)
+        power = power * size
+    rule = short_steps()
+    for node, weight in zip(rule.nodes, rule.weights, strict=True):
+        e = a[-1]
+        for coefficient in a[-2::-1]:
+            e = e * node + coefficient
+        total = total + e * e * weight
+    return size * total

@@ -25,7 +25,8 @@ from pmjoint_codegen.loops.polynomial import (
     step_size,
 )
 from pmjoint_codegen.loops.problem import Memory, Problem, Progress
-from pmjoint_codegen.loops.quadrature import short_steps
+from pmjoint_codegen.loops.quadrature import short_integral
+from pmjoint_codegen.loops.segments import enter_segments, next_break
 from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.loops.stepper import Stepper
 from pmjoint_codegen.loops.steps import bounds, scales, shrink, spread
@@ -81,8 +82,11 @@ class _Loop:
         t = progress.sample * problem.sample_time
         end = (progress.sample + 1) * problem.sample_time
         rows_until = end - self.slack
+        entered = enter_segments(problem, progress, memory, t + self.slack)
         v, w, flat, s_next = self.kernel(np.array([t]), memory.sample, problem.hold, problem.p)
         c = self.channels(flat)
+        if entered:
+            self.note_jump(float(c[0, self.e]), t)
         progress.t = t
         progress.evaluations += 1
         if progress.sample == 0:
@@ -125,6 +129,11 @@ class _Loop:
             note_value(float(c[1, 0]), 0.0, last + 1, peaks, times)
         self.progress.band = self.problem.settled * abs(float(c[0, self.e]))
 
+    def note_jump(self, e: float, t: float) -> None:
+        """At a break point of the reference, e may jump; the guard of e is known for the segment before."""
+        self.memory.window[1] = -1.0
+        note_value(e, t, self.problem.n_states + 1, self.memory.peaks, self.memory.peak_times)
+
     def note_mode(self, t: float, v: float) -> None:
         """Record the mode of v at a sample, and its change."""
         progress, memory = self.progress, self.memory
@@ -153,18 +162,16 @@ class _Loop:
         """Integrate the plant under constant w for the time `length`, to `end`; `c` are the sample's own."""
         for kink, value in enumerate(c[0, self.e + 1 :].tolist()):
             self.set_side(kink, -1.0 if value < 0.0 else 1.0)
-        moving = self.progress.held < 0
-        short = (
-            moving and length <= self.problem.max_step and self.smooth(c, length) and self.within(c, length)
-        )
-        if self.progress.held >= 0 or not (short and self.shown(c, w, length)):
+        broken = next_break(self.problem, self.progress) < min(rows_until, end)
+        whole = self.progress.held < 0 and not broken and length <= self.problem.max_step
+        if not (whole and self.smooth(c, length) and self.within(c, length) and self.shown(c, w, length)):
             self.long_hold(w, end, rows_until)
             return
         progress = self.progress
         diverging, length = first_beyond(c[:, : self.e], self.problem.divergence, length)
         trial = self.try_step(c, length)
         if progress.status == Status.RUNNING:
-            progress.integral += integral(c[:, self.e].tolist(), length)
+            progress.integral += short_integral(c[:, self.e].tolist(), length)
             until = progress.t + length if diverging else end
             self.accept(c, trial, length, until, rows_until, progress.t)
             progress.status = Status.DIVERGED if diverging else progress.status
@@ -238,7 +245,9 @@ class _Loop:
         progress.touching, progress.flips, progress.last_cut = -1, 0, math.inf
         self.stick.find_out(self.find_sides(w), self.x, w)
         while progress.t < end and progress.status == Status.RUNNING:
-            left = end - progress.t
+            at = next_break(problem, progress)
+            last = at if at < min(rows_until, end) else end  # where the step must end
+            left = last - progress.t
             c = self.channels(
                 self.kernels.taylor(np.array([progress.t]), self.x, self.actuation(w), problem.p)[0]
             )
@@ -252,10 +261,14 @@ class _Loop:
                 if progress.status != Status.RUNNING:
                     return
                 progress.integral += self.long_integral(c, tau)
-                until = progress.t + tau if tau < left else end
+                until = progress.t + tau if tau < left else last
                 self.accept(c, trial, tau, until, rows_until, t_sample)
                 progress.touching, progress.flips = -1, 0
                 progress.status = Status.DIVERGED if diverging else progress.status
+            if last == at and progress.t >= at and progress.status == Status.RUNNING:
+                enter_segments(problem, progress, self.memory, progress.t)
+                found = self.rates(np.array([progress.t]), self.x, self.actuation(w), problem.p)
+                self.note_jump(float(found[1][0]), progress.t)
             if kink >= 0 and progress.status == Status.RUNNING:
                 side = float((trial if tau > 0.0 else c[0])[self.e + 1 + kink])
                 self.stick.meet(kink, self.x, w, side, 0)
@@ -374,23 +387,3 @@ class _Loop:
     def beyond(self) -> bool:
         """Whether any state has passed the limit of divergence."""
         return bool(np.any(np.abs(self.memory.sample) > self.problem.divergence))
-
-
-def integral(c: list[float], size: float) -> float:
-    """Integral of e^2 over a hold that is one step, by three Gauss nodes.
-
-    Args:
-        c: Taylor coefficients of e.
-        size: of the step, s.
-    """
-    a, power, total = [c[0]], size, 0.0
-    for coefficient in c[1:]:
-        a.append(coefficient * power)
-        power = power * size
-    rule = short_steps()
-    for node, weight in zip(rule.nodes, rule.weights, strict=True):
-        e = a[-1]
-        for coefficient in a[-2::-1]:
-            e = e * node + coefficient
-        total = total + e * e * weight
-    return size * total

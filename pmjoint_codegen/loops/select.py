@@ -17,7 +17,7 @@ from pmjoint_codegen.loops.sampled import sampled_loop
 
 Advance = Callable[[int], None]
 _START: Final = {field.name: field.default for field in fields(Progress)}
-_LAYOUT: Final = Struct("5d16q")  # of `pmj_progress`: five doubles, then integers
+_LAYOUT: Final = Struct("5d17q")  # of `pmj_progress`: five doubles, then integers
 
 
 def make_loop(evaluator: Evaluator, problem: Problem, progress: Progress, memory: Memory) -> Advance:

@@ -25,8 +25,11 @@ from pmjoint_codegen.modelfile.joint import (
 from pmjoint_codegen.modelfile.schema import ModelSpec, PlantSpec
 from pmjoint_codegen.modelfile.soundness import check_model
 from pmjoint_codegen.modelfile.units import ANY, Scales, Wanted
+from pmjoint_codegen.reference.command import DATA
+from pmjoint_codegen.reference.segments import degrees
 from pmjoint_codegen.values import BRAKING, COMPENSATOR, FILTER_GAINS, GAINS, MATCHED, check_values
 from pmjoint_derive import Gains, Model, OutsideClassError, Parameter, Plant, Simulation, real_symbol
+from pmjoint_derive.segment import segment_reference, segment_symbols
 
 DEFAULT_BRAKING = 0.5  # of the limit: the reference needs the rest
 Symbols = Mapping[str, sp.Symbol]
@@ -53,7 +56,7 @@ def to_derive(spec: ModelSpec, where: str = "") -> Model:
             source=spec.source,
             parameters=parameters,
             limit=known[spec.actuator.limit],
-            reference=parse(spec.simulation.reference, _with(known, "t"), f"{where}: simulation.reference"),
+            **_reference(spec, known, where),
             gains=_gains(spec),
             simulation=Simulation(**spec.simulation.model_dump(exclude={"reference"})),
             y_unit=spec.units.y,
@@ -79,6 +82,16 @@ def _gains(spec: ModelSpec) -> Gains:
         matched=design.start == MATCHED,
         braking=(DEFAULT_BRAKING if design.braking is None else design.braking) if brakes else None,
     )
+
+
+def _reference(spec: ModelSpec, known: Symbols, where: str) -> dict[str, Any]:
+    """The reference as an expression; of the parameters of its segment where it is data."""
+    if spec.simulation.reference != DATA:
+        return {
+            "reference": parse(spec.simulation.reference, _with(known, "t"), f"{where}: simulation.reference")
+        }
+    sizes = degrees(spec.relative_degree)
+    return {"reference": segment_reference(*sizes), "segment": segment_symbols(*sizes)}
 
 
 def _parameters(spec: ModelSpec, where: str) -> tuple[Parameter, ...]:

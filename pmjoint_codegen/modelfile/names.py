@@ -30,6 +30,7 @@ _NUMBERED = re.compile(
     r"|[A-Za-z]+\d+_next|([A-Za-z]+\d+|Omega)_start|[FG][0r]_\d+"  # of the sampled controller, of the start
     r"|d?braking_rate\w*|r1_slope\d|r2_middle"  # of a compensator that brakes
     r"|g_(offset|slope)\d+|side\d+"  # of kernels
+    r"|ref_([ta]|[pq]\d+)|y_cmd"  # of a reference that is data
     r"|\w+_plant|D[1-9]\d*_effective|known\d+|mismatch\d+"  # of the true plant
 )
 

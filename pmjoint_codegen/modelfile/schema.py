@@ -25,6 +25,7 @@ from pmjoint_codegen.modelfile.tables import (
     Table,
     Unit,
 )
+from pmjoint_codegen.reference.command import DATA
 from pmjoint_codegen.values import BRAKING, CLIP, GAINS
 from pmjoint_derive.joint import TAKEN
 
@@ -90,7 +91,9 @@ class DesignSpec(Table):
 class SimulationSpec(Table):
     """``[simulation]``."""
 
-    reference: Expression = Field(description="an expression of t and parameters")
+    reference: Expression = Field(
+        description="an expression of t and parameters, or data such as { steps = [[0, 0], [1, 0.5]] }"
+    )
     x0: Numbers = Field(description="a list of finite numbers, one for each state")
     horizon: Positive = Field(description="a finite number of seconds greater than 0")
     output_step: Positive = Field(default=0.01, description="a finite number of seconds greater than 0")
@@ -157,7 +160,7 @@ def validate(document: Mapping[str, Any], where: str) -> ModelSpec:
         ModelError: one line naming file, key, what is wrong and what is allowed there.
     """
     try:
-        spec = ModelSpec.model_validate(_tuples(document))
+        spec = ModelSpec.model_validate(_tuples(_with_data_marked(document)))
     except ValidationError as error:
         raise first_complaint(error, ModelSpec, where) from None
     if (spec.plant is None) == (spec.joint is None):
@@ -202,6 +205,14 @@ def _check_saturation(design: DesignSpec, rho: int, where: str) -> None:
             where=f"{where}: design.braking",
             remedy='give saturation = "braking"',
         )
+
+
+def _with_data_marked(document: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The document with `DATA` for a reference that is a table: whoever has the file's folder reads that."""
+    simulation = document.get("simulation")
+    if not isinstance(simulation, Mapping) or not isinstance(simulation.get("reference"), Mapping):
+        return document
+    return {**document, "simulation": {**simulation, "reference": DATA}}
 
 
 def _tuples(value: Any) -> Any:

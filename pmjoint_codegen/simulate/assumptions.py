@@ -33,9 +33,9 @@ def _is_silent(run: Record) -> bool:
 def _settings(run: Record) -> tuple[tuple[str, bool], ...]:
     """The reference, the horizon and a sampled controller's sample time; and whether each was given."""
     settings, simulation = run.settings, run.manifest.simulation
-    assumption = _SILENT_SOURCES.get(run.manifest.name, simulation.reference)
+    assumption = _SILENT_SOURCES.get(run.manifest.name, run.reference_text)
     found = [
-        (f"y_r = {simulation.reference}", simulation.reference != assumption),
+        (f"y_r = {run.reference_text}", run.reference_text != assumption),
         (f"horizon {settings.horizon:g} s", settings.horizon != simulation.horizon),
     ]
     if settings.controller == "sampled":

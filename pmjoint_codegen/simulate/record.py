@@ -12,6 +12,7 @@ from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.settings import Settings
 
+COMMAND: Final = "y_cmd"  # column of a reference that is data, before its filter
 RATE: Final = "theta_dot"  # of a joint: the rate of y, whose x2 is a coordinate of the design
 
 
@@ -68,7 +69,20 @@ class Record:
     @property
     def columns(self) -> tuple[str, ...]:
         """Names of all columns."""
-        return ("t", *self._places)
+        return ("t", *self._places, *([COMMAND] if self.settings.reference is not None else []))
+
+    @cached_property
+    def _command(self) -> Array:
+        """The unfiltered reference, where it is data."""
+        reference = self.settings.reference
+        assert reference is not None
+        return reference.values(self.t)
+
+    @property
+    def reference_text(self) -> str:
+        """The reference in one line."""
+        reference = self.settings.reference
+        return self.manifest.simulation.reference if reference is None else reference.command.text
 
     def __getitem__(self, column: str) -> Array:
         """One column, shape (rows,), read-only; a copy of it can be written.
@@ -78,6 +92,8 @@ class Record:
         """
         if column == "t":
             return _read_only(self.t)
+        if column == COMMAND and self.settings.reference is not None:
+            return _read_only(self._command)
         try:
             table, index = self._places[column]
         except KeyError:

@@ -23,10 +23,11 @@ from pmjoint_codegen.loops import quadrature
 from pmjoint_codegen.loops.guard import HOLD_RATIOS, discs, hold_factors
 from pmjoint_codegen.loops.hold import hold_matrices
 from pmjoint_codegen.loops.modes import Actuator, make_actuator
-from pmjoint_codegen.loops.problem import Memory, Problem, Progress, make_memory
+from pmjoint_codegen.loops.problem import Memory, Problem, Progress, make_memory, own_parameters
 from pmjoint_codegen.loops.select import Advance, CompiledLoop, make_loop
 from pmjoint_codegen.loops.status import Status, sentence
 from pmjoint_codegen.manifest import Manifest
+from pmjoint_codegen.reference.segments import inside
 from pmjoint_codegen.simulate.located import sticks_of, switches_of
 from pmjoint_codegen.simulate.record import RATE, Record, reports_rate
 from pmjoint_codegen.simulate.settings import RunOptions, Settings, make_settings
@@ -127,6 +128,8 @@ class Simulator:
 
     def settings(self, **asked: Unpack[RunOptions]) -> Settings:
         """Complete a run's settings, or return those of the previous call if it was the same."""
+        if asked.get("reference") is not None:  # compared by its numbers, not as an object
+            return self._checked.__wrapped__(**asked)  # type: ignore[attr-defined, no-any-return]
         try:
             return self._checked(**asked)
         except TypeError:  # an object without a hash may have changed since
@@ -152,7 +155,8 @@ class Simulator:
 
     def _prepared(self, settings: Settings) -> _Preparation:
         """The data of the last run if this one differs only in x0; else new data."""
-        key = (settings.p.tobytes(), *SHARED(settings))
+        reference = settings.reference and settings.reference.command.hash
+        key = (settings.p.tobytes(), reference, *SHARED(settings))
         prepared = self._last
         if prepared is None or prepared.key != key:
             actuator = make_actuator(self.evaluator.call("actuation", settings.p)[0])
@@ -240,6 +244,7 @@ def make_problem(evaluator: Evaluator, settings: Settings, actuator: Actuator) -
     around = discs(guard, settings.tolerance)
     rule = quadrature.long_steps()
     times = settings.times()
+    breaks, segments = inside(settings.reference, settings.horizon)
     return Problem(
         n_plant=manifest.nx,
         n_states=manifest.nX,
@@ -252,6 +257,10 @@ def make_problem(evaluator: Evaluator, settings: Settings, actuator: Actuator) -
         thresholds=actuator.thresholds,
         modes=actuator.modes,
         p=settings.p,
+        breaks=breaks,
+        segments=segments,
+        n_breaks=len(breaks),
+        n_segment=segments.shape[1],
         hold=hold_matrices(evaluator, settings.p, settings.sample_time) if sampled else np.empty(0),
         nodes=np.array(rule.nodes),
         weights=np.array(rule.weights),
@@ -297,7 +306,7 @@ def _integrate(
 ) -> tuple[Memory, Progress]:
     """Run the loop to its end, first with room for few switches: large arrays cost more than a run."""
     few = replace(problem, max_switches=min(problem.max_switches, FEW_SWITCHES))
-    for given in (few, problem):
+    for given in map(own_parameters, (few, problem)):
         memory, state = make_memory(given, start), Progress()
         _drive(make_loop(evaluator, given, state, memory), given, state, progress)
         if state.status != Status.TOO_MANY_SWITCHES or given.max_switches == problem.max_switches:
@@ -308,7 +317,7 @@ def _integrate(
 def _bare_loop(evaluator: Evaluator, problem: Problem) -> tuple[CompiledLoop, Progress, Memory]:
     """A loop of states and switches only, with room for few of them: large arrays cost more than a run."""
     few = min(problem.max_switches, FEW_SWITCHES)
-    bare = replace(problem, n_nodes=0, n_searched=0, notes_rate=0, max_switches=few)
+    bare = own_parameters(replace(problem, n_nodes=0, n_searched=0, notes_rate=0, max_switches=few))
     memory, state = make_memory(bare, np.zeros(problem.n_states)), Progress()
     return cast(CompiledLoop, make_loop(evaluator, bare, state, memory)), state, memory
 

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Final, Literal, TypedDict, Unpack
 
 import numpy as np
 
-from pmjoint_codegen.errors import UsageError, did_you_mean
+from pmjoint_codegen.errors import UsageError, did_you_mean, quoted
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
+from pmjoint_codegen.reference.reader import command_of
+from pmjoint_codegen.reference.segments import Segments, make_segments
 from pmjoint_codegen.values import (
     COMPENSATOR,
     MATCHED,
@@ -29,8 +31,8 @@ from pmjoint_codegen.values import (
 Controller = Literal["continuous", "sampled"]
 
 
-class RunOptions(TypedDict, total=False):
-    """Keywords of a run; see `ClosedLoop.simulate`."""
+class CommandOptions(TypedDict, total=False):
+    """Keywords of a run that a command passes on as they are."""
 
     horizon: float | None
     parameters: Mapping[str, float] | None
@@ -43,6 +45,12 @@ class RunOptions(TypedDict, total=False):
     tolerance: float
     max_step: float | None
     divergence: float | None
+
+
+class RunOptions(CommandOptions, total=False):
+    """Keywords of a run; see `ClosedLoop.simulate`."""
+
+    reference: object
 
 
 DEFAULT_TOLERANCE: Final = 1e-10
@@ -71,6 +79,7 @@ class Settings:
         max_steps: limit of integration steps.
         max_switches: limit of saturation switches.
         start: of the controller: ``zero``, or ``matched`` to the measured output.
+        reference: where it is data; None where it is an expression, which the kernels contain.
     """
 
     parameters: Mapping[str, float]
@@ -86,6 +95,7 @@ class Settings:
     max_steps: int = 10_000_000
     max_switches: int = 100_000
     start: str = ZERO
+    reference: Segments | None = None
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the parameters as a dictionary: a read-only view cannot be pickled."""
@@ -156,10 +166,52 @@ def make_settings(
     else:
         limit = default_divergence(manifest, values, initial, start)
     _check_rows(length, step)
-    p = known.p if known else _vector(values.values())
+    segments = _segments(manifest, own, asked.get("reference"), lambda: instants(length, step))
+    p = known.p if known and "reference" not in asked else _parameters(values, segments)
     return Settings(
-        values, p, initial, length, step, controller, period, tolerance, longest, limit, start=start
+        values,
+        p,
+        initial,
+        length,
+        step,
+        controller,
+        period,
+        tolerance,
+        longest,
+        limit,
+        start=start,
+        reference=segments,
     )
+
+
+def _segments(
+    manifest: Manifest, own: Settings | None, given: object, times: Callable[[], Array]
+) -> Segments | None:
+    """The reference where it is data: the one given, or the model's."""
+    if given is None and own is not None:
+        return own.reference
+    if not manifest.segment:
+        if given is None:
+            return None
+        raise UsageError(
+            f"is {quoted(given)}, and these kernels contain an expression of t",
+            where="reference",
+            remedy="give it to ClosedLoop.load, or ClosedLoop.simulate",
+        )
+    unit = next(item.unit for item in manifest.signals if item.name == "y_r")
+    command = manifest.simulation.command if given is None else command_of(given, instants=times, unit=unit)
+    if command is None:
+        raise UsageError(
+            "has no data",
+            where="reference",
+            remedy='give some, such as {"steps": [[0, 0], [1, 0.5]], "filter": 10}',
+        )
+    return make_segments(command, manifest.rho)
+
+
+def _parameters(values: Mapping[str, float], segments: Segments | None) -> Array:
+    """The vector p: values by name, then the reference's first segment."""
+    return _vector((*values.values(), *(() if segments is None else segments.rows[0].tolist())))
 
 
 def _vector(values: Iterable[float]) -> Array:
@@ -184,7 +236,7 @@ def _values(
 ) -> Mapping[str, float]:
     if not isinstance(overrides, Mapping):
         raise UsageError(f"is {overrides!r}", where="parameters", remedy="allowed: numbers by name")
-    values = {item.name: float(item.value) for item in manifest.parameters}
+    values = {item.name: float(item.value) for item in manifest.settable}
     for name, value in overrides.items():
         if name.removesuffix(OWN_SUFFIX) in values and name not in values:
             base = name.removesuffix(OWN_SUFFIX)

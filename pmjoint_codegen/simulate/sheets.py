@@ -11,7 +11,7 @@ from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.assumptions import sentence
 from pmjoint_codegen.simulate.disturbance import disturbance_names, pressures
-from pmjoint_codegen.simulate.record import RATE
+from pmjoint_codegen.simulate.record import COMMAND, RATE
 from pmjoint_codegen.simulate.style import BLACK, BLUE, GREY, RED
 
 if TYPE_CHECKING:
@@ -92,7 +92,7 @@ def sheets(run: Record) -> tuple[Sheet, ...]:
     manifest = run.manifest
     tracking = "Tracking: output $y$ and reference $y_r$; error $e = y - y_r = z_1 + r_1$ and its two parts."
     plans: list[tuple[str, tuple[Panel, ...], str]] = [
-        ("tracking_error", (output_panel(manifest), error_panel(manifest)), tracking)
+        ("tracking_error", (output_panel(run), error_panel(manifest)), tracking)
     ]
     for i in range(2, manifest.n + 1):
         plans.append((f"x{i}", *_state(run, i)))
@@ -119,7 +119,7 @@ def overview_panels(run: Record) -> tuple[Panel, ...]:
     first = min(2, manifest.n)
     states = _rate(manifest) if pressures(run) else _family(manifest, "x", range(first, manifest.n + 1))
     r = _family(manifest, "r", range(1, manifest.rho + 1))
-    return output_panel(manifest), error_panel(manifest), states, r, v_u, miss_panel(manifest)
+    return output_panel(run), error_panel(manifest), states, r, v_u, miss_panel(manifest)
 
 
 def caption(run: Record, sheet: Sheet, notes: Sequence[str]) -> str:
@@ -163,9 +163,13 @@ def unit_text(manifest: Manifest, name: str) -> str:
     return f" ({raised})" if unit not in ("", "1") else ""
 
 
-def output_panel(manifest: Manifest) -> Panel:
-    """Show y and the reference."""
-    return Panel((Line("y_r", "$y_r$", RED, "--"), Line("y", "$y$")), "$y,\\ y_r$" + unit_text(manifest, "y"))
+def output_panel(run: Record) -> Panel:
+    """Show y and the reference; and what it was filtered from."""
+    lines: tuple[Line, ...] = (Line("y_r", "$y_r$", RED, "--"), Line("y", "$y$"))
+    reference = run.settings.reference
+    if reference is not None and reference.command.filter is not None:
+        lines = (Line(COMMAND, "$y_{cmd}$", GREY, ":"), *lines)
+    return Panel(lines, "$y,\\ y_r$" + unit_text(run.manifest, "y"))
 
 
 def error_panel(manifest: Manifest) -> Panel:

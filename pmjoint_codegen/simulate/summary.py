@@ -10,6 +10,7 @@ import numpy as np
 
 from pmjoint_codegen.loops.status import holds
 from pmjoint_codegen.simulate.disturbance import disturbance_summary
+from pmjoint_codegen.simulate.record import COMMAND
 from pmjoint_codegen.values import BRAKING, CLIP, COMPENSATOR
 
 if TYPE_CHECKING:
@@ -26,6 +27,7 @@ def summarise(run: Record) -> dict[str, Any]:
     diverges, by the rule of sweeps.
     """
     settings, manifest = run.settings, run.manifest
+    data = settings.reference
     parameters = manifest.written(manifest.stated(settings.parameters))
     return {
         "model": manifest.name,
@@ -35,7 +37,7 @@ def summarise(run: Record) -> dict[str, Any]:
         "x0": settings.x0.tolist(),
         "start": settings.start,
         "saturation": saturation_of(settings.parameters),
-        "reference": manifest.simulation.reference,
+        "reference": run.reference_text if data is None else data.command.summary,
         "disturbance": list(manifest.simulation.disturbance),
         "horizon": settings.horizon,
         "output_step": settings.output_step,
@@ -77,6 +79,8 @@ def units_of(run: Record, parameters: Iterable[str]) -> dict[str, str]:
     manifest = run.manifest
     stated = {item.name: item.unit for item in manifest.parameters}
     columns = {item.name: item.unit for item in (*manifest.states, *manifest.signals)}
+    if COMMAND in run.columns:
+        columns[COMMAND] = columns["y_r"]
     named = {f"parameter {name}" if name in columns else name: stated[name] or "1" for name in parameters}
     return {**named, "t": "s", **columns}
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from pmjoint_codegen import storage
 from pmjoint_codegen.manifest import Manifest
+from pmjoint_codegen.simulate.record import COMMAND
 
 if TYPE_CHECKING:
     from pmjoint_codegen.simulate.record import Record
@@ -19,12 +20,27 @@ _BLOCK: Final = 4096  # rows formatted at a time: a long run's text is several t
 
 
 def csv_columns(manifest: Manifest) -> tuple[str, ...]:
-    """Names and order: t, y, y_r, e, states, errors, virtual controls, v, u, estimate, D, physics."""
+    """Names and order: t, y, y_r, e, states, errors, virtual controls, v, u, estimate, D, physics.
+
+    After y_r comes y_cmd where the reference is data.
+    """
     signals = [item.name for item in manifest.signals]
     first = signals.index("e") + 1
     errors = signals[first : signals.index("v")]
     rest = signals[signals.index("u") + 1 :]  # x_hat, D, then a joint's physical signals
-    return ("t", "y", "y_r", "e", *(item.name for item in manifest.states), *errors, "v", "u", *rest)
+    command = [COMMAND] if manifest.segment else []
+    return (
+        "t",
+        "y",
+        "y_r",
+        *command,
+        "e",
+        *(item.name for item in manifest.states),
+        *errors,
+        "v",
+        "u",
+        *rest,
+    )
 
 
 def csv_blocks(run: Record) -> Iterator[str]:

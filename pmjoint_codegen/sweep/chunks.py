@@ -87,7 +87,8 @@ def fill_in(manifest: Manifest, request: Request, columns: Mapping[str, Array]) 
         if own not in columns and own not in request.own:
             p[:, manifest.parameter_names.index(own)] = p[:, manifest.parameter_names.index(name)]
     # After every parameter is set: the plant's states at x0 depend on the plant's own values.
-    x0[:, : manifest.nx] = manifest.start.states(given, dict(zip(manifest.parameter_names, p.T, strict=True)))
+    by_name = dict(zip(manifest.parameter_names, p.T, strict=False))
+    x0[:, : manifest.nx] = manifest.start.states(given, by_name)
     return x0, p
 
 
@@ -100,6 +101,7 @@ def _saturate(manifest: Manifest, p: Array, codes: Array) -> None:
 
 
 def _runs(library: BatchLibrary, request: Request, x0: Array, p: Array) -> Runs:
+    breaks, segments = request.segments
     return Runs(
         x0=x0,
         p=p,
@@ -111,6 +113,8 @@ def _runs(library: BatchLibrary, request: Request, x0: Array, p: Array) -> Runs:
         divergence=request.divergence,
         max_steps=request.max_steps,
         max_step=math.inf if request.max_step is None else request.max_step,
+        breaks=breaks,
+        segments=segments,
     )
 
 

@@ -261,7 +261,7 @@ def _attributes(request: Request, manifest: Manifest) -> dict[str, Any]:
 
 def _parameters(request: Request, manifest: Manifest) -> dict[str, float]:
     """Values where nothing is varied; the plant's own only where set, since the others follow."""
-    values = manifest.written(dict(zip(manifest.parameter_names, request.p, strict=True)))
+    values = manifest.written(dict(zip(manifest.parameter_names, request.p, strict=False)))
     return {name: value for name, value in values.items() if name not in manifest.own or name in request.own}
 
 

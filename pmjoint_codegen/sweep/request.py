@@ -15,6 +15,8 @@ from pmjoint_codegen.identity import canonical_hash
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.loops.batch import loops_hash
 from pmjoint_codegen.manifest import LANES, Manifest
+from pmjoint_codegen.reference.command import Command
+from pmjoint_codegen.reference.segments import inside, make_segments
 from pmjoint_codegen.simulate.settings import RunOptions, Settings, count_instants, instants, make_settings
 from pmjoint_codegen.sweep.metrics import quantities
 from pmjoint_codegen.sweep.plan import DRAW, SATURATION, Plan
@@ -35,7 +37,9 @@ class Request:
         kernels: SHA-256 of the generated lanes.
         loops: hash of the loops that run them.
         sampler: version of the sampling library; empty without draws.
-        reference: y_r.
+        reference: y_r in one line.
+        command: the same where it is data, else None.
+        rho: derivatives of y_r that the law needs.
         disturbance: one expression per state.
         plan: which runs.
         p: parameters where nothing is varied, in the kernels' order.
@@ -59,6 +63,8 @@ class Request:
     loops: str
     sampler: str
     reference: str
+    command: Command | None
+    rho: int
     disturbance: tuple[str, ...]
     plan: Plan
     p: tuple[float, ...]
@@ -83,6 +89,12 @@ class Request:
     def hash(self) -> str:
         """SHA-256 of the record: equal requests have equal results."""
         return canonical_hash(self.document)
+
+    @cached_property
+    def segments(self) -> tuple[Array, Array]:
+        """Break points of the reference inside the runs, and its segments; empty for an expression."""
+        found = None if self.command is None else make_segments(self.command, self.rho)
+        return inside(found, self.horizon)
 
     def times(self) -> Array:
         """Instants of the trajectories, s; empty if none are kept."""
@@ -128,13 +140,16 @@ def _request(
     manifest: Manifest, plan: Plan, settings: Settings, own: tuple[str, ...], output_step: float | None
 ) -> Request:
     simulation = manifest.simulation
+    command = None if settings.reference is None else settings.reference.command
     return Request(
         model=manifest.name,
         model_hash=manifest.model_hash,
         kernels=_lanes(manifest),
         loops=loops_hash(),
         sampler=_sampler() if plan.samples else "",
-        reference=simulation.reference,
+        reference=simulation.reference if command is None else command.text,
+        command=command,
+        rho=manifest.rho,
         disturbance=simulation.disturbance,
         plan=plan,
         p=tuple(settings.p.tolist()),

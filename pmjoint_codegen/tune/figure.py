@@ -74,7 +74,7 @@ def _limits(panels: Array, comparison: Comparison) -> None:
         for sign in (-1, 1):
             left.axhline(sign * request.max_v, color=RUST, lw=0.7, ls=(0, (4, 2)), zorder=1)
     if manifest.limit in manifest.parameter_names:
-        level = dict(zip(manifest.parameter_names, request.runs.p, strict=True))[manifest.limit]
+        level = dict(zip(manifest.parameter_names, request.runs.p, strict=False))[manifest.limit]
         for sign in (-1, 1):
             right.axhline(sign * level, color=STONE, lw=0.5, ls=(0, (1, 2)), zorder=1)
         if peak > 2 * level:

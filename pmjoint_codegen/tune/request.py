@@ -138,7 +138,7 @@ def make_request(
             where="--generations and --population",
             remedy="allowed: whole numbers from 1",
         )
-    values = manifest.written(dict(zip(manifest.parameter_names, runs.p, strict=True)))
+    values = manifest.written(dict(zip(manifest.parameter_names, runs.p, strict=False)))
     request = Request(
         space=space,
         objective=read_objective(objective),

@@ -83,7 +83,7 @@ def _edges(space: Space, point: Array) -> tuple[str, ...]:
 
 def own_gains(costing: CostFunction) -> dict[str, float]:
     """The model's values of the gains that are searched."""
-    values = {item.name: float(item.value) for item in costing.library.manifest.parameters}
+    values = {item.name: float(item.value) for item in costing.library.manifest.settable}
     return {name: values[name] for name in costing.request.space.gains}
 
 

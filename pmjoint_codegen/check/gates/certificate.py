@@ -56,12 +56,21 @@ def decrease(run: Run, certificate: Certificate) -> GateResult:
     allowed = V[:-1] * falling + (certificate.Y or 0.0) / certificate.f * (1 - falling)
     allowed += ACCURACY * (1 + V[:-1])  # the accuracy of the trajectory itself
     ratio = V[1:] / allowed
+    ratio[_begins_anew(run)] = 0.0
     row = int(np.argmax(ratio))
     detail = f"largest V / what (35) allows, row to row; V goes from {V[0]:.4g} to {V[-1]:.3g}"
     if ratio[row] <= 1:
         return passed(detail, float(ratio[row]), 1)
     point, values = f"t={float(run.t[row + 1])!r} s", (repr(float(allowed[row])), repr(float(V[row + 1])))
     return failed(detail, float(ratio[row]), 1, Difference("run", "V", point, *values, "", ""))
+
+
+def _begins_anew(run: Run) -> npt.NDArray[np.bool_]:
+    """Which rows follow a break point of a reference without a filter: where that jumps, V begins anew."""
+    reference = run.settings.reference
+    if reference is None or reference.command.filter is not None:
+        return np.zeros(len(run.t) - 1, dtype=bool)
+    return np.asarray(np.diff(reference.places(run.t)) > 0)
 
 
 def energy(run: Run, certificate: Certificate) -> Array:

@@ -104,7 +104,7 @@ def vocabulary_mismatch(subject: Subject) -> str:
     reported = subject.table["signals"].outputs[0][1]
     signals = tuple(column_name(subject.model, symbol) for symbol in reported)
     pairs = {
-        "parameters": (manifest.parameter_names, words["p"]),
+        "parameters": (tuple(item.name for item in manifest.parameters), words["p"]),
         "states": (tuple(item.name for item in manifest.states), words["X"]),
         "signals": (tuple(item.name for item in manifest.signals), signals),
         "partial derivatives": (manifest.partials, partials),

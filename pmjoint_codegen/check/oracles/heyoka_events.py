@@ -1,4 +1,4 @@
-"""The changes within a run of heyoka's loop: its events' callbacks, and what they record."""
+"""What a run of heyoka notes: the changes that its events find, and its deviation from its equations."""
 
 from __future__ import annotations
 
@@ -10,10 +10,36 @@ import numpy.typing as npt
 
 from pmjoint_codegen.check.oracles.heyoka_kinks import Kinks, SlidingError, UntrustedError
 from pmjoint_codegen.check.oracles.heyoka_rests import Rests
+from pmjoint_codegen.check.trajectory import ACCURACY
 
 Array = npt.NDArray[np.float64]
 
+TRUSTED: Final = (
+    0.1 * ACCURACY
+)  # allowed deviation of a run from its equations: the defect's integral, relative
 MOST_FLIPS: Final = 10_000  # of sides in a run; more is sliding by ever shorter steps
+
+
+class Deviation:
+    """How far a run is from its equations: the defects of its parts."""
+
+    def __init__(self) -> None:
+        """Start at none."""
+        self._total, self._worst, self._place = 0.0, -1.0, 0.0
+
+    def add(self, times: Array, defects: Array) -> None:
+        """Add those of some steps, shape (steps,), between instants in s."""
+        sizes = np.where(np.isnan(defects), np.inf, defects)
+        self._total += float(np.sum(defects))
+        if len(sizes) and float(np.max(sizes)) > self._worst:
+            self._worst, self._place = float(np.max(sizes)), float(times[int(np.argmax(sizes))])
+
+    def trust(self) -> None:
+        """Raise `UntrustedError` if a run deviates from its equations."""
+        if not self._total <= TRUSTED:
+            raise UntrustedError(
+                f"leaves its equations by {self._total:.3g} in all, most of it near t = {self._place:.6g} s"
+            )
 
 
 class Crossings:
@@ -23,25 +49,31 @@ class Crossings:
         found: (t in s, mode that begins) in order.
         along: (t in s, parameters from there on) in order; the first is the start's.
         ended: why the run ended.
+        mode: the present one.
         rest: a kink that begins to hold the run, or lets go, and its side from there on.
     """
 
     def __init__(self) -> None:
         """Start without findings."""
         self._modes: list[list[float]] = []
+        self._first = 0
+        self.mode = 0
         self.found: list[tuple[float, int]] = []
         self.along: list[tuple[float, Array]] = []
         self.ended: UntrustedError | None = None
         self.rest: tuple[int, float] | None = None
 
-    def begin(self, modes: list[list[float]], t: float, given: Array) -> None:
+    def begin(self, modes: list[list[float]], mode: int, t: float, given: Array, first: int = 0) -> None:
         """Prepare for a run.
 
         Args:
             modes: offsets and slopes of every channel, for every mode.
+            mode: the first.
             t: s.
-            given: parameters at the start: offsets and slopes, sides, limit.
+            given: parameters at the start: the reference's segment, offsets and slopes, sides, limit.
+            first: how many of them belong to the segment.
         """
+        self.mode, self._first = mode, first
         self._modes, self.found, self.along, self.ended = modes, [], [(t, given.copy())], None
         self.rest = None
 
@@ -51,8 +83,9 @@ class Crossings:
         def crossed(solver: Any, direction: int) -> bool:
             mode = place + 1 if direction > 0 else place
             given = self.along[-1][1].copy()
-            given[: len(self._modes[mode])] = self._modes[mode]
+            given[self._first : self._first + len(self._modes[mode])] = self._modes[mode]
             self.found.append((float(solver.time), mode))
+            self.mode = mode
             return self._go_on(solver, given)
 
         return crossed

@@ -17,7 +17,8 @@ import numpy as np
 import numpy.typing as npt
 import sympy as sp
 
-from pmjoint_codegen.check.oracles.heyoka_events import MOST_FLIPS, Crossings
+from pmjoint_codegen.check.oracles.heyoka_events import MOST_FLIPS, Crossings, Deviation
+from pmjoint_codegen.check.oracles.heyoka_expressions import Expressions
 from pmjoint_codegen.check.oracles.heyoka_kinks import UNIT, Kinks, SlidingError, UntrustedError
 from pmjoint_codegen.check.oracles.heyoka_rests import Rests
 from pmjoint_codegen.check.oracles.program import Program, compile_program
@@ -25,6 +26,8 @@ from pmjoint_codegen.check.subject import Subject
 from pmjoint_codegen.check.trajectory import ACCURACY, Switches, Trajectory
 from pmjoint_codegen.emit.stick import NEVER
 from pmjoint_codegen.loops.modes import Actuator
+from pmjoint_codegen.reference.segments import inside
+from pmjoint_codegen.simulate.settings import make_settings
 
 Array = npt.NDArray[np.float64]
 
@@ -33,42 +36,9 @@ LONGEST_STEPS: Final = (
     2e-4,
 )  # s; the shorter one if a run with the longer one deviates from its equations
 POINTS: Final = (0.25, 0.5, 0.75, 1.0)  # of a step, where its polynomial is compared with the right-hand side
-TRUSTED: Final = (
-    0.1 * ACCURACY
-)  # allowed deviation of a run from its equations: the defect's integral, relative
 ONE_THRESHOLD: Final = 1e-3 * ACCURACY  # relative distance below which two thresholds are one
 
-
 FREE: Final = -1  # no kink holds
-
-
-class Expressions:
-    """heyoka's expressions as an algebra for a program of named equations."""
-
-    def __init__(self, heyoka: Any) -> None:
-        self._heyoka = heyoka
-
-    def constant(self, value: sp.Expr) -> Any:
-        """The nearest double."""
-        return self._heyoka.expression(
-            float(sp.Rational(value).p / sp.Rational(value).q if value.is_Rational else value)
-        )
-
-    def add(self, a: Any, b: Any) -> Any:
-        """Sum."""
-        return a + b
-
-    def multiply(self, a: Any, b: Any) -> Any:
-        """Product."""
-        return a * b
-
-    def power(self, a: Any, exponent: sp.Rational) -> Any:
-        """Power."""
-        return a ** float(exponent)
-
-    def apply(self, function: str, *arguments: Any) -> Any:
-        """A named function."""
-        return getattr(self._heyoka, function)(*arguments)
 
 
 class Loop:
@@ -98,11 +68,18 @@ class Loop:
         # Offset and slope of every channel, then the sides; the limit comes next.
         self._width: Final = len(blocks["g"])
         self._rounding: Final = UNIT * operation_count(program)
+        self._segments: Final = make_settings(subject.manifest).reference
+        first = self._first = subject.manifest.segment  # the reference's segment comes before all of these
         variables = [heyoka.expression(name) for name in self.names]
         known = dict(zip(self.names, variables, strict=True))
         known |= {name: heyoka.expression(value) for name, value in parameters.items()}
-        known[subject.manifest.limit] = heyoka.par[self._width]
-        known |= {symbol.name: heyoka.par[i] for i, symbol in enumerate(blocks["g"])}
+        known[subject.manifest.limit] = heyoka.par[first + self._width]
+        known |= {symbol.name: heyoka.par[first + i] for i, symbol in enumerate(blocks["g"])}
+        known |= (
+            {item.name: heyoka.par[i] for i, item in enumerate(subject.manifest.parameters[-first:])}
+            if first
+            else {}
+        )
 
         def translated(what: Program, clock: Any) -> list[Any]:
             given = known | {time: clock}
@@ -134,7 +111,7 @@ class Loop:
             translated(arguments, clock),
             [*variables, clock],
             right,
-            self._width - len(kernel.sides),
+            first + self._width - len(kernel.sides),
         )
         self._solvers: dict[tuple[int, int], tuple[Any, Crossings]] = {}
 
@@ -169,30 +146,52 @@ class Loop:
         coarse = without_narrow_modes(actuator)
         thresholds = coarse.thresholds.tolist()
         mode = int(np.searchsorted(thresholds, self.law(t[:1], start[np.newaxis], limit)[0, 0]))
-        given = np.array([*coarse.modes[mode], *[1.0] * self._n_kinks, limit])
-        held, found, defect = self._begin(float(t[0]), start, given), list[tuple[float, int]](), 0.0
+        given = np.array([*self._row(float(t[0])), *coarse.modes[mode], *[1.0] * self._n_kinks, limit])
+        held, found, deviation = (
+            self._begin(float(t[0]), start, given),
+            list[tuple[float, int]](),
+            Deviation(),
+        )
         states = np.full((len(t), len(start)), np.nan)
-        time, state, reached = float(t[0]), start, 0
-        for _ in range(MOST_FLIPS):  # from one change between stick and slip to the next
+        time, state, now = float(t[0]), start, mode
+        breaks = [] if self._segments is None else inside(self._segments, float(t[-1]))[0].tolist()
+        ends = [*breaks, float(t[-1])]
+        for _ in range(MOST_FLIPS):  # of the reference, or between stick and slip
             solver, crossings = self._solver(len(thresholds), held)
-            crossings.begin(coarse.modes.tolist(), time, given)
+            crossings.begin(coarse.modes.tolist(), now, time, given, self._first)
             solver.reset_cooldowns()
             solver.time, solver.state[:] = time, state
             solver.pars[:] = [*given, *thresholds]
-            output = solver.propagate_until(float(t[-1]), max_delta_t=longest, c_output=True)[4]
+            output = solver.propagate_until(ends[0], max_delta_t=longest, c_output=True)[4]
             if crossings.ended is not None:
                 raise crossings.ended
             found += crossings.found
-            if output is not None:
-                first, reached = reached, int(np.searchsorted(t, output.bounds[1], side="right"))
-                if reached > first:
-                    states[first:reached] = output(np.ascontiguousarray(t[first:reached]))
-                if reached == len(t) or crossings.rest is not None:
-                    defect = self._trust(output, crossings.along, held, defect)
-            if crossings.rest is None:
+            reached = time if output is None else float(output.bounds[1])
+            rows = (t >= time) & (t <= reached)
+            if output is not None and np.any(rows):
+                states[rows] = output(np.ascontiguousarray(t[rows]))
+            arrived = reached == ends[0] and np.all(np.isfinite(solver.state))
+            if not arrived and crossings.rest is None:
                 break
-            time, state, given = float(solver.time), np.array(solver.state), crossings.along[-1][1].copy()
-            held = self._rest(crossings.rest, held, given)
+            if output is not None:
+                self._note_deviation(deviation, output, crossings.along, held)
+            time, state, now = float(solver.time), np.array(solver.state), crossings.mode
+            given = crossings.along[-1][1].copy()
+            if crossings.rest is not None:
+                deviation.trust()
+                held = self._rest(crossings.rest, held, given)
+                continue
+            del ends[0]
+            if not ends:
+                deviation.trust()
+                break
+            given[: self._first] = self._row(time)
+            v = self.law(np.array([time]), state[np.newaxis], limit)[0, 0]
+            after = int(np.searchsorted(thresholds, v))
+            if after != now:
+                given[self._first : self._sides.start] = coarse.modes[after]
+                found.append((time, after))
+                now = after
         values = np.hstack([states, self.law(t, states, limit)[:, :1]])
         labels = [(time, coarse.labels[place]) for time, place in found]
         return Trajectory((*self.names, "v"), t, values, _changes(coarse.labels[mode], labels))
@@ -214,11 +213,20 @@ class Loop:
         given[self._sides.start + kink] = side
         return FREE if held == kink else kink
 
+    def _row(self, t: float) -> Array:
+        """Parameters of the reference's segment at an instant; empty if it is an expression."""
+        return np.asarray(self._rows(np.array([t]))[0])
+
+    def _rows(self, t: Array) -> Array:
+        if self._segments is None:
+            return np.empty((len(t), 0))
+        return np.asarray(self._segments.rows[self._segments.places(t)])
+
     def law(self, t: Array, states: Array, limit: float) -> Array:
         """v, and its derivatives with respect to the states, shape (rows, 1 + nX)."""
-        given = np.repeat(
-            [[0.0]] * self._width + [[limit]], len(t), axis=1
-        )  # v depends on neither mode nor side
+        others = np.zeros((self._width + 1, len(t)))  # v depends on neither mode nor side
+        others[-1] = limit
+        given = np.ascontiguousarray(np.concatenate([self._rows(t).T, others]))
         values = self._law(
             np.ascontiguousarray(states.T),
             pars=given[: self._law.nparams],
@@ -277,24 +285,15 @@ class Loop:
         both = np.asarray(values, dtype=np.float64).T
         return both[:, :count], both[:, count:].reshape(-1, count, count)
 
-    def _trust(self, output: Any, along: Sequence[tuple[float, Array]], held: int, before: float) -> float:
-        """Raise `UntrustedError` if a run deviates from its equations, or leaves a side wrongly.
-
-        Gives the deviation up to here, of which `before` is that of earlier pieces.
-        """
+    def _note_deviation(
+        self, deviation: Deviation, output: Any, along: Sequence[tuple[float, Array]], held: int
+    ) -> None:
+        """Add a part of a run's deviation; raise `UntrustedError` if it leaves a side wrongly."""
         began = np.array([t for t, _ in along])
         given = np.array([parameters for _, parameters in along])
         middles = 0.5 * (output.times[:-1] + output.times[1:])
         places = np.maximum(np.searchsorted(began, middles, side="right") - 1, 0)
-        defects = self.defect(output, given[places], held)
-        total = before + float(np.sum(defects))
-        if not total <= TRUSTED:
-            place = int(np.argmax(np.where(np.isnan(defects), np.inf, defects)))
-            raise UntrustedError(
-                f"leaves its equations by {total:.3g} in all, "
-                f"most of it near t = {float(output.times[place]):.6g} s"
-            )
-        return total
+        deviation.add(output.times, self.defect(output, given[places], held))
 
     def scales(self, trajectory: Trajectory, limit: float) -> Array:
         """Scales of the errors of a trajectory's entries, shape (rows, columns).
@@ -314,7 +313,7 @@ class Loop:
     @property
     def _sides(self) -> slice:
         """Indices of the sides among the parameters."""
-        return slice(self._width - self._n_kinks, self._width)
+        return slice(self._first + self._width - self._n_kinks, self._first + self._width)
 
     def _solver(self, count: int, held: int) -> tuple[Any, Crossings]:
         """A solver for a number of thresholds and a kink that holds, and the record that its events use."""
@@ -323,7 +322,7 @@ class Loop:
             jacobian = self._heyoka.diff_tensors(right, diff_args=variables).jacobian
             self._rates[held] = self._heyoka.cfunc([*right, *np.ravel(jacobian)], vars=variables)
         if (count, held) not in self._solvers:
-            crossings, first, kinks = Crossings(), self._width + 1, self._kinks
+            crossings, first, kinks = Crossings(), self._first + self._width + 1, self._kinks
             thresholds = [self._heyoka.par[first + place] for place in range(count)]
             events = [(self._v - level, crossings.crossing(i)) for i, level in enumerate(thresholds)]
             if kinks is not None:

@@ -120,25 +120,6 @@ static double missed(const pmj_problem *problem, const pmj_function *rates, cons
     return problem->lebesgue * most / (PMJ_DEFECT * problem->tolerance);
 }
 
-/* Record a change of mode at time t; a touch, there and back at one instant, is none. */
-static void note_switch(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory, double t,
-                        long long mode)
-{
-    const long long n = progress->switches;
-    const long long before = n > 1 ? memory->switch_modes[n - 2] : progress->first_mode;
-    if (n > 0 && memory->switch_times[n - 1] == t && before == mode) {
-        progress->switches -= 1;
-    } else if (t == 0.0) {
-        progress->first_mode = mode;
-    } else if (n < problem->max_switches) {
-        memory->switch_times[n] = t;
-        memory->switch_modes[n] = mode;
-        progress->switches += 1;
-    } else {
-        progress->status = PMJ_TOO_MANY_SWITCHES;
-    }
-}
-
 /* First call: the sides and the mode at t = 0, and the coefficients there. */
 static void start(const pmj_problem *problem, const pmj_kernels *run, pmj_progress *progress,
                   const pmj_memory *memory)
@@ -192,7 +173,7 @@ static void cross(const pmj_problem *problem, const pmj_kernels *run, pmj_progre
     }
     progress->touching = index;
     progress->mode += index == progress->mode ? 1 : -1;
-    note_switch(problem, progress, memory, t, progress->mode);
+    pmj_note_switch(problem, progress, memory, t, progress->mode);
 }
 
 /* Whether a channel may exceed its peak inside a step. The bound is the larger end of its linear part plus the most that
@@ -284,6 +265,34 @@ static double first_step(const pmj_problem *problem, const pmj_progress *progres
     return h < remaining ? h : remaining;
 }
 
+/* At a break point of the reference: the coefficients beyond it. Where the reference jumps, so do v and e. */
+static void enter(const pmj_problem *problem, const pmj_kernels *run, pmj_progress *progress,
+                  const pmj_memory *memory)
+{
+    const long long v = problem->n_states;
+    const double *c = coefficients(problem, memory, progress->buffer);
+    pmj_enter_segments(problem, progress, memory, progress->t);
+    int failed = expand(problem, run, progress, memory, progress->t, memory->state, progress->mode, progress->buffer);
+    const long long mode = pmj_mode_at(problem, c[v]);
+    if (mode != progress->mode) {
+        progress->mode = mode;
+        progress->touching = -1;
+        pmj_note_switch(problem, progress, memory, progress->t, mode);
+        failed |= expand(problem, run, progress, memory, progress->t, memory->state, mode, progress->buffer);
+    }
+    if (progress->held >= 0 && !(fabs(c[v + 2 + progress->held]) < 1.0)) { /* u has jumped, and the kink lets go */
+        pmj_deliver(problem, progress, memory, c[v]);
+        pmj_let_go(problem, progress, memory, progress->t, c[v + 2 + progress->held], problem->n_thresholds);
+        failed |= expand(problem, run, progress, memory, progress->t, memory->state, mode, progress->buffer);
+    }
+    if (failed) {
+        progress->status = PMJ_KERNEL_FAILED;
+    }
+    for (long long i = v; i < v + 2; ++i) {
+        pmj_note_value(c[i], progress->t, memory->peaks + i, memory->peak_times + i);
+    }
+}
+
 /* One step, to the first threshold or kink; cut until the guard and the points of comparison accept it. */
 static void step(const pmj_problem *problem, const pmj_kernels *run, pmj_progress *progress, const pmj_memory *memory)
 {
@@ -291,7 +300,9 @@ static void step(const pmj_problem *problem, const pmj_kernels *run, pmj_progres
     const double *c = coefficients(problem, memory, progress->buffer);
     const double *next = coefficients(problem, memory, 1 - progress->buffer);
     const double horizon = problem->times[problem->n_rows - 1];
-    const double remaining = horizon - progress->t;
+    const double at = pmj_next_break(problem, progress);
+    const double last = at < horizon ? at : horizon; /* where the step must end */
+    const double remaining = last - progress->t;
     const double shortest = PMJ_SMALLEST_STEP * (progress->t > 1.0 ? progress->t : 1.0);
     const double smallest = shortest < remaining ? shortest : remaining;
     const int undecided = progress->idle > problem->n_thresholds;
@@ -314,7 +325,7 @@ static void step(const pmj_problem *problem, const pmj_kernels *run, pmj_progres
         }
         const int diverging = first_beyond(problem, memory, c, &tau);
         index = diverging ? -1 : index;
-        const double end = tau < remaining ? progress->t + tau : horizon;
+        const double end = tau < remaining ? progress->t + tau : last;
         const long long mode = progress->mode
                                + (index < 0 || index >= problem->n_thresholds ? 0 : index == progress->mode ? 1 : -1);
         pmj_arrive(c, width, problem->order, tau, memory->trial, memory->slope);
@@ -339,6 +350,9 @@ static void step(const pmj_problem *problem, const pmj_kernels *run, pmj_progres
                 && expand(problem, run, progress, memory, end, memory->state, progress->mode, progress->buffer)) {
                 progress->status = PMJ_KERNEL_FAILED;
             }
+            if (end >= at && progress->status == PMJ_RUNNING) {
+                enter(problem, run, progress, memory);
+            }
             return;
         }
         progress->rejected += 1;
@@ -347,27 +361,6 @@ static void step(const pmj_problem *problem, const pmj_kernels *run, pmj_progres
             progress->status = pmj_all_finite(next, 2 * width) ? PMJ_STALLED : PMJ_NON_FINITE;
             return;
         }
-    }
-}
-
-/* Reset a run to start from `memory->state`: `progress` and `memory` become as when they were made. */
-void pmj_begin(const pmj_problem *problem, pmj_progress *progress, pmj_memory *memory)
-{
-    const pmj_progress fresh = {.touching = -1, .row = 1, .last_cut = HUGE_VAL, .held = -1};
-    *progress = fresh;
-    for (long long i = 0; i < problem->n_states; ++i) {
-        memory->rows[i] = memory->state[i];
-        memory->sample[i] = memory->state[i];
-        if (problem->sample_time > 0.0) {
-            memory->row_samples[i] = memory->state[i];
-        }
-    }
-    for (long long i = 0; i < problem->n_states + 3; ++i) {
-        memory->peaks[i] = 0.0;
-        memory->peak_times[i] = 0.0;
-    }
-    for (long long j = 0; j < problem->n_kinks; ++j) {
-        memory->sides[problem->n_kinks + j] = 0.0;
     }
 }
 

@@ -83,6 +83,22 @@ static void set_side(const pmj_problem *problem, const pmj_memory *memory, long 
     memory->w[problem->n_actuated + kink] = side;
 }
 
+/* Rates of the plant, e and the arguments of kinks at the state, into `rest`; 0 is success. */
+static int apply_rates(const pmj_problem *problem, const pmj_function *rates, const pmj_progress *progress,
+                       const pmj_memory *memory)
+{
+    rates->arg[0] = &progress->t;
+    rates->arg[1] = memory->state;
+    rates->arg[2] = memory->w;
+    rates->arg[3] = problem->p;
+    rates->res[0] = memory->rest;
+    rates->res[1] = memory->rest + PMJ_NX;
+    if (PMJ_NK > 0) {
+        rates->res[2] = memory->rest + PMJ_NX + 1;
+    }
+    return pmj_apply(rates);
+}
+
 /* The sides of all kinks at the state; an argument of 0 leaves its side unchanged. 0 is success. */
 static int find_sides(const pmj_problem *problem, const pmj_function *rates, const pmj_progress *progress,
                       const pmj_memory *memory)
@@ -92,14 +108,7 @@ static int find_sides(const pmj_problem *problem, const pmj_function *rates, con
         for (int i = 0; i < PMJ_NK; ++i) {
             w[i] = memory->sides[i];
         }
-        rates->arg[0] = &progress->t;
-        rates->arg[1] = memory->state;
-        rates->arg[2] = memory->w;
-        rates->arg[3] = problem->p;
-        rates->res[0] = memory->rest;
-        rates->res[1] = memory->rest + PMJ_NX;
-        rates->res[2] = memory->rest + PMJ_NX + 1;
-        if (pmj_apply(rates)) {
+        if (apply_rates(problem, rates, progress, memory)) {
             return 1;
         }
         const double value = memory->rest[PMJ_NX + 1 + j];
@@ -182,6 +191,19 @@ static double long_step(const pmj_problem *problem, const pmj_kernels *plant, pm
     }
 }
 
+/* At a break point of the reference inside a hold: only e may jump. 0 is success. */
+static int enter(const pmj_problem *problem, const pmj_function *rates, pmj_progress *progress,
+                 const pmj_memory *memory)
+{
+    pmj_enter_segments(problem, progress, memory, progress->t);
+    memory->window[1] = -1.0; /* the guard of e is known for the segment before */
+    if (apply_rates(problem, rates, progress, memory)) {
+        return 1;
+    }
+    pmj_note_value(memory->rest[PMJ_NX], progress->t, memory->peaks + PEAK_E, memory->peak_times + PEAK_E);
+    return 0;
+}
+
 /* Integrate the plant under constant w to `end` in as many steps as it takes. */
 static void long_hold(const pmj_problem *problem, const pmj_kernels *plant, pmj_progress *progress,
                       const pmj_memory *memory, double end, double rows_until)
@@ -196,7 +218,9 @@ static void long_hold(const pmj_problem *problem, const pmj_kernels *plant, pmj_
         progress->status = PMJ_KERNEL_FAILED;
     }
     while (progress->t < end && progress->status == PMJ_RUNNING) {
-        const double left = end - progress->t;
+        const double at = pmj_next_break(problem, progress);
+        const double last = at < rows_until && at < end ? at : end; /* where the step must end */
+        const double left = last - progress->t;
         long long kink = -1;
         const pmj_function *taylor = pmj_taylor_now(plant, progress);
         taylor->arg[0] = &progress->t;
@@ -220,10 +244,14 @@ static void long_hold(const pmj_problem *problem, const pmj_kernels *plant, pmj_
                 return;
             }
             progress->integral += long_integral(problem, c, tau);
-            accept(problem, progress, memory, problem->order, tau, tau < left ? progress->t + tau : end, rows_until, t_sample);
+            accept(problem, progress, memory, problem->order, tau, tau < left ? progress->t + tau : last, rows_until, t_sample);
             progress->touching = -1;
             progress->flips = 0;
             progress->status = diverging ? PMJ_DIVERGED : progress->status;
+        }
+        if (last == at && progress->t >= at && progress->status == PMJ_RUNNING
+            && enter(problem, plant->rates, progress, memory)) {
+            progress->status = PMJ_KERNEL_FAILED;
         }
         if (kink >= 0 && progress->status == PMJ_RUNNING) {
             const double side = tau > 0.0 ? memory->trial[E + 1 + kink] : c[E + 1 + kink];
@@ -308,6 +336,7 @@ void pmj_hold(const pmj_problem *problem, const pmj_kernels *plant, pmj_progress
 {
     take_sides(problem, memory);
     if (!(progress->held < 0 && length <= problem->max_step && smooth(memory->coefficients, length)
+          && !(pmj_next_break(problem, progress) < rows_until && pmj_next_break(problem, progress) < end)
           && within(memory->coefficients, bounds_of(problem, length))
           && shown(problem, plant, progress, memory, length))) {
         long_hold(problem, plant, progress, memory, end, rows_until);

@@ -48,6 +48,10 @@ typedef struct {
     const double *thresholds; /* [n_thresholds] ascending */
     const double *modes;      /* [(n_thresholds + 1)][2 nw]: offset and slope of each channel of w inside a mode */
     const double *p;          /* parameters */
+    const double *breaks;     /* [n_breaks] instants at which the reference's next segment begins, ascending, inside the run */
+    const double *segments;   /* [n_breaks + 1][n_segment] what ends p on each */
+    long long n_breaks;
+    long long n_segment;      /* 0: the reference is an expression of t */
     const double *hold;       /* sampled: zero-order-hold matrices of `sampled_update` */
     const double *nodes;      /* [n_nodes] Gauss nodes on (0, 1) for the integral of e^2 */
     const double *weights;    /* [n_nodes] */
@@ -100,6 +104,7 @@ typedef struct {
     long long disc;           /* the disc that proved the last step sound */
     long long held;           /* the kink that holds the run, or -1 */
     long long holds;          /* how often a kink has begun to hold it, or has let go */
+    long long segment;        /* index of the reference's present segment */
 } pmj_progress;
 
 /* Memory that a run writes. */
@@ -116,6 +121,7 @@ typedef struct {
     double *g;                /* continuous: [2 nw + 2 nk]: the mode, then sides */
     double *w;                /* [nw + 2 nk]: w, then sides */
     double *window;           /* sampled: [2 + 2 nx]: t and its radius, x and its radii, for which the guard is known */
+    double *segment;          /* [n_segment]: the end of the problem's p */
     double *sides;            /* [2 nk]: on which side of each kink the run is, +1 or -1; then 1 for the one that holds it */
     double *holds;            /* [nk (2 + nx)]: results of the kernel that says whether a kink holds */
     double *hold_times;       /* [max_switches], or [0] without kinks: when one begins to hold the run, lets go, and so on */
@@ -156,8 +162,18 @@ double pmj_shrink(double miss, long long order);
 double pmj_allowed_step(const double *c, const double *scales, long long width, long long order, double tolerance,
                         double safety);
 
-/* continuous.c */
+/* segments.c: break points of the reference */
+double pmj_next_break(const pmj_problem *problem, const pmj_progress *progress); /* infinite if there is none */
+void pmj_first_segment(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory);
+/* Put the segment at time t into p; whether it has changed. */
+int pmj_enter_segments(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory, double t);
+
+/* record.c */
 void pmj_begin(const pmj_problem *problem, pmj_progress *progress, pmj_memory *memory);
+/* Record a change of mode at time t; a touch, there and back at one instant, is none. */
+void pmj_note_switch(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory, double t, long long mode);
+
+/* continuous.c */
 void pmj_continuous(const pmj_problem *problem, const pmj_kernels *run, pmj_progress *progress, pmj_memory *memory,
                     long long budget);
 

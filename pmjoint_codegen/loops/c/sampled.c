@@ -97,7 +97,7 @@ typedef struct {
     bounds accuracy;   /* one step for the whole hold */
     double low;        /* thresholds of v on both sides of the mode */
     double high;
-    double row;        /* the next output instant */
+    double row;        /* the next output instant, or the reference's next break point */
 } ordinary;
 
 static ordinary ordinary_of(const pmj_problem *problem, const pmj_progress *progress)
@@ -111,6 +111,9 @@ static ordinary ordinary_of(const pmj_problem *problem, const pmj_progress *prog
     }
     if (progress->row < problem->n_rows) {
         now.row = problem->times[progress->row];
+    }
+    if (pmj_next_break(problem, progress) < now.row) {
+        now.row = pmj_next_break(problem, progress);
     }
     return now;
 }
@@ -215,6 +218,12 @@ void pmj_sampled(const pmj_problem *problem, const pmj_kernels *plant, pmj_progr
         calm = calm && (!problem->notes_rate || steepest(c, period) <= memory->peaks[PEAK_RATE]);
         if (SELDOM(!(usual && calm))) {
             double kept[N_CONTROLLER];
+            if (pmj_enter_segments(problem, progress, memory, t + slack)) { /* then it is not usual */
+                memcpy(p, problem->p, sizeof p);
+                memory->window[1] = -1.0; /* the guard of e is known for the segment before */
+                pmj_sample(&t, X, h, p, &v, w, c, next);
+                pmj_note_value(c[E], t, memory->peaks + PEAK_E, memory->peak_times + PEAK_E);
+            }
             memcpy(kept, next, sizeof kept);
             memcpy(memory->coefficients, c, sizeof c);
             if (!usual || !note_sample(problem, memory, t, end, v, kept)) {
@@ -228,6 +237,7 @@ void pmj_sampled(const pmj_problem *problem, const pmj_kernels *plant, pmj_progr
                 whole_sample(problem, plant, progress, memory, t, v, kept);
                 memcpy(X, memory->sample, sizeof X);
                 memcpy(window, memory->window, sizeof window);
+                memcpy(p, problem->p, sizeof p);
                 now = ordinary_of(problem, progress);
                 continue;
             }

@@ -167,7 +167,34 @@ static int settle(const pmj_sweep *sweep, pmj_group *all, const pmj_lanes *next,
             return PMJ_DIVERGED;
         }
     }
+    if (all->runs.t[w] >= all->runs.next_break[w]) {
+        pmj_enter_lane(sweep, &all->runs, w, all->runs.t[w]);
+        all->entered[w] = -1;
+        *ready = 0;
+    }
     return all->runs.t[w] >= sweep->horizon ? PMJ_DONE : PMJ_RUNNING;
+}
+
+/* A segment of the reference has begun: where it jumps, so does v. 1 if the coefficients are valid in its mode. */
+static int resume(pmj_group *all, const pmj_lanes *c, int w)
+{
+    pmj_lane *one = &all->runs.lanes[w];
+    const int mode = pmj_mode_of(&one->actuator, c[V][w]);
+    if (mode != one->mode) { /* it comes here again, with the coefficients in that mode */
+        one->next_mode = mode;
+        pmj_cross(all, w, all->runs.t[w]);
+        pmj_set_mode(all, w, mode);
+        all->touching[w] = 0;
+        all->alert[w] = all->stuck[w];
+        return 0;
+    }
+    all->entered[w] = 0;
+    if (one->held >= 0 && !(fabs(c[E + 1 + one->held][w]) < 1.0)) { /* u has jumped, and the kink lets go */
+        one->crossing = one->actuator.thresholds + one->held;
+        cross_kink(all, w, c[V][w], c[E + 1 + one->held][w]);
+        return 0;
+    }
+    return 1;
 }
 
 /* Process the trial steps. Gives the lanes whose coefficients `next` are valid for a step. */
@@ -186,12 +213,12 @@ static pmj_mask judge(const pmj_sweep *sweep, const pmj_results *results, const 
     pmj_note_control(&all->runs.metrics, all->v, PMJ_ORDER, accepted);
     all->runs.steps = all->runs.steps + pmj_select(accepted, pmj_all(1.0), pmj_all(0.0));
     all->h_most = pmj_select(accepted, pmj_all(HUGE_VAL), all->h_most);
-    const pmj_mask ended = (all->runs.t >= sweep->horizon) | (largest > sweep->divergence);
+    const pmj_mask ended = (all->runs.t >= pmj_min(all->runs.next_break, pmj_all(sweep->horizon))) | (largest > sweep->divergence);
     const pmj_mask spent_all = all->tried >= sweep->max_steps;
     const pmj_mask cut = all->h_guarded < all->h_first;
     all->last_cut = pmj_select(accepted, pmj_select(cut, all->h_guarded, pmj_all(HUGE_VAL)), all->last_cut);
-    const pmj_mask special = rejected | all->runs.fresh | all->runs.stalled | all->runs.sliding | (spent_all & all->runs.live) | (accepted & (ended | all->alert));
-    pmj_mask ready = all->runs.live & ~all->runs.fresh & ~rejected;
+    const pmj_mask special = rejected | all->runs.fresh | all->entered | all->runs.stalled | all->runs.sliding | (spent_all & all->runs.live) | (accepted & (ended | all->alert));
+    pmj_mask ready = all->runs.live & ~all->runs.fresh & ~all->entered & ~rejected;
     if (results->trajectories) {
         for (int w = 0; w < PMJ_WIDTH; ++w) {
             if (accepted[w]) {
@@ -212,6 +239,8 @@ static pmj_mask judge(const pmj_sweep *sweep, const pmj_results *results, const 
         if (all->runs.fresh[w]) {
             ready[w] = begin(sweep, all, next, w) ? -1 : 0;
             status = finite_rows(next, w, 2) ? PMJ_RUNNING : PMJ_NON_FINITE;
+        } else if (all->entered[w]) {
+            ready[w] = resume(all, next, w) ? -1 : 0;
         } else if (rejected[w]) {
             status = reject(all, next, w, parts[w]);
         } else if (accepted[w]) {
@@ -271,7 +300,8 @@ static pmj_mask guard(const pmj_sweep *sweep, const pmj_flow *flow, pmj_group *a
 /* Make a step in the lanes that are ready; the others do not advance. */
 static void advance(const pmj_sweep *sweep, const pmj_flow *flow, pmj_group *all, const pmj_lanes *c, pmj_mask ready)
 {
-    const pmj_lanes remaining = sweep->horizon - all->runs.t;
+    const pmj_lanes last = pmj_min(all->runs.next_break, pmj_all(sweep->horizon)); /* where the steps must end */
+    const pmj_lanes remaining = last - all->runs.t;
     pmj_lanes X[PMJ_NS];
     for (int i = 0; i < 2 * (PMJ_NW + PMJ_NK); ++i) {
         all->g_before[i] = all->g[i];
@@ -298,7 +328,7 @@ static void advance(const pmj_sweep *sweep, const pmj_flow *flow, pmj_group *all
         all->missed = pmj_max(miss, all->missed);
     }
     all->tried = all->tried + 1.0;
-    const pmj_lanes end = pmj_select(all->h < remaining, all->runs.t + all->h, pmj_all(sweep->horizon));
+    const pmj_lanes end = pmj_select(all->h < remaining, all->runs.t + all->h, last);
     all->t_before = all->runs.t;
     all->runs.t = pmj_select(ready, end, all->runs.t);
     pmj_arrive_lanes(c, &all->h, X, all->slope, all->ends, all->v, all->e, &all->square);

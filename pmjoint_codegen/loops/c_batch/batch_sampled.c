@@ -122,6 +122,15 @@ static void advance(const pmj_sweep *sweep, const pmj_results *results, pmj_samp
     const double slack = PMJ_SAME_INSTANT * sweep->sample_time;
     const pmj_mask last = end + slack >= sweep->horizon;
     const pmj_mask whole_hold = end - slack <= sweep->horizon;
+    const pmj_mask broken = all->runs.next_break <= all->runs.t + slack;
+    if (pmj_any(broken)) {
+        for (int w = 0; w < PMJ_WIDTH; ++w) {
+            if (broken[w]) {
+                pmj_enter_lane(sweep, &all->runs, w, all->runs.t[w] + slack);
+                all->window_R[w] = -1.0; /* the guard of e is known for the segment before */
+            }
+        }
+    }
     take(sweep, all, all->runs.live);
     const pmj_lanes length = pmj_select(whole_hold, pmj_all(sweep->sample_time), sweep->horizon - all->runs.t);
     for (int i = 0; i < PMJ_NX; ++i) {

@@ -20,6 +20,7 @@ void pmj_load_lane(const pmj_sweep *sweep, pmj_group *all, int w)
     }
     all->tried[w] = 0.0;
     all->on_trial[w] = 0;
+    all->entered[w] = 0;
     all->alert[w] = 0;
     all->touching[w] = 0;
     all->stuck[w] = 0;

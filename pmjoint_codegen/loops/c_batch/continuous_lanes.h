@@ -33,6 +33,7 @@ typedef struct {
     pmj_lanes tried;      /* steps tried */
     pmj_lanes limited_before; /* `limited` of the trial step: a crossing at its end sets the next mode's */
     pmj_mask on_trial;    /* there is a step whose end is not checked yet */
+    pmj_mask entered;     /* the reference's next segment has begun: the mode of v there is not known */
     pmj_mask alert;       /* a trial step ends at a threshold, or began on one */
     pmj_mask touching;    /* v is on a threshold of the mode */
     pmj_mask stuck;       /* rounding decides the mode: time has not advanced */

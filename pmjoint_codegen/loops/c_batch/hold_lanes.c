@@ -208,6 +208,8 @@ pmj_lanes pmj_hold_lanes(const pmj_sweep *sweep, const pmj_results *results, pmj
     pmj_lanes a[PMJ_HOLD_ORDER + 1];
     pmj_lanes scales[CHANNELS];
     pmj_lanes e = all->c[E];
+    /* Break points of the reference up to this instant lie inside the hold. */
+    const pmj_lanes until = t + length - PMJ_SAME_INSTANT * sweep->sample_time;
     int kink[PMJ_WIDTH];
     for (int w = 0; w < PMJ_WIDTH; ++w) {
         all->runs.lanes[w].touching = -1;
@@ -222,7 +224,7 @@ pmj_lanes pmj_hold_lanes(const pmj_sweep *sweep, const pmj_results *results, pmj
     }
     pmj_inverse_scales(all->c, CHANNELS, scales);
     pmj_mask once = whole(sweep, all, scales, left) & smooth(all, left) & (left <= sweep->max_step) & on;
-    once = once & ~pmj_held(all->w + PMJ_NW);
+    once = once & ~pmj_held(all->w + PMJ_NW) & ~(all->runs.next_break < until);
     once = once & shown(sweep, all, once, left);
     for (int w = 0; PMJ_NK > 0 && w < PMJ_WIDTH; ++w) {
         if (on[w] && !once[w]
@@ -239,10 +241,13 @@ pmj_lanes pmj_hold_lanes(const pmj_sweep *sweep, const pmj_results *results, pmj
     }
     for (;;) {
         const pmj_mask going = (left > 0.0) & ~stopped(sweep, all);
+        const pmj_mask broken = going & (all->runs.next_break < until);
+        const pmj_lanes part = pmj_select(broken, all->runs.next_break - t, left); /* up to where the step may go */
         pmj_lanes h = pmj_select(going, left, pmj_all(0.0));
         if (pmj_any(going & ~once)) {
-            h = pmj_select(once, h, long_steps(sweep, &flow, all, going & ~once, t, left, scales, kink));
+            h = pmj_select(once, h, long_steps(sweep, &flow, all, going & ~once, t, part, scales, kink));
         }
+        const pmj_mask reached = broken & (h >= part);
         pmj_scale(all->c + E, CHANNELS, PMJ_HOLD_ORDER, h, a);
         const pmj_span step = {
             going & (h > 0.0), t, h, a, PMJ_HOLD_ORDER, &all->v, 0, pmj_mean_square(a, PMJ_HOLD_ORDER), all->runs.limited,
@@ -281,8 +286,16 @@ pmj_lanes pmj_hold_lanes(const pmj_sweep *sweep, const pmj_results *results, pmj
                 kink[w] = -1;
             }
         }
-        t = t + h;
+        t = pmj_select(reached, all->runs.next_break, t + h);
         left = pmj_select(h < left, left - h, pmj_all(0.0));
+        if (pmj_any(reached)) {
+            for (int w = 0; w < PMJ_WIDTH; ++w) {
+                if (reached[w]) {
+                    pmj_enter_lane(sweep, &all->runs, w, t[w]);
+                    all->window_R[w] = -1.0; /* the guard of e is known for the segment before */
+                }
+            }
+        }
         if (!pmj_any((left > 0.0) & ~stopped(sweep, all))) {
             return e;
         }

@@ -27,6 +27,10 @@ typedef struct {
     const double *p;         /* [runs][np] parameters */
     const double *hold;      /* sampled: [runs or 1][nh] matrices of the zero-order hold */
     long long hold_stride;   /* sampled: nh, or 0 where one serves all runs */
+    const double *breaks;    /* [n_breaks] instants at which the reference's next segment begins, ascending, inside the run */
+    const double *segments;  /* [n_breaks + 1][n_segment] what ends p on each */
+    long long n_breaks;
+    long long n_segment;     /* 0: the reference is an expression of t */
     const double *times;     /* [rows] output instants of X, v and e, ascending, from 0; may be null */
     long long rows;
     double horizon;          /* s */

@@ -9,6 +9,23 @@ void pmj_open(pmj_runs *runs)
     }
 }
 
+static double break_after(const pmj_sweep *sweep, long long segment)
+{
+    return segment < sweep->n_breaks ? sweep->breaks[segment] : HUGE_VAL;
+}
+
+void pmj_enter_lane(const pmj_sweep *sweep, pmj_runs *runs, int w, double t)
+{
+    pmj_lane *one = &runs->lanes[w];
+    while (runs->next_break[w] <= t) {
+        one->segment += 1;
+        runs->next_break[w] = break_after(sweep, one->segment);
+    }
+    for (long long i = 0; i < sweep->n_segment; ++i) {
+        runs->p[PMJ_NP - sweep->n_segment + i][w] = sweep->segments[one->segment * sweep->n_segment + i];
+    }
+}
+
 void pmj_load(const pmj_sweep *sweep, pmj_runs *runs, int w)
 {
     pmj_lane *one = &runs->lanes[w];
@@ -23,6 +40,8 @@ void pmj_load(const pmj_sweep *sweep, pmj_runs *runs, int w)
     for (int i = 0; i < PMJ_NP; ++i) {
         runs->p[i][w] = sweep->p[run * PMJ_NP + i];
     }
+    one->segment = 0;
+    runs->next_break[w] = break_after(sweep, 0);
     runs->t[w] = 0.0;
     runs->steps[w] = 0.0;
     runs->live[w] = empty ? 0 : -1;

@@ -14,6 +14,7 @@
 typedef struct {
     long long run;        /* -1: the lane is empty */
     pmj_actuator actuator;
+    long long segment;    /* the reference's present one */
     int mode;
     int touching;         /* kink j (sampled), or threshold, or their number + j (continuous), that the run is on, PMJ_NK more if it has let go, or -1 */
     int held;             /* the kink that holds the run, or -1 */
@@ -32,6 +33,7 @@ typedef struct {
     pmj_lanes X[PMJ_NS];
     pmj_lanes p[PMJ_NP];
     pmj_lanes t;
+    pmj_lanes next_break; /* of the reference; infinite if there is none */
     pmj_lanes steps;      /* accepted */
     pmj_lanes low;        /* thresholds on both sides of the mode */
     pmj_lanes high;
@@ -52,6 +54,9 @@ void pmj_open(pmj_runs *runs);
 
 /* Load the next waiting run into lane w, or leave the lane empty. */
 void pmj_load(const pmj_sweep *sweep, pmj_runs *runs, int w);
+
+/* Put the reference's segment at time t into p of lane w. */
+void pmj_enter_lane(const pmj_sweep *sweep, pmj_runs *runs, int w, double t);
 
 /* Set the actuator of every lane that has just been loaded: one call for the group. */
 void pmj_load_actuators(pmj_runs *runs);
