@@ -220,7 +220,8 @@ class Loop:
     def _rows(self, t: Array) -> Array:
         if self._segments is None:
             return np.empty((len(t), 0))
-        return np.asarray(self._segments.rows[self._segments.places(t)])
+        found: Array = self._segments.rows[self._segments.places(t)]
+        return found
 
     def law(self, t: Array, states: Array, limit: float) -> Array:
         """v, and its derivatives with respect to the states, shape (rows, 1 + nX)."""
