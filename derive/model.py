@@ -186,6 +186,7 @@ class Gains:
         ck: rho decay rates of the compensator (23).
         k: n filter gains, such that ``A0 = A - k e1'`` is Hurwitz (14).
         compensator: False keeps r = 0, that is, plain clipping.
+        input_scale: kappa > 0, weight of z_2 ... z_rho in V; 1 is the paper's law.
     """
 
     c: tuple[float, ...]
@@ -193,6 +194,7 @@ class Gains:
     ck: tuple[float, ...]
     k: tuple[float, ...]
     compensator: bool = True
+    input_scale: float = 1.0
 
     @property
     def by_kind(self) -> dict[str, tuple[float, ...]]:

@@ -171,6 +171,8 @@ def _parameters(derivation: Derivation) -> tuple[Parameter, ...]:
     ]
     about = "1: (23) is driven by u - v; 0: r = 0, plain clipping"
     switch = Parameter(s.compensator.name, float(model.gains.compensator), "1", about, "switch")
+    about = "weight of z_2.. in V: the law is that of the input times this; 1: the paper's"
+    scale = Parameter(s.input_scale.name, float(model.gains.input_scale), "1", about, "gain")
     own = [
         Parameter(
             derivation.own_parameters[item.symbol].name,
@@ -183,7 +185,7 @@ def _parameters(derivation: Derivation) -> tuple[Parameter, ...]:
         for item in model.parameters
         if item.symbol in derivation.own_parameters
     ]
-    return (*plant, *design, switch, *own)
+    return (*plant, *design, switch, scale, *own)
 
 
 def rules_of(derivation: Derivation) -> tuple[Rule, ...]:

@@ -13,6 +13,7 @@ from typing import Any
 import sympy as sp
 
 from pmjoint_codegen.errors import ModelError
+from pmjoint_codegen.modelfile.design import gains_of
 from pmjoint_codegen.modelfile.expressions import parse
 from pmjoint_codegen.modelfile.joint import (
     COLUMNS,
@@ -25,7 +26,7 @@ from pmjoint_codegen.modelfile.joint import (
 from pmjoint_codegen.modelfile.schema import ModelSpec, PlantSpec
 from pmjoint_codegen.modelfile.soundness import check_model
 from pmjoint_codegen.modelfile.units import ANY, Scales, Wanted
-from pmjoint_codegen.values import COMPENSATOR, GAINS, check_values
+from pmjoint_codegen.values import COMPENSATOR, GAINS, INPUT_SCALE, check_values
 from pmjoint_derive import Gains, Model, OutsideClassError, Parameter, Plant, Simulation, real_symbol
 
 Symbols = Mapping[str, sp.Symbol]
@@ -44,8 +45,10 @@ def to_derive(spec: ModelSpec, where: str = "") -> Model:
     where = where or f"model {spec.name}"
     parameters = _parameters(spec, where)
     known = {item.name: item.symbol for item in parameters}
-    _check_values(spec, parameters, where)
     try:
+        physics = _physics(spec, parameters, where)
+        gains = gains_of(spec, physics, parameters, where)
+        _check_values(spec, gains, parameters, where)
         model = Model(
             name=spec.name,
             title=spec.title,
@@ -53,12 +56,12 @@ def to_derive(spec: ModelSpec, where: str = "") -> Model:
             parameters=parameters,
             limit=known[spec.actuator.limit],
             reference=parse(spec.simulation.reference, _with(known, "t"), f"{where}: simulation.reference"),
-            gains=Gains(**spec.design.model_dump()),
+            gains=gains,
             simulation=Simulation(**spec.simulation.model_dump(exclude={"reference"})),
             y_unit=spec.units.y,
             u_unit=spec.units.u,
             y_range=spec.y_range,
-            **_physics(spec, parameters, where),
+            **physics,
         )
     except OutsideClassError as error:
         raise ModelError(error.what, where=f"{where}: {error.key}", remedy=error.remedy) from error
@@ -140,20 +143,20 @@ def _parse(text: str, allowed: Symbols, known: Symbols, where: str) -> sp.Expr:
         raise
 
 
-def _check_values(spec: ModelSpec, parameters: tuple[Parameter, ...], where: str) -> None:
+def _check_values(spec: ModelSpec, gains: Gains, parameters: tuple[Parameter, ...], where: str) -> None:
     """Check the file's numbers against the rules for values set for one run."""
-    design = spec.design
     values = {item.name: item.value for item in parameters}
     keys = {name: f"joint.{name}" for name in values}
     keys |= {name: f"parameters.{name}.value" for name in spec.parameters} | {
         "k": "design.k",
         COMPENSATOR: "design.compensator",
+        INPUT_SCALE: "design.input_scale",
     }
     for kind in GAINS:
         names = kind.names(spec.order, spec.relative_degree)
-        values |= dict(zip(names, getattr(design, kind.name), strict=True))
+        values |= dict(zip(names, gains.by_kind[kind.name], strict=True))
         keys |= {name: f"design.{kind.name}, entry {i}" for i, name in enumerate(names, start=1)}
-    values[COMPENSATOR] = float(design.compensator)
+    values |= {COMPENSATOR: float(gains.compensator), INPUT_SCALE: gains.input_scale}
     leading = spec.plant.b[0].strip() if spec.plant else ""
     check_values(
         values,

@@ -30,6 +30,7 @@ _WORDS = frozenset(
         "s",
         "du",
         "compensator",
+        "input_scale",
         "inf",
         "nan",
     )

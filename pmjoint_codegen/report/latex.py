@@ -101,7 +101,12 @@ def gains(model: Model) -> str:
         f"${kind.latex} = ({', '.join(map(latex_number, values[kind.name]))})$" for kind in GAINS
     )
     switch = f"${latex_name('compensator')} = {int(model.gains.compensator)}$"
-    return f"Gains: {lists}. The switch {switch} is 1 where the compensator (23) works and 0 where $r = 0$."
+    scale = f"${latex_name('input_scale')} = {latex_number(model.gains.input_scale)}$"
+    return (
+        f"Gains: {lists}. The switch {switch} is 1 where the compensator (23) works and 0 where $r = 0$. "
+        f"The input scale {scale}, which the paper does not have, weighs $z_i$, $i > 1$, in $V$; "
+        "1 gives the paper's law."
+    )
 
 
 def _display(equation: Equation) -> Iterator[str]:

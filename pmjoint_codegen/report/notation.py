@@ -26,6 +26,7 @@ _WORDS = {
     "dy_r": r"\dot{y}_r",
     "d2y_r": r"\ddot{y}_r",
     "compensator": "s_r",
+    "input_scale": r"\kappa_u",
     "f_minus": "f_-",
     "f_plus": "f_+",
 }

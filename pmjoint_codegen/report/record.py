@@ -38,6 +38,7 @@ def derivation_record(model: Model, equations: Iterable[Equation]) -> dict[str, 
         ],
         "gains": {kind: list(values) for kind, values in gains.by_kind.items()},
         "compensator": gains.compensator,
+        "input_scale": gains.input_scale,
         "true_plant": own_parameters(model, known),
         "equations": [equation_record(equation) for equation in known],
     }
