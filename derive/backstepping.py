@@ -10,6 +10,10 @@ law v follow by solving
 for the one unknown in it. With ``g_2 = b_m z_1`` and ``g_i = z_{i-1}`` the couplings cancel in the sum of
 squares, which is what the certificate (19)-(35) rests on. ``eta = epsilon_2 + D_1`` is the unknown part of
 y'; the paper's D_1 is 0. It and the input u drop out of the solutions; both are checked.
+
+That is for the paper's input. The parameter ``input_scale``, kappa > 0, makes the law that of the input
+``kappa u``, whose errors are ``kappa z_i`` from step 2 on: ``g_2 = (b_m/kappa^2) z_1``, and ``kappa^2 e_i``
+stands for e_i. So the couplings cancel in ``z_1^2 + kappa^2 (z_2^2 + ... + z_rho^2)``.
 """
 
 from __future__ import annotations
@@ -133,13 +137,14 @@ def sensitivity(step: Backstepping, i: int) -> sp.Expr:
 
 
 def wanted_rate(step: Backstepping, i: int) -> sp.Expr:
-    """The error dynamics that step i requires: damping, eta, and couplings that cancel in the sum."""
+    """The error dynamics that step i requires: damping, eta, and couplings that cancel in the sum of V."""
     s, s_i = step.signals, sensitivity(step, i)
-    rate = -(s.c[i - 1] + s.e[i - 1] * s_i**2) * s.z[i - 1] - s_i * step.eta
+    weight = s.weights[i - 1]
+    rate = -(s.c[i - 1] + weight * s.e[i - 1] * s_i**2) * s.z[i - 1] - s_i * step.eta
     if i < step.plant.rho:
         rate += step.b_m * s.z[1] if i == 1 else s.z[i]
     if i == 2:
-        rate -= step.b_m * s.z[0]
+        rate -= step.b_m / weight * s.z[0]
     elif i > 2:
         rate -= s.z[i - 2]
     return rate

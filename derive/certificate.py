@@ -15,10 +15,9 @@ from pmjoint_derive.lyapunov import (
     error_weight,
     given_away,
     lyapunov_function,
-    lyapunov_matrix,
     projected_symbols,
-    symmetric_matrix,
 )
+from pmjoint_derive.lyapunov_matrix import lyapunov_matrix, symmetric_matrix
 from pmjoint_derive.model import real_symbol
 from pmjoint_derive.signals import Signals
 

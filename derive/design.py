@@ -106,13 +106,13 @@ class Derivation:
 
     @property
     def gain_values(self) -> dict[sp.Symbol, float]:
-        """The model's value of every gain, in the order of the parameter vector."""
+        """The model's value of every gain and of the input's scale, in the order of the parameter vector."""
         values = self.model.gains.by_kind
         return {
             symbol: value
             for kind, symbols in self.signals.gains_by_kind.items()
             for symbol, value in zip(symbols, values[kind], strict=True)
-        }
+        } | {self.signals.input_scale: self.model.gains.input_scale}
 
     def expanded(self, name: str) -> sp.Expr:
         """An equation's right-hand side in y, u, states, the reference, epsilon and parameters only.

@@ -10,6 +10,10 @@ with ``eta = epsilon_2 + D_1``, the unknown part of y':
     V'  =  -sum c_i z_i^2 - sum |epsilon|^2/(4 e_i) + sum |P D|^2/(2 e_i) - {squares},              (32)
     V   =  sum z_i^2/2 + sum epsilon' P epsilon/(2 e_i),      P A0 + A0' P = -2 I                   (19), (30)
 
+These are for the paper's input. With an input scale kappa, V weighs the squares of z_2 ... z_rho by ``w_i =
+kappa^2`` (`pmjoint_derive.signals.Signals.weights`): w_i z_i^2 stands for z_i^2, w_i e_i s_i^2 for e_i s_i^2
+in (28), and w_i s_i z_i for s_i z_i.
+
 The braces hold ``sum e_i (s_i z_i + eta/(2 e_i))^2 + sum |epsilon - P D|^2/(2 e_i) + sum_i sum_{j != 2}
 epsilon_j^2/(4 e_i)``: squares only, so (32) is an inequality for every model whose identities hold. They hold
 for any saturation, with the compensator (23) at work.
@@ -33,6 +37,7 @@ from pmjoint_derive.closed_loop import (
 from pmjoint_derive.design import Derivation
 from pmjoint_derive.equation import Identity
 from pmjoint_derive.filters import filter_matrix
+from pmjoint_derive.lyapunov_matrix import lyapunov_matrix, lyapunov_residual, symmetric_matrix
 from pmjoint_derive.model import real_symbol
 from pmjoint_derive.signals import Signals, derivative_name, partial_name
 
@@ -56,29 +61,6 @@ def expand_to_zero(expression: sp.Expr, sigma: sp.Expr) -> sp.Expr:
         return sp.Integer(0)
     numerator = sp.expand(sp.fraction(sp.together(rest.xreplace({_SIGMA: sigma})))[0])
     return sp.Integer(0) if numerator == 0 else rest
-
-
-def lyapunov_matrix(signals: Signals) -> sp.ImmutableMatrix:
-    """``P`` of ``P A0 + A0' P = -2 I`` (18), n x n, as rational functions of the gains k."""
-    n = len(signals.k)
-    P = symmetric_matrix(n)
-    unknowns = sorted(P.free_symbols, key=str)
-    residual = lyapunov_residual(P, signals)
-    upper = [residual[i, j] for i in range(n) for j in range(i, n)]
-    solution = sp.linsolve(upper, *unknowns)
-    values = dict(zip(unknowns, next(iter(solution)), strict=True))
-    return sp.ImmutableMatrix(P.xreplace(values).applyfunc(sp.factor))
-
-
-def lyapunov_residual(P: sp.ImmutableMatrix, signals: Signals) -> sp.ImmutableMatrix:
-    """``P A0 + A0' P + 2 I``, n x n: zero for the P of the certificate."""
-    A0 = filter_matrix(signals)
-    return sp.ImmutableMatrix(P * A0 + A0.T * P + 2 * sp.eye(len(signals.k)))
-
-
-def symmetric_matrix(n: int) -> sp.ImmutableMatrix:
-    """``P`` as symbols ``P_11``, ``P_12``, ..., n x n."""
-    return sp.ImmutableMatrix(n, n, lambda i, j: real_symbol(f"P_{min(i, j) + 1}{max(i, j) + 1}"))
 
 
 def unfold(derivation: Derivation, name: str, keep: frozenset[sp.Symbol] = frozenset()) -> sp.Expr:
@@ -275,19 +257,31 @@ def energy_identity(derivation: Derivation) -> Identity:
     """(31): the couplings cancel in ``d/dt sum z_i^2 / 2``, with z_i' as established above."""
     s = derivation.signals
     s_ = (sp.Integer(-1), *(real_symbol(f"s({i})") for i in range(2, derivation.plant.rho + 1)))
-    rate = sum(
-        (z * claim for z, claim in zip(s.z, claimed_rates(derivation, s_), strict=True)), sp.Integer(0)
-    )
+    rate = error_energy_rate(derivation, s_)
     claim = sum(
         (
-            -(c + e * s_i**2) * z**2 - s_i * z * unknown_output_rate(derivation.design)
-            for c, e, z, s_i in zip(s.c, s.e, s.z, s_, strict=True)
+            -w * (c + w * e * s_i**2) * z**2 - w * s_i * z * unknown_output_rate(derivation.design)
+            for w, c, e, z, s_i in zip(s.weights, s.c, s.e, s.z, s_, strict=True)
         ),
         sp.Integer(0),
     )
     return Identity(
-        "energy", "d/dt sum z^2/2 = -sum c z^2 - sum e s^2 z^2 - (sum s z) eta", sp.expand(rate - claim)
+        "energy",
+        "d/dt sum w z^2/2 = -sum c w z^2 - sum e (w s z)^2 - (sum w s z) eta, w = 1, kappa^2, kappa^2, ...",
+        sp.expand(rate - claim),
     )
+
+
+def error_energy_rate(derivation: Derivation, s_: tuple[sp.Expr, ...]) -> sp.Expr:
+    """``d/dt sum w_i z_i^2/2`` with the claimed z_i'.
+
+    Args:
+        derivation: the design.
+        s_: the sensitivities.
+    """
+    s = derivation.signals
+    terms = zip(s.weights, s.z, claimed_rates(derivation, s_), strict=True)
+    return sum((weight * z * rate for weight, z, rate in terms), sp.Integer(0))
 
 
 def squares(derivation: Derivation, PD: sp.MatrixBase, s_: tuple[sp.Expr, ...]) -> tuple[sp.Expr, ...]:
@@ -304,7 +298,8 @@ def squares(derivation: Derivation, PD: sp.MatrixBase, s_: tuple[sp.Expr, ...]) 
     s, eta = derivation.signals, unknown_output_rate(derivation.design)
     D_1 = output_disturbance(derivation.plant)
     weight, share = (1, sp.Rational(1, 2)) if D_1 == 0 else (2, sp.Rational(1, 4))
-    young = [e * (s_i * z + eta / (2 * e)) ** 2 for e, s_i, z in zip(s.e, s_, s.z, strict=True)]
+    terms = zip(s.weights, s.e, s_, s.z, strict=True)
+    young = [e * (w * s_i * z + eta / (2 * e)) ** 2 for w, e, s_i, z in terms]
     inputs = [share * entry**2 / e for e in s.e for entry in sp.Matrix(s.epsilon) - weight * PD]
     others = [weight * x**2 / (4 * e) for e in s.e for i, x in enumerate(s.epsilon, start=1) if i != 2]
     apart = [] if D_1 == 0 else [(eta - 2 * D_1) ** 2 / (4 * e) for e in s.e]
@@ -328,8 +323,9 @@ def error_function(s: Signals, P: sp.MatrixBase) -> sp.Expr:
 
 
 def lyapunov_function(s: Signals, V_epsilon: sp.Expr, steps: int | None = None) -> sp.Expr:
-    """``V = sum z_i^2/2 + sum V_epsilon/(2 e_i)`` (30), over the first steps or over all."""
-    return sum((z**2 / 2 for z in s.z[:steps]), sp.Integer(0)) + error_weight(s, steps) * V_epsilon
+    """``V = sum w_i z_i^2/2 + sum V_epsilon/(2 e_i)`` (30), over the first steps or over all."""
+    of_errors = (w * z**2 / 2 for w, z in zip(s.weights[:steps], s.z[:steps], strict=True))
+    return sum(of_errors, sp.Integer(0)) + error_weight(s, steps) * V_epsilon
 
 
 def error_weight(s: Signals, steps: int | None = None) -> sp.Expr:
@@ -350,7 +346,7 @@ def certified_rate(derivation: Derivation, PD: sp.MatrixBase) -> sp.Expr:
         sp.Matrix(derivation.signals.epsilon),
     )
     residual = PD.dot(PD) if D_1 == 0 else 2 * PD.dot(PD) + D_1**2
-    damping = sum((c * z**2 for c, z in zip(s.c, s.z, strict=True)), sp.Integer(0))
+    damping = sum((w * c * z**2 for w, c, z in zip(s.weights, s.c, s.z, strict=True)), sp.Integer(0))
     return -damping + error_weight(s) * (-epsilon.dot(epsilon) / 2 + residual)
 
 
@@ -362,13 +358,12 @@ def certificate_identity(derivation: Derivation) -> Identity:
     D = sp.Matrix(disturbance_symbols(derivation.plant))
     weight = error_weight(s)
     epsilon_dot = filter_matrix(s) * epsilon + D
-    V_dot = sum((z * rate for z, rate in zip(s.z, claimed_rates(derivation, s_), strict=True)), sp.Integer(0))
-    V_dot += weight * (2 * epsilon.T * P * epsilon_dot)[0]
+    V_dot = error_energy_rate(derivation, s_) + weight * (2 * epsilon.T * P * epsilon_dot)[0]
     D_1 = output_disturbance(derivation.plant)
     claim = certified_rate(derivation, P * D) - sum(squares(derivation, P * D, s_), sp.Integer(0))
     left = weight * (epsilon.T * lyapunov_residual(P, s) * epsilon)[0]
     constant = "|P D|^2" if D_1 == 0 else "(2 |P D|^2 + D_1^2)"
-    statement = f"V' = -sum c z^2 - sum |epsilon|^2/(4e) + sum {constant}/(2e) - squares"
+    statement = f"V' = -sum c w z^2 - sum |epsilon|^2/(4e) + sum {constant}/(2e) - squares"
     return Identity("certificate", statement, sp.expand(V_dot - claim - left))
 
 

@@ -188,6 +188,7 @@ class Gains:
         compensator: False keeps r = 0, that is, plain clipping.
         matched: whether a run starts with the controller matched to y(0), not at zero.
         braking: the share of the actuator's limit that a braking compensator reckons with; None: (23).
+        input_scale: kappa > 0, weight of z_2 ... z_rho in V; 1 is the paper's law.
     """
 
     c: tuple[float, ...]
@@ -196,6 +197,7 @@ class Gains:
     k: tuple[float, ...]
     compensator: bool = True
     matched: bool = False
+    input_scale: float = 1.0
     braking: float | None = None
 
     @property

@@ -46,6 +46,7 @@ class Signals:
         du: the clipped part of the input, u - v (23).
         c, e, ck: rho gains each; k: n filter gains.
         compensator: 1 when (23) is driven, 0 for plain clipping.
+        input_scale: kappa > 0, the weight of z_2 ... z_rho in V (30): the law is that of the input kappa u.
         braking: the share of the limit that a braking compensator reckons with, alone; else empty.
     """
 
@@ -68,6 +69,7 @@ class Signals:
     ck: tuple[sp.Symbol, ...]
     k: tuple[sp.Symbol, ...]
     compensator: sp.Symbol
+    input_scale: sp.Symbol
     braking: tuple[sp.Symbol, ...] = ()
 
     @classmethod
@@ -94,6 +96,7 @@ class Signals:
             ck=named("ck", rho),
             k=named("k", n),
             compensator=real_symbol("compensator"),
+            input_scale=real_symbol("input_scale"),
         )
 
     @property
@@ -113,13 +116,19 @@ class Signals:
 
     @property
     def gains(self) -> tuple[sp.Symbol, ...]:
-        """All gains in the order of the parameter vector, then the compensator's switch and braking."""
-        return (*chain.from_iterable(self.gains_by_kind.values()), self.compensator, *self.braking)
+        """All gains as in the parameter vector, then the compensator's switch, input scale and braking."""
+        design = (self.compensator, self.input_scale, *self.braking)
+        return (*chain.from_iterable(self.gains_by_kind.values()), *design)
 
     @property
     def gains_by_kind(self) -> dict[str, tuple[sp.Symbol, ...]]:
         """The symbols of `pmjoint_derive.model.Gains.by_kind`."""
         return {"c": self.c, "e": self.e, "ck": self.ck, "k": self.k}
+
+    @property
+    def weights(self) -> tuple[sp.Expr, ...]:
+        """Weight of each ``z_i^2/2`` in V (30): 1, then kappa^2, for the errors of ``kappa u``."""
+        return (sp.Integer(1), *(self.input_scale**2,) * (len(self.z) - 1))
 
 
 def derivative_name(symbol: sp.Symbol) -> str:
@@ -153,8 +162,8 @@ class Units:
         table |= {item.symbol: item.unit or Unit({}) for item in (*model.constants, *model.reported)}
         table |= {state.symbol: parse_unit(state.unit) for state in model.extras}
         table |= {channel.symbol: parse_unit(channel.unit) for channel in model.actuator}
-        table |= {s.t: SECOND, s.y: y, s.v: u, s.u: u, s.du: u, s.compensator: Unit({})}
-        table |= dict.fromkeys(s.braking, Unit({}))
+        table |= {s.t: SECOND, s.y: y, s.v: u, s.u: u, s.du: u}
+        table |= dict.fromkeys((s.compensator, s.input_scale, *s.braking), Unit({}))
         for block in (s.x, s.xi, s.epsilon, s.r):
             table |= {symbol: y / SECOND**i for i, symbol in enumerate(block)}
         table |= {symbol: y / SECOND**i for i, symbol in enumerate(s.y_r)}

@@ -30,6 +30,7 @@ CLIP = "clip"
 SATURATIONS = ("compensator", CLIP, BRAKING)
 COMPENSATOR = "compensator"  # the switch between (23) and plain clipping
 FILTER_GAINS = "gains k"  # all of them, in a message; a parameter may be called k
+INPUT_SCALE = "input_scale"  # kappa: the law is that of the input kappa u
 SETTLED = 0.02  # fraction of |e(0)|: e has settled once it stays within it
 OWN_SUFFIX = "_plant"  # of the simulated plant's own value of a parameter that the controller uses too
 
@@ -129,7 +130,8 @@ def check_values(
     """Check the value of every parameter, gain and switch of a design.
 
     Args:
-        values: name -> number: plant parameters, ``c1..``, ``e1..``, ``ck1..``, ``k1..``, ``compensator``.
+        values: name -> number: plant parameters, ``c1..``, ``e1..``, ``ck1..``, ``k1..``, ``compensator``,
+            ``input_scale``.
         n: order of the plant.
         rho: relative degree.
         limit: name of the parameter that limits the actuator.
@@ -151,7 +153,7 @@ def check_values(
     for name, value in values.items():
         if not math.isfinite(value):
             raise refuse(name, f"is {value}", "a finite number")
-    for name in (*positive_gains(rho), limit):
+    for name in (*positive_gains(rho), INPUT_SCALE, limit):
         if not values[name] > 0:
             written = from_si(values[name], (scales or {}).get(name, SI))
             raise refuse(name, f"is {written:g}", "a number greater than 0")

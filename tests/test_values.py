@@ -16,6 +16,7 @@ from pmjoint_codegen.values import Rule, check_rules, check_values, gain_names, 
 PAPER = {
     **{"d1": 0.2, "b0": 2.0, "u_max": 10.0, "c1": 15.0, "c2": 15.0, "e1": 0.1, "e2": 0.1},
     **{"ck1": 1.0, "ck2": 1.0, "k1": 6.0, "k2": 8.0, "compensator": 1.0},
+    "input_scale": 1.0,
 }
 
 
@@ -35,7 +36,7 @@ def test_every_number_is_finite(name: str, value: float) -> None:
         check(**{name: value})
 
 
-@pytest.mark.parametrize("name", ["c1", "c2", "e1", "e2", "ck1", "ck2", "u_max"])
+@pytest.mark.parametrize("name", ["c1", "c2", "e1", "e2", "ck1", "ck2", "u_max", "input_scale"])
 @pytest.mark.parametrize("value", [0.0, -0.0, -1e-300, -3.0])
 def test_gains_and_limit_are_positive(name: str, value: float) -> None:
     with pytest.raises(UsageError, match=rf"^--set: {name}: is .*; allowed: a number greater than 0$"):

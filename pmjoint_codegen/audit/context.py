@@ -24,7 +24,8 @@ from pmjoint_codegen.audit.notation import Scope, value
 from pmjoint_codegen.audit.paper import DESIGN, JOINT, Printed
 from pmjoint_derive import Derivation, Signals, real_symbol
 from pmjoint_derive.filters import filter_matrix, shift_matrix
-from pmjoint_derive.lyapunov import error_function, lyapunov_function, lyapunov_matrix
+from pmjoint_derive.lyapunov import error_function, lyapunov_function
+from pmjoint_derive.lyapunov_matrix import lyapunov_matrix
 from pmjoint_derive.units import Unit
 
 
@@ -68,13 +69,15 @@ class Context:
     def expand(self, item: Any, law: bool = False) -> Any:
         """An expression or matrix in primitive symbols.
 
+        The compensator is on, and the input scale, which the paper does not have, is 1.
+
         Args:
             item: expression in any names of the derivation.
             law: put the derived law in place of v.
         """
         s = self.signals
         keep = frozenset({s.u, disturbance_symbol(), *s.y_r} | (set() if law else {s.v}))
-        measured = {s.y: s.x[0], s.compensator: sp.Integer(1)}
+        measured = {s.y: s.x[0], s.compensator: sp.Integer(1), s.input_scale: sp.Integer(1)}
 
         def expanded(entry: sp.Expr) -> sp.Expr:
             return self.derivation.equations.expand(entry, keep).xreplace(measured)

@@ -7,8 +7,11 @@ count, so a nested linear expression may be multiplied out: ``v[k] = K1 x1[k] + 
 factors that are computed once per call. Counting operations decides which expressions stay and which are
 multiplied into their users.
 
-Two factors are the same, or zero, where their residues modulo a large prime are, with every parameter
-replaced by a fixed residue: an identity test that is exact except for a chance of one in 10^18.
+Two factors are the same, or zero, where their residues modulo two large primes are, with every parameter
+replaced by a fixed residue: an identity test that is exact except for a chance of one in 10^18. Modulo the
+second prime, a neutral parameter is 1. Operations are counted with that residue only: a parameter that is 1
+unless it is set, such as the input scale, changes none of the decisions, and the values at 1 have the same
+bits as without it.
 """
 
 from __future__ import annotations
@@ -18,12 +21,16 @@ from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from hashlib import sha256
+from math import gcd
 from typing import Final
 
 from pmjoint_codegen.emit.terms import Term, number
 
 PRIME: Final = 2**61 - 1
+SECOND: Final = 2**62 - 57
+MODULUS: Final = PRIME * SECOND
 
+Entry = tuple[str, int]  # label of a function's input, and index in it
 Form = dict[int, int]  # quantity -> residue of its factor
 
 
@@ -46,13 +53,18 @@ class Factor:
         """Whether it is 1 or -1."""
         return unit(self.residue)
 
+    @property
+    def neutral(self) -> bool:
+        """Whether it is 1 as long as neutral parameters are, and not otherwise."""
+        return self.residue % SECOND == 1 and not self.unit
+
     def __neg__(self) -> Factor:
         """Negative; no operation."""
-        return factor(-self.residue % PRIME, self.term, -self.sign)
+        return factor(-self.residue % MODULUS, self.term, -self.sign)
 
     def __mul__(self, other: Factor) -> Factor:
         """Product; with 1 or -1, no operation."""
-        residue, sign = self.residue * other.residue % PRIME, self.sign * other.sign
+        residue, sign = self.residue * other.residue % MODULUS, self.sign * other.sign
         if self.unit:
             return factor(residue, other.term, sign)
         return factor(residue, self.term if other.unit else self.term * other.term, sign)
@@ -63,7 +75,7 @@ class Factor:
 
     def __add__(self, other: Factor) -> Factor:
         """Sum."""
-        residue = (self.residue + other.residue) % PRIME
+        residue = (self.residue + other.residue) % MODULUS
         if self.sign == other.sign:
             return factor(residue, self.term + other.term, self.sign)
         return factor(residue, self.term - other.term, self.sign)
@@ -78,7 +90,7 @@ def factor(residue: int, term: Term, sign: int = 1) -> Factor:
 
 def unit(residue: int) -> bool:
     """Whether it is the residue of 1 or -1."""
-    return residue in (1, PRIME - 1)
+    return residue in (1, MODULUS - 1)
 
 
 def one() -> Factor:
@@ -89,17 +101,28 @@ def one() -> Factor:
 def residue_of(value: float) -> int:
     """Residue of a double, which is a fraction."""
     exact = Fraction(value)
-    return exact.numerator * pow(exact.denominator, -1, PRIME) % PRIME
+    return exact.numerator * pow(exact.denominator, -1, MODULUS) % MODULUS
 
 
 def residue_named(*names: Hashable) -> int:
-    """A fixed residue for a quantity known only by name."""
+    """A fixed residue for a quantity known only by name, the same modulo both primes."""
     return int.from_bytes(sha256(repr(names).encode()).digest()[:8], "big") % PRIME
+
+
+def joined(first: int, second: int) -> int:
+    """The residue that is `first` modulo `PRIME` and `second` modulo `SECOND`."""
+    return first + PRIME * ((second - first) * pow(PRIME, -1, SECOND) % SECOND)
+
+
+def residue_of_result(operation: Hashable, *operands: int) -> int:
+    """A fixed residue for a result that is no sum, product or quotient, from those of its operands."""
+    named = (residue_named(operation, *(value % prime for value in operands)) for prime in (PRIME, SECOND))
+    return joined(*named)
 
 
 def inverse(residue: int) -> int:
     """Residue of 1/a; of 1/0, what is no number's."""
-    return pow(residue, -1, PRIME) if residue else residue_named("1/0")
+    return pow(residue, -1, MODULUS) if gcd(residue, MODULUS) == 1 else residue_named("1/0", residue)
 
 
 Combination = dict[int, Factor]  # quantity -> factor
@@ -184,12 +207,18 @@ class _Count:
 
 
 def _residues(form: Combination) -> Form:
-    return {name: factor.residue for name, factor in form.items()}
+    """Residues modulo `SECOND`, which count; factors that are zero there do not."""
+    residues = ((name, factor.residue % SECOND) for name, factor in form.items())
+    return {name: residue for name, residue in residues if residue}
+
+
+def _costs(residue: int) -> bool:
+    return residue not in (1, SECOND - 1)
 
 
 def _products(form: Form) -> list[tuple[int, int]]:
     """Products of a form that cost something; one with the opposite sign is the same."""
-    return [(name, min(value, PRIME - value)) for name, value in form.items() if not unit(value)]
+    return [(name, min(value, SECOND - value)) for name, value in form.items() if _costs(value)]
 
 
 def _additions(form: Form) -> int:
@@ -197,10 +226,10 @@ def _additions(form: Form) -> int:
 
 
 def _inlined(form: Form, name: int, inner: Form) -> Form:
-    outer = form[name]
+    outer = form.get(name, 0)
     result = {part: value for part, value in form.items() if part != name}
     for part, value in inner.items():
-        total = (result.get(part, 0) + outer * value) % PRIME
+        total = (result.get(part, 0) + outer * value) % SECOND
         if total:
             result[part] = total
         else:

@@ -21,7 +21,7 @@ from typing import Final
 
 import casadi as ca
 
-from pmjoint_codegen.emit.affine import Factor
+from pmjoint_codegen.emit.affine import Entry, Factor
 from pmjoint_codegen.emit.recurrences import Kind, Node, Order, Series
 from pmjoint_codegen.emit.taylor import Expansion, expand
 from pmjoint_codegen.emit.terms import Term, number, total
@@ -209,13 +209,21 @@ def _partners(nodes: Sequence[Node]) -> dict[Node, Node]:
     }
 
 
-def compact_function(name: str, function: ca.Function, order: int, *, time: str = "t", state: str) -> Compact:
+def compact_function(
+    name: str,
+    function: ca.Function,
+    order: int,
+    *,
+    time: str = "t",
+    state: str,
+    neutral: Entry | None = None,
+) -> Compact:
     """What `taylor.taylor_function` gives, as two phases per order.
 
     Raises:
         ModelError: for an operation without a recurrence.
     """
-    system = expand(function, time=time, state=state)
+    system = expand(function, time=time, state=state, neutral=neutral)
     phase = _Phase(system)
     for node in system.moving:
         phase.extended(node)
@@ -253,14 +261,20 @@ def compact_function(name: str, function: ca.Function, order: int, *, time: str 
 
 
 def compact_where_long(
-    name: str, function: ca.Function, order: int, *, time: str = "t", state: str
+    name: str,
+    function: ca.Function,
+    order: int,
+    *,
+    time: str = "t",
+    state: str,
+    neutral: Entry | None = None,
 ) -> Compact | None:
     """The compact kernel where straight lines would be more than `MOST_STRAIGHT`, else None.
 
     Raises:
         ModelError: for an operation without a recurrence.
     """
-    compact = compact_function(name, function, order, time=time, state=state)
+    compact = compact_function(name, function, order, time=time, state=state, neutral=neutral)
     return compact if compact.operations > MOST_STRAIGHT else None
 
 

@@ -177,6 +177,8 @@ def _parameters(derivation: Derivation) -> tuple[Parameter, ...]:
     ]
     about = "1: (23) is driven by u - v; 0: r = 0, plain clipping"
     switch = Parameter(s.compensator.name, float(model.gains.compensator), "1", about, "switch")
+    about = "weight of z_2.. in V: the law is that of the input times this; 1: the paper's"
+    scale = Parameter(s.input_scale.name, float(model.gains.input_scale), "1", about, "gain")
     about = "share of the limit of u that the compensator brakes with"
     braking = [
         Parameter(symbol.name, float(model.gains.braking or 0.0), "1", about, "gain") for symbol in s.braking
@@ -197,7 +199,7 @@ def _parameters(derivation: Derivation) -> tuple[Parameter, ...]:
         Parameter(symbol.name, value, "", "of the reference's present segment", SEGMENT)
         for symbol, value in zip(model.segment, segment_defaults(len(model.segment)), strict=True)
     ]
-    return (*plant, *design, switch, *braking, *own, *reference)
+    return (*plant, *design, switch, scale, *braking, *own, *reference)
 
 
 def segment_defaults(count: int) -> tuple[float, ...]:

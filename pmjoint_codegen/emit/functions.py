@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import casadi as ca
 import sympy as sp
 
+from pmjoint_codegen.emit.affine import Entry
 from pmjoint_codegen.emit.compact import compact_where_long
 from pmjoint_codegen.emit.guard import guard_function
 from pmjoint_codegen.emit.table import (
@@ -21,6 +22,7 @@ from pmjoint_codegen.emit.table import (
 )
 from pmjoint_codegen.emit.taylor import taylor_function
 from pmjoint_codegen.emit.translate import Translator
+from pmjoint_codegen.emit.vocabulary import neutral_entry
 from pmjoint_codegen.kernels.turn import alone
 from pmjoint_derive import Derivation
 from pmjoint_derive.progress import Stage, unwatched
@@ -63,30 +65,35 @@ def build_functions(derivation: Derivation, order: int, stage: Stage = unwatched
         functions[name] = build_function(kernel, derivation)
     stage(f"building Taylor coefficients up to order {order}", 0.0)
     for made in loop_rows(rows):
-        functions[made.name] = make_function(made, functions, order)
+        functions[made.name] = make_function(made, functions, order, neutral_entry(derivation))
     return functions
 
 
 @alone
-def lane_functions(functions: Mapping[str, ca.Function]) -> dict[str, ca.Function]:
-    """The functions of `lane_rows` by name, from those of `build_functions`."""
-    return {made.name: make_function(made, functions) for made in lane_rows(functions)}
+def lane_functions(
+    functions: Mapping[str, ca.Function], neutral: Entry | None = None
+) -> dict[str, ca.Function]:
+    """The functions of `lane_rows` by name, from those of `build_functions`; for `neutral` see `make_function`."""
+    return {made.name: make_function(made, functions, neutral=neutral) for made in lane_rows(functions)}
 
 
-def make_function(made: Made, functions: Mapping[str, ca.Function], order: int = 0) -> ca.Function:
+def make_function(
+    made: Made, functions: Mapping[str, ca.Function], order: int = 0, neutral: Entry | None = None
+) -> ca.Function:
     """One row that is made from others.
 
     Args:
         made: the row.
         functions: those that it is made from, among others.
         order: highest Taylor coefficient, where the row leaves it open.
+        neutral: place of the parameter that is 1 unless it is set, which changes no order of operations.
     """
     match made:
         case Taylor(name, of, state, fixed):
-            compact = compact_where_long(name, functions[of], fixed or order, state=state)
+            compact = compact_where_long(name, functions[of], fixed or order, state=state, neutral=neutral)
             if compact and not fixed:
                 return compact.unrolled()
-            return taylor_function(name, functions[of], fixed or order, state=state)
+            return taylor_function(name, functions[of], fixed or order, state=state, neutral=neutral)
         case Guard(name, of, state):
             return guard_function(name, functions[of], state=state)
         case Composed(name, parts, build):

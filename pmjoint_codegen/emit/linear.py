@@ -115,6 +115,16 @@ def shared(nodes: Sequence[Node]) -> tuple[list[Node], dict[Node, list[tuple[Nod
     return result, multiples
 
 
+def _past_neutral(
+    node: Node, by: Factor, linear: Mapping[Node, list[tuple[Node, Factor]]]
+) -> tuple[Node, Factor]:
+    """A multiple of a node, past neutral factors: so they change no order in which a sum is added."""
+    while node in linear and len(linear[node]) == 1 and linear[node][0][1].neutral:
+        ((node, inner),) = linear[node]
+        by = by * inner
+    return node, by
+
+
 def simplify(
     nodes: Sequence[Node], multiples: Mapping[Node, list[tuple[Node, Factor]]], asked: Iterable[Node]
 ) -> None:
@@ -139,7 +149,8 @@ def simplify(
         if parts is None:
             continue
         form: Combination = {}
-        for part, times in parts:
+        for direct, by in parts:
+            part, times = _past_neutral(direct, by, linear)
             key = name(part)
             form[key] = form[key] + times if key in form else times
         forms[name(node)] = form

@@ -41,7 +41,7 @@ from pmjoint_codegen.emit.scalar_text import HEADER as SAMPLED_HEADER
 from pmjoint_codegen.emit.scalar_text import loops_source, sampled_header
 from pmjoint_codegen.emit.table import Taylor, lane_rows, loop_rows
 from pmjoint_codegen.emit.tape import tapes_of
-from pmjoint_codegen.emit.vocabulary import vocabulary
+from pmjoint_codegen.emit.vocabulary import neutral_entry, vocabulary
 from pmjoint_codegen.errors import ModelError
 from pmjoint_codegen.identity import Document, structure_hash
 from pmjoint_codegen.kernels.tape import FILE_NAME as TAPE
@@ -98,7 +98,8 @@ def generate(
     functions = build_functions(derivation, order, stage)
     records = describe_functions(derivation, functions)
     stage("writing C", 0.0)
-    compact = compact_where_long("taylor", functions["closed_loop"], order, state="X")
+    neutral = neutral_entry(derivation)
+    compact = compact_where_long("taylor", functions["closed_loop"], order, state="X", neutral=neutral)
     texts = _kernel_files(document, derivation, functions, compact, records)
     if lanes:
         stage("writing C for sweeps", 0.0)
@@ -163,7 +164,7 @@ def _lane_files(
     document: Document, derivation: Derivation, functions: Mapping[str, ca.Function]
 ) -> dict[str, str]:
     words = vocabulary(derivation)
-    lanes = tapes_of(lane_functions(functions).values())
+    lanes = tapes_of(lane_functions(functions, neutral_entry(derivation)).values())
     operations = sum(len(steps(tape)) for tape in lanes)
     size = f"{operations} operations in {len(lanes)} functions over lanes, for sweeps."
     head = banner(provenance(document, derivation, "kernels", size))

@@ -18,11 +18,15 @@ import casadi as ca
 
 from pmjoint_codegen.emit import recurrences
 from pmjoint_codegen.emit.affine import (
+    MODULUS,
     PRIME,
+    Entry,
     Factor,
     inverse,
+    joined,
     residue_named,
     residue_of,
+    residue_of_result,
 )
 from pmjoint_codegen.emit.linear import shared, simplify
 from pmjoint_codegen.emit.recurrences import Kind, Node, Order, Series
@@ -121,7 +125,7 @@ def _residue(node: Node) -> int:
         "div": lambda: a * inverse(b),
         "inv": lambda: inverse(a),
     }.get(node.operation)
-    return exact() % PRIME if exact else residue_named(node.operation, node.exponent, a, b)
+    return exact() % MODULUS if exact else residue_of_result((node.operation, node.exponent), a, b)
 
 
 @dataclass(frozen=True)
@@ -150,7 +154,7 @@ class Expansion:
         return [node for node in self.nodes if not (node.constant or node.absorbed)]
 
 
-def expand(function: ca.Function, *, time: str = "t", state: str) -> Expansion:
+def expand(function: ca.Function, *, time: str = "t", state: str, neutral: Entry | None = None) -> Expansion:
     """Read a right-hand side.
 
     Args:
@@ -158,6 +162,7 @@ def expand(function: ca.Function, *, time: str = "t", state: str) -> Expansion:
             carried along.
         time: name of the input that is time.
         state: name of the input that is the state.
+        neutral: label and index of a parameter that is 1 unless it is set; see `affine`.
 
     Raises:
         ModelError: for an operation without a recurrence.
@@ -168,6 +173,10 @@ def expand(function: ca.Function, *, time: str = "t", state: str) -> Expansion:
         for i, label in enumerate(function.name_in())
         for entry in range(inputs[i].numel())
     }
+    if neutral is not None and neutral[0] in function.name_in():
+        node = leaves[function.index_in(neutral[0]), neutral[1]]
+        node.residue = joined(node.residue % PRIME, 1)
+        node.series = [Term(node[0].value, neutral=True)]
     states = [leaves[function.index_in(state), entry] for entry in range(function.size1_in(state))]
     graph = build_graph(tape_of(function), leaves)
     for node, rate in zip(states, graph.outputs[0], strict=True):
@@ -251,7 +260,13 @@ class At(Order):
 
 
 def taylor_function(
-    name: str, function: ca.Function, order: int, *, time: str = "t", state: str
+    name: str,
+    function: ca.Function,
+    order: int,
+    *,
+    time: str = "t",
+    state: str,
+    neutral: Entry | None = None,
 ) -> ca.Function:
     """A function of the same inputs that returns Taylor coefficients instead of rates.
 
@@ -261,6 +276,7 @@ def taylor_function(
         order: highest coefficient N.
         time: name of the input that is time.
         state: name of the input that is the state.
+        neutral: as `expand` takes it.
 
     Returns:
         Function of the same inputs with one output ``c`` of length ``(N + 1) * channels``; row k holds the
@@ -269,7 +285,7 @@ def taylor_function(
     Raises:
         ModelError: for an operation without a recurrence.
     """
-    system = expand(function, time=time, state=state)
+    system = expand(function, time=time, state=state, neutral=neutral)
     for k in range(1, order + 1):
         for node, rate in zip(system.states, system.rates, strict=True):
             node.series.append(rate[k - 1].times(1 / k))

@@ -27,10 +27,13 @@ class Term:
     Attributes:
         value: the expression.
         ready: length of the longest chain of operations behind it.
+        neutral: whether it is a parameter that is 1 unless it is set (`affine`), or made of such: a product
+            or quotient by it counts as no step, so that it changes no order of additions.
     """
 
     value: ca.SX
     ready: int = 0
+    neutral: bool = False
 
     @property
     def zero(self) -> bool:
@@ -47,11 +50,15 @@ class Term:
 
     def __mul__(self, other: Term) -> Term:
         """Product."""
-        return self._with(other, self.value * other.value, 1)
+        value = self.value * other.value
+        if other.neutral:
+            return self._scaled(value)
+        return other._scaled(value) if self.neutral else self._with(other, value, 1)
 
     def __truediv__(self, other: Term) -> Term:
         """Quotient."""
-        return self._with(other, self.value / other.value, QUOTIENT)
+        value = self.value / other.value
+        return self._scaled(value) if other.neutral else self._with(other, value, QUOTIENT)
 
     def __neg__(self) -> Term:
         """Negative."""
@@ -73,6 +80,10 @@ class Term:
         if value.is_constant():
             return Term(value)
         return Term(value, max(self.ready, other.ready) + steps)
+
+    def _scaled(self, value: ca.SX) -> Term:
+        """This term times or over a neutral one."""
+        return Term(value, self.ready, self.neutral or bool(self.value.is_one()))
 
 
 def number(value: float) -> Term:

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import sympy as sp
 
+from pmjoint_codegen.emit.affine import Entry
 from pmjoint_codegen.emit.kinks import kink_arguments
 from pmjoint_derive import Derivation, real_symbol
 from pmjoint_derive.closed_loop import disturbance_symbols, tracking_error
@@ -56,6 +57,11 @@ class Vocabulary:
     sides: tuple[sp.Symbol, ...]
     signals: tuple[sp.Symbol, ...]
     partials: tuple[sp.Symbol, ...]
+
+
+def neutral_entry(derivation: Derivation) -> Entry:
+    """Label and index of the parameter that is 1 unless it is set: the input scale."""
+    return "p", vocabulary(derivation).p.index(derivation.signals.input_scale)
 
 
 def vocabulary(derivation: Derivation) -> Vocabulary:

@@ -13,6 +13,7 @@ from typing import Any
 import sympy as sp
 
 from pmjoint_codegen.errors import ModelError
+from pmjoint_codegen.modelfile.design import gains_of
 from pmjoint_codegen.modelfile.expressions import parse
 from pmjoint_codegen.modelfile.joint import (
     COLUMNS,
@@ -27,11 +28,10 @@ from pmjoint_codegen.modelfile.soundness import check_model
 from pmjoint_codegen.modelfile.units import ANY, Scales, Wanted
 from pmjoint_codegen.reference.command import DATA
 from pmjoint_codegen.reference.segments import degrees
-from pmjoint_codegen.values import BRAKING, COMPENSATOR, FILTER_GAINS, GAINS, MATCHED, check_values
+from pmjoint_codegen.values import COMPENSATOR, FILTER_GAINS, GAINS, INPUT_SCALE, check_values
 from pmjoint_derive import Gains, Model, OutsideClassError, Parameter, Plant, Simulation, real_symbol
 from pmjoint_derive.segment import segment_reference, segment_symbols
 
-DEFAULT_BRAKING = 0.5  # of the limit: the reference needs the rest
 Symbols = Mapping[str, sp.Symbol]
 
 
@@ -48,8 +48,10 @@ def to_derive(spec: ModelSpec, where: str = "") -> Model:
     where = where or f"model {spec.name}"
     parameters = _parameters(spec, where)
     known = {item.name: item.symbol for item in parameters}
-    _check_values(spec, parameters, where)
     try:
+        physics = _physics(spec, parameters, where)
+        gains = gains_of(spec, physics, parameters, where)
+        _check_values(spec, gains, parameters, where)
         model = Model(
             name=spec.name,
             title=spec.title,
@@ -57,31 +59,17 @@ def to_derive(spec: ModelSpec, where: str = "") -> Model:
             parameters=parameters,
             limit=known[spec.actuator.limit],
             **_reference(spec, known, where),
-            gains=_gains(spec),
+            gains=gains,
             simulation=Simulation(**spec.simulation.model_dump(exclude={"reference"})),
             y_unit=spec.units.y,
             u_unit=spec.units.u,
             y_range=spec.y_range,
-            **_physics(spec, parameters, where),
+            **physics,
         )
     except OutsideClassError as error:
         raise ModelError(error.what, where=f"{where}: {error.key}", remedy=error.remedy) from error
     check_model(model, where)
     return model
-
-
-def _gains(spec: ModelSpec) -> Gains:
-    design = spec.design
-    brakes = design.saturation == BRAKING and spec.relative_degree == 2  # for one state, it is (23)
-    return Gains(
-        c=design.c,
-        e=design.e,
-        ck=design.ck,
-        k=design.k,
-        compensator=design.compensated,
-        matched=design.start == MATCHED,
-        braking=(DEFAULT_BRAKING if design.braking is None else design.braking) if brakes else None,
-    )
 
 
 def _reference(spec: ModelSpec, known: Symbols, where: str) -> dict[str, Any]:
@@ -168,18 +156,18 @@ def _parse(text: str, allowed: Symbols, known: Symbols, where: str) -> sp.Expr:
         raise
 
 
-def _check_values(spec: ModelSpec, parameters: tuple[Parameter, ...], where: str) -> None:
+def _check_values(spec: ModelSpec, gains: Gains, parameters: tuple[Parameter, ...], where: str) -> None:
     """Check the file's numbers against the rules for values set for one run."""
-    design = spec.design
     values = {item.name: item.value for item in parameters}
     keys = {name: f"joint.{name}" for name in values}
     keys |= {name: f"parameters.{name}.value" for name in spec.parameters}
-    keys |= {FILTER_GAINS: "design.k", COMPENSATOR: "design.compensator"}
+    keys |= {FILTER_GAINS: "design.k"}
+    keys |= {name: f"design.{name}" for name in (COMPENSATOR, INPUT_SCALE)}
     for kind in GAINS:
         names = kind.names(spec.order, spec.relative_degree)
-        values |= dict(zip(names, getattr(design, kind.name), strict=True))
+        values |= dict(zip(names, gains.by_kind[kind.name], strict=True))
         keys |= {name: f"design.{kind.name}, entry {i}" for i, name in enumerate(names, start=1)}
-    values[COMPENSATOR] = float(design.compensated)
+    values |= {COMPENSATOR: float(gains.compensator), INPUT_SCALE: gains.input_scale}
     leading = spec.plant.b[0].strip() if spec.plant else ""
     check_values(
         values,

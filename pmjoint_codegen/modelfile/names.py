@@ -19,7 +19,7 @@ _WORDS = frozenset(
     (
         *CONSTANTS,
         *("t", "y", "y_r", "u", "v", "du", "inf", "nan"),
-        *("compensator", "saturation", "braking", "braking_range", "braking_rate"),
+        *("compensator", "saturation", "input_scale", "braking", "braking_range", "braking_rate"),
     )
 )
 _KINKED = frozenset(("abs", "sign", "min", "max"))  # functions of a disturbance, and of printed equations

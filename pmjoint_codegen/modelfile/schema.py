@@ -17,6 +17,7 @@ from pmjoint_codegen.modelfile.names import MODEL_NAME, key_path, why_not
 from pmjoint_codegen.modelfile.tables import (
     Expression,
     Expressions,
+    InputScale,
     Line,
     Numbers,
     ParameterSpec,
@@ -74,6 +75,7 @@ class DesignSpec(Table):
     ck: Numbers = Field(description="a list of finite numbers greater than 0")
     k: Numbers = Field(description="a list of finite numbers")
     compensator: bool | None = Field(default=None, description="true or false")
+    input_scale: InputScale = Field(default=1.0, description='a finite number greater than 0, or "auto"')
     saturation: Literal["compensator", "clip", "braking"] | None = Field(
         default=None, description='"compensator", "clip" or "braking"'
     )

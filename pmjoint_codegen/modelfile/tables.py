@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 
@@ -24,6 +24,7 @@ Expressions = tuple[Expression, ...]
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Numbers = tuple[Number, ...]
+InputScale = Annotated[Literal["auto"] | Positive, Field(union_mode="left_to_right")]
 Range = Annotated[tuple[Number, Number], Field(description="a list of two finite numbers, least y first")]
 Line = Annotated[str, Field(max_length=400), AfterValidator(_printable)]
 Unit = Annotated[str, Field(max_length=60), AfterValidator(_printable)]

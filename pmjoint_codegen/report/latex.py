@@ -102,6 +102,11 @@ def gains(model: Model) -> str:
     )
     switch = f"${latex_name('compensator')} = {int(model.gains.compensator)}$"
     text = f"Gains: {lists}. The switch {switch} is 1 where the compensator (23) works and 0 where $r = 0$."
+    scale = f"${latex_name('input_scale')} = {latex_number(model.gains.input_scale)}$"
+    text += (
+        f" The input scale {scale}, which the paper does not have, weighs $z_i$, $i > 1$, in $V$; "
+        "1 gives the paper's law."
+    )
     if model.gains.braking is not None:
         share = f"${latex_name('braking')} = {latex_number(model.gains.braking)}$"
         text += f" The compensator brakes with the share {share} of the limit of $u$."

@@ -26,6 +26,7 @@ _WORDS = {
     "dy_r": r"\dot{y}_r",
     "d2y_r": r"\ddot{y}_r",
     "compensator": "s_r",
+    "input_scale": r"\kappa_u",
     "braking": r"\alpha_b",
     "braking_range": r"\ell",
     "braking_rate": "g(r_1)",

@@ -11,7 +11,14 @@ import numpy.typing as npt
 
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.values import COMPENSATOR, filter_gains, hurwitz_rows, obeys, positive_gains
+from pmjoint_codegen.values import (
+    COMPENSATOR,
+    INPUT_SCALE,
+    filter_gains,
+    hurwitz_rows,
+    obeys,
+    positive_gains,
+)
 
 Mask = npt.NDArray[np.bool_]
 
@@ -28,6 +35,7 @@ def valid_rows(manifest: Manifest, p: Array, x0: Array) -> Mask:
     good = np.all(np.isfinite(p), axis=1) & np.all(np.isfinite(x0), axis=1)
     for name in (
         *positive_gains(manifest.rho),
+        INPUT_SCALE,
         *([manifest.limit] if manifest.limit in column else []),
     ):
         good &= column[name] > 0

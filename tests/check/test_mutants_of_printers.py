@@ -31,6 +31,7 @@ from pmjoint_codegen.emit import lane_text, scalar_text
 from pmjoint_codegen.emit.functions import build_functions, lane_functions
 from pmjoint_codegen.emit.print_c import steps
 from pmjoint_codegen.emit.tape import tape_of
+from pmjoint_codegen.emit.vocabulary import neutral_entry
 from pmjoint_codegen.kernels.declarations import exported
 from pmjoint_codegen.kernels.evaluator import Kernel, Kind
 from pmjoint_codegen.kernels.interpreted import InterpretedEvaluator
@@ -218,7 +219,8 @@ def test_every_fault_of_the_printer_of_lanes_is_caught(
 def test_changes_of_the_functions_over_lanes_are_caught(
     paper: Subject, compiler: Compiler, cache: Path, tally: Tally, name: str
 ) -> None:
-    function = lane_functions(build_functions(paper.derivation, paper.manifest.order))[name]
+    functions = build_functions(paper.derivation, paper.manifest.order)
+    function = lane_functions(functions, neutral_entry(paper.derivation))[name]
     text = over_lanes(function)
     assert text.strip() in (paper.folder / "lanes.c").read_text()
     lines = text.split("\n")

@@ -40,7 +40,7 @@ def paper_law() -> tuple[sp.Expr, sp.Expr]:
 def test_law_equals_25_and_29(paper: Derivation) -> None:
     alpha1, v = paper_law()
     assert sp.expand(paper.expanded("alpha1") - alpha1) == 0
-    assert sp.expand(paper.expanded("v") - v) == 0
+    assert sp.expand(paper.expanded("v").subs(paper.signals.input_scale, 1) - v) == 0
 
 
 def test_paper_partials_have_the_closed_forms(paper: Derivation) -> None:
@@ -103,14 +103,20 @@ def test_errors_obey_the_wanted_dynamics_whatever_u_is(derivation: Derivation, s
 
 
 def test_lyapunov_rate_is_minus_squares(derivation: Derivation) -> None:
-    """Of half the sum of squares: couplings cancel, -sum (c + e s^2) z^2 - sum s z (eps_2 + D_1) remains."""
+    """Of V's sum of squares: couplings cancel, -sum (c + e s^2) z^2 - sum s z (eps_2 + D_1) remains.
+
+    Here z_i and s_i are kappa times the law's from step 2 on.
+    """
     s, plant = derivation.signals, derivation.plant
     eta = S("D1") + (s.epsilon[1] if plant.order > 1 else sp.Integer(0))
-    rate = sum(z * derivation.equations[f"{z.name}_dot"].expression for z in s.z)
+    kappa = [sp.Integer(1), *(S("input_scale"),) * (plant.rho - 1)]
+    rate = sum(
+        w**2 * z * derivation.equations[f"{z.name}_dot"].expression for w, z in zip(kappa, s.z, strict=True)
+    )
     sensitivity = [sp.Integer(-1), *(S(f"d{alpha.name}_dy") for alpha in s.alpha)]
     wanted = -sum(
-        c * z**2 + e * s_i**2 * z**2 + s_i * z * eta
-        for c, e, z, s_i in zip(s.c, s.e, s.z, sensitivity, strict=True)
+        c * (w * z) ** 2 + e * (w * s_i) ** 2 * (w * z) ** 2 + w * s_i * w * z * eta
+        for w, c, e, z, s_i in zip(kappa, s.c, s.e, s.z, sensitivity, strict=True)
     )
     assert sp.expand(rate - wanted) == 0
 

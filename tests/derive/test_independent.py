@@ -52,6 +52,7 @@ class Numbers:
     k: Vector
     d1: mpmath.mpf
     b: mpmath.mpf
+    scale: mpmath.mpf
 
     def phi(self, y: mpmath.mpf) -> Vector:
         return [-(y**3) / 5, mpmath.sin(y), y**2 / 7, mpmath.cos(y)][: self.n]
@@ -100,8 +101,8 @@ class Numbers:
         along = self.slope(i - 1, at, flow, h)
         still = Point(**{item.name: [mpmath.mpf(0)] * len(getattr(at, item.name)) for item in fields(at)})
         by_y = self.slope(i - 1, at, replace(still, y=[mpmath.mpf(1)]), h)
-        g = self.b * self.z(1, at) if i == 2 else self.z(i - 1, at)
-        nonlinear = -self.e[i - 1] * by_y**2 * z_i
+        g = self.b / self.scale**2 * self.z(1, at) if i == 2 else self.z(i - 1, at)
+        nonlinear = -self.e[i - 1] * (self.scale * by_y) ** 2 * z_i
         return (
             damping
             + nonlinear
@@ -141,14 +142,14 @@ def test_numeric_differentiation_gives_the_same_law(n: int, builder: Callable[..
         return [mpmath.mpf(generator.randint(20, 150)) / 100 for _ in range(count)]
 
     with mpmath.workdps(DIGITS):
-        design = Numbers(n, some(n), some(n), some(n), some(n), some(1)[0], some(1)[0])
+        design = Numbers(n, some(n), some(n), some(n), some(n), some(1)[0], some(1)[0], some(1)[0])
         at = Point(some(1), some(n), some(n), some(n), some(n), some(n), some(n + 1))
         s = derivation.signals
         columns = [[row[j] for row in s.Xi] for j in range(2)]
         symbols = [s.y, *s.xi, *columns[0], *columns[1], *s.lambda_, *s.r, *s.y_r]
         numbers = [*at.y, *at.xi, *at.Xi1, *at.Xi2, *at.lam, *at.r, *at.y_r]
-        gains = [*s.c, *s.e, *s.ck, *s.k, S("d1"), S("b0")]
-        chosen = [*design.c, *design.e, *design.ck, *design.k, design.d1, design.b]
+        gains = [*s.c, *s.e, *s.ck, *s.k, S("d1"), S("b0"), S("input_scale")]
+        chosen = [*design.c, *design.e, *design.ck, *design.k, design.d1, design.b, design.scale]
         values = dict(zip((*symbols, *gains), (*numbers, *chosen), strict=True))
         for i in range(1, n):
             expected = design.alpha(i, at)

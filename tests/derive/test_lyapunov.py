@@ -11,7 +11,8 @@ import sympy as sp
 
 from pmjoint_derive import Derivation, Model, derive, real_symbol
 from pmjoint_derive.consistency import consistency_identities
-from pmjoint_derive.lyapunov import expand_to_zero, lyapunov_matrix, prove, squares
+from pmjoint_derive.lyapunov import expand_to_zero, prove, squares
+from pmjoint_derive.lyapunov_matrix import lyapunov_matrix
 from pmjoint_derive.signals import derivative_name
 
 S = real_symbol

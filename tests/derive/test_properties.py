@@ -58,10 +58,22 @@ class Loop:
         def some() -> sp.Rational:
             return sp.Rational(generator.randint(-99, 99) or 1, generator.randint(20, 60))
 
-        free = [*s.x, *s.controller_state, *s.y_r, *s.c, *s.e, *s.ck, *s.k, s.u, S("d1"), S("b0")]
+        free = [
+            *s.x,
+            *s.controller_state,
+            *s.y_r,
+            *s.c,
+            *s.e,
+            *s.ck,
+            *s.k,
+            s.u,
+            S("d1"),
+            S("b0"),
+            s.input_scale,
+        ]
         self.values: dict[sp.Symbol, sp.Expr] = {symbol: some() for symbol in free}
         self.values |= {S(f"D{i}"): some() for i in range(1, len(s.x) + 1)}
-        self.values |= {symbol: abs(self.values[symbol]) for symbol in (*s.e, S("b0"))}
+        self.values |= {symbol: abs(self.values[symbol]) for symbol in (*s.e, S("b0"), s.input_scale)}
         self.values[s.y], self.values[s.compensator] = self.values[s.x[0]], sp.Integer(1)
 
     def __call__(self, name: str) -> sp.Expr:
@@ -115,11 +127,14 @@ def test_certificate_of_random_members(model: Model, seed: int) -> None:
     for alpha in s.alpha:
         name = f"d{alpha.name}_dy"
         sensitivity.append(loop(name) if name in derivation.equations else sp.Integer(0))
+    # of the input kappa u: from step 2 on, z and s are kappa times the law's, which the squares are of
+    kappa = [sp.Integer(1), *(loop(s.input_scale.name),) * (rho - 1)]
+    z, sensitivity = ([w * item for w, item in zip(kappa, row, strict=True)] for row in (z, sensitivity))
     c, e = ([loop(item.name) for item in group] for group in (s.c, s.e))
     eps_2 = eps[1] if n > 1 else sp.Integer(0)
     # D1 enters y' beside eps_2 where it is not zero: the certificate's plant has none there
     entering = eps_2 + D[0]
-    found = sum(z[i] * direction(loop, s.z[i].name) for i in range(rho))
+    found = sum(kappa[i] * z[i] * direction(loop, s.z[i].name) for i in range(rho))
     wanted = sum(
         -c[i] * z[i] ** 2 - e[i] * sensitivity[i] ** 2 * z[i] ** 2 - sensitivity[i] * z[i] * entering
         for i in range(rho)

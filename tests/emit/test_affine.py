@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pmjoint_codegen.emit.affine import (
-    PRIME,
+    MODULUS,
     Combination,
     Factor,
     factor,
@@ -36,13 +36,13 @@ def expanded(forms: Mapping[int, Combination], name: int) -> list[int]:
     result = [0] * LEAVES
     for part, times in forms[name].items():
         inner = expanded(forms, part) if part in forms else [int(i == part) for i in range(LEAVES)]
-        result = [(a + times.residue * b) % PRIME for a, b in zip(result, inner, strict=True)]
+        result = [(a + times.residue * b) % MODULUS for a, b in zip(result, inner, strict=True)]
     return result
 
 
 def operations(forms: Mapping[int, Combination]) -> int:
     products = {
-        (part, min(f.residue, PRIME - f.residue))
+        (part, min(f.residue, MODULUS - f.residue))
         for form in forms.values()
         for part, f in form.items()
         if not unit(f.residue)
@@ -107,9 +107,9 @@ def test_a_shared_expensive_sum_stays() -> None:
 @pytest.mark.parametrize("value", [3.0, -0.1, 1e-300, 2.0**70])
 def test_residues_follow_arithmetic(value: float) -> None:
     residue = residue_of(value)
-    assert residue * inverse(residue) % PRIME == 1
-    assert residue_of(-value) == -residue % PRIME
-    assert residue_of(2 * value) == 2 * residue % PRIME
+    assert residue * inverse(residue) % MODULUS == 1
+    assert residue_of(-value) == -residue % MODULUS
+    assert residue_of(2 * value) == 2 * residue % MODULUS
     assert unit(residue_of(1.0)) and unit(residue_of(-1.0)) and not unit(residue)
 
 

@@ -14,7 +14,7 @@ from pmjoint_codegen.emit.lanes import LANE_ORDER, lane_sizes
 from pmjoint_codegen.emit.pipeline import Artifacts
 from pmjoint_codegen.emit.print_c import steps
 from pmjoint_codegen.emit.tape import tape_of, tapes_of
-from pmjoint_codegen.emit.vocabulary import vocabulary
+from pmjoint_codegen.emit.vocabulary import neutral_entry, vocabulary
 from pmjoint_derive import Derivation
 
 EPSILON = np.finfo(float).eps
@@ -27,7 +27,7 @@ def kernels(paper: Derivation) -> dict[str, ca.Function]:
 
 @pytest.fixture(scope="module")
 def lanes(paper: Derivation, kernels: dict[str, ca.Function]) -> dict[str, ca.Function]:
-    return lane_functions(kernels)
+    return lane_functions(kernels, neutral_entry(paper))
 
 
 def point(function: ca.Function, seed: int) -> list[np.ndarray]:

@@ -144,7 +144,7 @@ def test_taylor_kernel_starts_with_state_and_rates(paper: Derivation) -> None:
     """Row 0 is (X, v, e), row 1 the rates of the closed loop in the same mode."""
     functions = build_functions(paper, TAYLOR_ORDER)
     generator = np.random.default_rng(7)
-    X, g, p = generator.normal(size=10), np.array([10.0, 0.0]), generator.uniform(0.5, 2.0, 14)
+    X, g, p = generator.normal(size=10), np.array([10.0, 0.0]), generator.uniform(0.5, 2.0, 15)
     rows = np.array(functions["taylor"](0.3, X, g, p)).reshape(TAYLOR_ORDER + 1, 12)
     rates, *values = (np.array(part).ravel() for part in functions["closed_loop"](0.3, X, g, p))
     np.testing.assert_array_equal(rows[0, :10], X)

@@ -211,7 +211,12 @@ SLIPS = [  # file, what stands there, what a slip would make of it, an equation 
     ("derive/compensator.py", "-signals.ck[i] if", "signals.ck[i] if", "r1_dot"),
     ("derive/closed_loop.py", "+ sp.Matrix(disturbance_symbols", "- sp.Matrix(disturbance_symbols", "x2_dot"),
     ("derive/backstepping.py", "s.y - s.y_r[0] - s.r[0]", "s.y - s.y_r[0] + s.r[0]", "z1"),
-    ("derive/backstepping.py", "rate = -(s.c[i - 1] + s.e", "rate = -(s.c[i - 1] - s.e", "v"),
+    (
+        "derive/backstepping.py",
+        "rate = -(s.c[i - 1] + weight * s.e",
+        "rate = -(s.c[i - 1] - weight * s.e",
+        "v",
+    ),
     ("derive/sampling.py", "F * sp.Matrix(states) + G", "F * sp.Matrix(states) - G", "xi1_next"),
     ("pmjoint_codegen/emit/taylor.py", "rate[k - 1].times(1 / k)", "rate[k - 1].times(2 / k)", None),
     ("pmjoint_codegen/emit/pipeline.py", "TAYLOR_ORDER = 16", "TAYLOR_ORDER = 15", None),

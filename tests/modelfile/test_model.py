@@ -11,7 +11,7 @@ import sympy as sp
 from pmjoint_codegen.errors import ModelError
 from pmjoint_codegen.modelfile import model_of
 from pmjoint_codegen.modelfile.schema import DesignSpec
-from pmjoint_codegen.values import COMPENSATOR, GAINS
+from pmjoint_codegen.values import COMPENSATOR, GAINS, INPUT_SCALE
 from pmjoint_derive import Signals
 from pmjoint_derive import real_symbol as symbol
 
@@ -34,10 +34,11 @@ def test_gains_are_one_table(paper: dict[str, Any]) -> None:
     kinds = [kind.name for kind in GAINS]
     model = model_of(paper, "m.toml")
     signals = Signals.of(model.plant)
-    assert [*DesignSpec.model_fields] == [*kinds, "compensator", "start"]
+    others = ["compensator", INPUT_SCALE, "saturation", "braking", "start"]
+    assert [*DesignSpec.model_fields] == [*kinds, *others]
     assert [*model.gains.by_kind] == [*signals.gains_by_kind] == kinds
     named = [name for kind in GAINS for name in kind.names(model.plant.order, model.plant.rho)]
-    assert [str(gain) for gain in signals.gains] == [*named, COMPENSATOR]
+    assert [str(gain) for gain in signals.gains] == [*named, COMPENSATOR, INPUT_SCALE]
 
 
 def test_what_is_left_out_is_zero(edited: Edit) -> None:

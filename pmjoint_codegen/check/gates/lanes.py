@@ -25,6 +25,7 @@ from pmjoint_codegen.compile.compiler import Compiler
 from pmjoint_codegen.compile.library import LIBRARY, build
 from pmjoint_codegen.emit.functions import build_functions, lane_functions
 from pmjoint_codegen.emit.tape import tapes_of
+from pmjoint_codegen.emit.vocabulary import neutral_entry
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.kernels.processor import usable_levels
 from pmjoint_codegen.kernels.tape import Tape
@@ -113,7 +114,7 @@ def check(subject: Subject) -> GateResult:
     levels = usable_levels(subject.environment)
     target = compile_batch(batch_sources(subject.folder), levels, subject.compiler, cache)
     functions = build_functions(subject.derivation, subject.manifest.order)
-    tapes = tapes_of(lane_functions(functions).values())
+    tapes = tapes_of(lane_functions(functions, neutral_entry(subject.derivation)).values())
     points = partial(_points_of, subject=subject)
     return compare(tapes, target, elementary_of(target, subject.compiler, cache), points)
 

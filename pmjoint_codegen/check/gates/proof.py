@@ -9,7 +9,7 @@ import numpy as np
 from pmjoint_codegen.check.oracles.certificate import certify, numeric
 from pmjoint_codegen.check.result import Difference, GateResult, failed, passed
 from pmjoint_codegen.check.subject import Subject
-from pmjoint_codegen.values import positive_gains
+from pmjoint_codegen.values import INPUT_SCALE, positive_gains
 from pmjoint_derive import Derivation
 from pmjoint_derive.consistency import consistency_identities
 from pmjoint_derive.equation import Identity
@@ -58,10 +58,10 @@ def prove_for(derivation: Derivation, values: Mapping[str, float]) -> GateResult
 
 
 def unfit_gains(derivation: Derivation, values: Mapping[str, float]) -> list[str]:
-    """Conditions of the certificate that the gains violate: positive gains, A0 Hurwitz."""
+    """Conditions of the certificate that the gains violate: positive gains and input scale, A0 Hurwitz."""
     faults = [
         f"gain {name} = {values[name]:g} is not positive"
-        for name in positive_gains(derivation.plant.rho)
+        for name in (*positive_gains(derivation.plant.rho), INPUT_SCALE)
         if not values[name] > 0
     ]
     poles = np.linalg.eigvals(numeric(filter_matrix(derivation.signals), values))

@@ -14,7 +14,8 @@ from pmjoint_derive import Derivation, real_symbol
 from pmjoint_derive.certificate import greatest_weight, least_rate, residual
 from pmjoint_derive.closed_loop import output_disturbance
 from pmjoint_derive.filters import filter_matrix
-from pmjoint_derive.lyapunov import error_function, lyapunov_function, lyapunov_matrix
+from pmjoint_derive.lyapunov import error_function, lyapunov_function
+from pmjoint_derive.lyapunov_matrix import lyapunov_matrix
 
 Array = npt.NDArray[np.float64]
 
@@ -34,7 +35,8 @@ class Certificate:
         f: their quotient; V decays at least like exp(-f t), 1/s.
         Y: sum of |P|^2 D_max^2 / (2 e_i), or of (2 |P|^2 + 1) D_max^2 / (2 e_i) for a model that disturbs y'
             itself; None without a bound of the disturbance.
-        z_bound: ultimate bound sqrt(2 Y / f) of |z|, and so of |z_1|.
+        z_bound: ultimate bound sqrt(2 Y / f) of |z|, and so of |z_1|; with an input scale kappa, of
+            ``|(z_1, kappa z_2, ..., kappa z_rho)|``, and z_sharp likewise.
         eta: the unknown part of y', by name: epsilon_2, D_1 or their sum.
         z_sharp: ultimate bound of |z| through eta only; D acts on epsilon_2 through exp(A0 t).
         z1_sharp: ultimate bound of |z_1| from ``z_1' = -(c_1 + e_1) z_1 + b_m z_2 + eta``.
@@ -93,7 +95,9 @@ def certify(derivation: Derivation, values: Mapping[str, float], bound: float | 
     A0, P = (numeric(matrix, values) for matrix in (filter_matrix(s), lyapunov_matrix(s)))
     c, e = ([values[symbol.name] for symbol in symbols] for symbols in (s.c, s.e))
     largest = float(np.linalg.eigvalsh(P)[-1])
-    V = lyapunov_function(s, error_function(s, sp.Matrix(P))).subs(dict(zip(s.e, e, strict=True)))
+    scale = values[s.input_scale.name]
+    given = dict(zip((*s.e, s.input_scale), (*e, scale), strict=True))
+    V = lyapunov_function(s, error_function(s, sp.Matrix(P))).subs(given)
     lambda_P, D_max = real_symbol("lambda_P"), real_symbol("D_max")
     constants = least_rate(s), greatest_weight(s, lambda_P), residual(derivation, lambda_P, D_max)
     known = {**values, "lambda_P": largest, "D_max": bound or 0.0}
@@ -106,7 +110,7 @@ def certify(derivation: Derivation, values: Mapping[str, float], bound: float | 
     eta = (estimation_gain(A0) + disturbed) * bound
     z = eta * float(np.sqrt(sum(1 / (4 * gain) for gain in e) / min(c)))
     b_m = abs(float(numeric(sp.Matrix([[derivation.equations.expand(derivation.plant.b[0])]]), values)[0, 0]))
-    drive = b_m * z if derivation.plant.rho > 1 else 0.0
+    drive = b_m / scale * z if derivation.plant.rho > 1 else 0.0
     z1 = min(z, (drive + eta) / (c[0] + e[0]))
     return Certificate(P, V, poles, f_minus, f_plus, f, Y, float(np.sqrt(2 * Y / f)), name, z, z1)
 
