@@ -37,6 +37,7 @@ from pmjoint_derive.progress import Stage, unwatched
 from pmjoint_derive.sampling import sampling_equations
 from pmjoint_derive.signals import Units
 from pmjoint_derive.true_plant import true_plant
+from pmjoint_derive.valve import sensor_equations, valve_equations, with_valve
 
 DESIGNS: Mapping[str, type[Design]] = MappingProxyType({"backstepping": Backstepping})
 
@@ -52,6 +53,7 @@ def derive(model: Model, stage: Stage = unwatched) -> Derivation:
         OutsideClassError: if a parameter has the name of an equation; anything else outside the class was
             refused when the plant was made.
     """
+    model = with_valve(model)
     made_by = DESIGNS[model.design]
     signals = made_by.signals_for(model.plant)
     design, constants = name_constants(made_by(model.plant, signals, Units(model, signals)))
@@ -66,6 +68,8 @@ def derive(model: Model, stage: Stage = unwatched) -> Derivation:
         *design.law(stage),
         *design.compensator(),
         *design.error_rates(),
+        *valve_equations(model),
+        *sensor_equations(model),
         *delivered,
         *error_equations(design),
     ]

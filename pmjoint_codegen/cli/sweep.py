@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 import click
 
 from pmjoint_codegen.cli.drawing import ready_matplotlib
-from pmjoint_codegen.cli.options import ModelName, Place, processors, run_options, tell_idle_sample_time
+from pmjoint_codegen.cli.options import ModelName, Place, processors, run_options, tell_clock
 from pmjoint_codegen.cli.terminal import activity, document, message, result, table
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ Examples
     reference={},
     disturbance={},
     horizon={},
-    controller={"help": "continuous: as in the paper; sampled: as on a microcontroller."},
+    controller={},
     sample_time={},
     compensator={},
     tolerance={"default": 1e-6},
@@ -128,7 +128,6 @@ def command(
 
     require((*formats, *(["dask"] if scheduler is not None else [])))
     plan = make_plan(grid, sample, draws, seed, method)
-    tell_idle_sample_time(asked)
     provided = provide(
         model,
         reference=reference,
@@ -137,6 +136,7 @@ def command(
         notify=lambda line: message(f"pmjoint: {line}"),
         lanes=True,
     )
+    tell_clock(asked, provided.manifest)
     request = make_request(provided.manifest, plan, **asked)
     folder = out or Path("runs") / f"{provided.manifest.name}-sweep"
     store = Store(folder, request, provided.manifest.nX)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -17,6 +17,7 @@ from pmjoint_codegen.identity import canonical_hash
 from pmjoint_codegen.kernels.declarations import MODULE, declarations, load_library, to_module
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.kernels.processor import Level
+from pmjoint_codegen.loops.chain import longest_history
 from pmjoint_codegen.loops.guard import HOLD_RATIOS, discs, hold_factors
 from pmjoint_codegen.loops.metrics import Column, rows_header
 from pmjoint_codegen.manifest import Manifest
@@ -45,6 +46,8 @@ class Runs:
         divergence: |X_i| above it ends a run.
         max_steps: limit of steps of one run.
         max_step: longest step, s.
+        chain: shape (runs, 13), sensor, actuator and clock; see `loops.chain`; empty for none.
+        looped: whether the sampled loop acts on them.
     """
 
     x0: Array
@@ -57,6 +60,8 @@ class Runs:
     divergence: float
     max_steps: int
     max_step: float = math.inf
+    chain: Array = field(default_factory=lambda: np.empty((0, 0)))
+    looped: bool = False
 
 
 @dataclass(frozen=True)
@@ -140,10 +145,14 @@ class BatchLibrary:
             final=np.empty((count, size)),
             trajectories=np.empty((count, rows, size + 2)),
         )
+        waiting = longest_history(runs.chain) if runs.looped else 0
+        history = np.zeros(waiting * self.manifest.nw * self.width)
         arrays = {"x0": runs.x0, "p": runs.p, "hold": runs.hold, "times": runs.times}
+        arrays |= {"chain": runs.chain, "history": history}
         inputs = {name: self._pointer(array) for name, array in arrays.items()}
         sweep = self._ffi.new("pmj_sweep *", {name: value for name, value in inputs.items() if len(value)})
         sweep.runs, sweep.rows = count, rows
+        sweep.looped, sweep.n_history = int(runs.looped), waiting
         sweep.hold_stride = runs.hold.shape[1] if len(runs.hold) > 1 else 0
         kept = self._set_rules(sweep, runs)
         sweep.settled = SETTLED
@@ -214,7 +223,10 @@ def loops_hash() -> str:
 
 def _loops() -> list[Path]:
     here = Path(__file__).parent
-    shared = [here / "c" / name for name in ("polynomial.c", "pmjoint_constants.h", "pmjoint_runtime.h")]
+    shared = [
+        here / "c" / name
+        for name in ("polynomial.c", "pmjoint_chain.h", "pmjoint_constants.h", "pmjoint_runtime.h")
+    ]
     return [*sorted((here / "c_batch").glob("*.[ch]")), *shared]
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from pmjoint_codegen.kernels.compiled import CompiledEvaluator
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator
+from pmjoint_codegen.loops.chained import ChainedLoop
 from pmjoint_codegen.loops.continuous import continuous_loop
 from pmjoint_codegen.loops.problem import Memory, Problem, Progress
 from pmjoint_codegen.loops.sampled import sampled_loop
@@ -31,6 +32,8 @@ def make_loop(evaluator: Evaluator, problem: Problem, progress: Progress, memory
     """
     if isinstance(evaluator, CompiledEvaluator):
         return CompiledLoop(evaluator, problem, progress, memory)
+    if problem.n_history:
+        return ChainedLoop(evaluator, problem, progress, memory).advance
     return (sampled_loop if problem.sample_time else continuous_loop)(evaluator, problem, progress, memory)
 
 
@@ -55,7 +58,16 @@ class CompiledLoop:
         self._library = lib  # its code runs, so it must stay loaded
         self._bound = [evaluator.function(name) for name in names]  # the structs point into them
         self._functions = [function.struct for function in self._bound]
-        self._run = lib.pmj_sampled if problem.sample_time else lib.pmj_continuous
+        if problem.n_history:  # whose law and update are kernels of their own
+            self._bound += [evaluator.function(name) for name in ("reference", "law", "sampled_update")]
+            self._functions = [_chained(ffi, [function.struct for function in self._bound])]
+        self._run = (
+            lib.pmj_chained
+            if problem.n_history
+            else lib.pmj_sampled
+            if problem.sample_time
+            else lib.pmj_continuous
+        )
         self._records = (problem, progress, memory)  # and into these
         self._arguments = (self._problem[0], *self._functions, self._progress[0], self._memory[0])
         self._begin = lib.pmj_begin
@@ -77,6 +89,20 @@ class CompiledLoop:
     def _read(self) -> None:
         """Copy the run's progress from the C struct."""
         self._records[1].__dict__.update(zip(_START, _LAYOUT.unpack(self._bytes), strict=True))
+
+
+def _chained(ffi: Any, functions: list[Any]) -> Any:
+    """``pmj_functions`` of the kernels of a run with sensor, actuator and clock."""
+    taylor, guard, rates, reference, law, update = functions
+    return ffi.new(
+        "pmj_functions *",
+        {
+            "plant": {"taylor": taylor, "guard": guard, "rates": rates},
+            "reference": reference,
+            "law": law,
+            "update": update,
+        },
+    )
 
 
 def _struct(ffi: Any, name: str, record: Problem | Progress | Memory) -> tuple[Any, list[Any]]:

@@ -20,23 +20,23 @@ import numpy as np
 
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator
 from pmjoint_codegen.loops import quadrature
+from pmjoint_codegen.loops.chain import actuator_of, is_looped, make_chain
 from pmjoint_codegen.loops.guard import HOLD_RATIOS, discs, hold_factors
 from pmjoint_codegen.loops.hold import hold_matrices
-from pmjoint_codegen.loops.modes import Actuator, make_actuator
+from pmjoint_codegen.loops.modes import Actuator
 from pmjoint_codegen.loops.problem import Memory, Problem, Progress, make_memory
 from pmjoint_codegen.loops.select import Advance, CompiledLoop, make_loop
 from pmjoint_codegen.loops.status import Status, sentence
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.record import RATE, Record, reports_rate
 from pmjoint_codegen.simulate.settings import RunOptions, Settings, make_settings
+from pmjoint_codegen.simulate.signals import signals_of
 from pmjoint_codegen.simulate.summary import summarise
 from pmjoint_codegen.values import SETTLED
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-INSTANTANEOUS: Final = ("y", "y_r", "e")  # signals that a sampled controller does not hold constant
-LAGGED: Final = frozenset({"q1", "q2"})  # states of pressures that lag
 BUDGET: Final = 2000  # steps between two looks at progress and Ctrl-C
 FEW_SWITCHES: Final = 1000  # more restart the run, with room for as many as the settings allow
 SHARED: Final = attrgetter(  # settings, besides p, that a `Problem` depends on
@@ -154,7 +154,7 @@ class Simulator:
         key = (settings.p.tobytes(), *SHARED(settings))
         prepared = self._last
         if prepared is None or prepared.key != key:
-            actuator = make_actuator(self.evaluator.call("actuation", settings.p)[0])
+            actuator = actuator_of(self.evaluator, settings.p)
             problem = make_problem(self.evaluator, settings, actuator)
             problem.times.flags.writeable = False  # many runs return them
             columns = _columns(settings)
@@ -199,7 +199,7 @@ class Simulator:
 
         def deferred(name: str) -> dict[str, Any]:
             if name == "signals":
-                return {name: _signals(evaluator, problem, rows, memory)}
+                return {name: signals_of(evaluator, problem, rows, memory)}
             return _figures(evaluator.manifest, *_integrate(evaluator, start, problem, None))
 
         return {
@@ -236,6 +236,8 @@ def make_problem(evaluator: Evaluator, settings: Settings, actuator: Actuator) -
     guard = manifest.guards["plant_taylor" if sampled else "taylor"]
     around = discs(guard, settings.tolerance)
     rule = quadrature.long_steps()
+    chained = sampled and is_looped(manifest)
+    chain = make_chain(manifest, settings.parameters, settings.sample_time) if chained else None
     times = settings.times()
     return Problem(
         n_plant=manifest.nx,
@@ -250,6 +252,9 @@ def make_problem(evaluator: Evaluator, settings: Settings, actuator: Actuator) -
         modes=actuator.modes,
         p=settings.p,
         hold=hold_matrices(evaluator, settings.p, settings.sample_time) if sampled else np.empty(0),
+        chain=chain.vector() if chain else np.empty(0),
+        limits=actuator.limits,
+        n_history=chain.history if chain else 0,
         nodes=np.array(rule.nodes),
         weights=np.array(rule.weights),
         n_nodes=len(rule.nodes),
@@ -331,36 +336,6 @@ def _drive(advance: Advance, problem: Problem, state: Progress, tell: Tell | Non
         advance(BUDGET)
         if tell is not None:
             tell(min(state.t / problem.horizon, 1.0))
-
-
-def _signals(evaluator: Evaluator, problem: Problem, states: Array, memory: Memory) -> Array:
-    rows = len(states)
-    times = problem.times[:rows, np.newaxis]
-    if not problem.sample_time:
-        return evaluator.call("signals", times, states, problem.p)[0]
-    # Constant since the last sample, except for the plant and the reference.
-    (signals,) = evaluator.call(
-        "signals", memory.row_sample_times[:rows, np.newaxis], memory.row_samples[:rows], problem.p
-    )
-    y, y_r, e = map([item.name for item in evaluator.manifest.signals].index, INSTANTANEOUS)
-    signals[:, y] = states[:, 0]
-    signals[:, y_r] = evaluator.call("reference", times, problem.p)[0][:, 0]
-    signals[:, e] = signals[:, y] - signals[:, y_r]
-    moving = _moving(evaluator.manifest)
-    if moving:
-        (live,) = evaluator.call("signals", times, states, problem.p)
-        signals[:, moving] = live[:, moving]
-    return signals
-
-
-def _moving(manifest: Manifest) -> list[int]:
-    """A joint's physical signals that depend only on the plant's states, and so change between samples."""
-    names = set(manifest.start.names)
-    if (
-        names >= LAGGED
-    ):  # pressures with their own states; otherwise they are commands, constant between samples
-        names |= {"P1", "P2"}
-    return [i for i, item in enumerate(manifest.signals) if item.name in names]
 
 
 def _switches(actuator: Actuator, memory: Memory, state: Progress) -> tuple[tuple[float, int], ...]:

@@ -8,14 +8,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pmjoint_codegen.chain import DEAD_ZONE, SAMPLE_TIME
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.loops.batch import BatchLibrary, Runs
+from pmjoint_codegen.loops.chain import chain_rows, is_looped
 from pmjoint_codegen.loops.hold import exponentials
 from pmjoint_codegen.loops.metrics import Column
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.sweep.metrics import INVALID
 from pmjoint_codegen.sweep.request import Request
-from pmjoint_codegen.sweep.validity import valid_rows
+from pmjoint_codegen.sweep.validity import valid_periods, valid_rows
 from pmjoint_codegen.values import SI, all_to_si
 
 
@@ -46,12 +48,22 @@ def simulate_chunk(library: BatchLibrary, request: Request, columns: Mapping[str
     table = np.full((count, len(Column) + manifest.nX), np.nan)
     trajectories = np.full((count, rows, manifest.nX + 2), np.nan)
     table[:, Column.STATUS] = INVALID
-    valid = valid_rows(manifest, p, x0[:, : manifest.nx])
-    outcome = library.simulate(_runs(library, request, x0[valid], p[valid]))
-    table[valid, : len(Column)] = outcome.metrics
-    table[valid, len(Column) :] = outcome.final
-    trajectories[valid] = outcome.trajectories
+    periods = _periods(request, columns, count)
+    valid = valid_rows(manifest, p, x0[:, : manifest.nx]) & valid_periods(manifest, request, p, periods)
+    for period in np.unique(periods[valid]).tolist():  # the runs of one call have one clock
+        among = valid & (periods == period)
+        outcome = library.simulate(_runs(library, request, x0[among], p[among], period))
+        table[among, : len(Column)] = outcome.metrics
+        table[among, len(Column) :] = outcome.final
+        trajectories[among] = outcome.trajectories
     return Result(table, trajectories)
+
+
+def _periods(request: Request, columns: Mapping[str, Array], count: int) -> Array:
+    """The sample time of every run, s; 0 for the continuous controller."""
+    if request.sample_time and SAMPLE_TIME in columns:
+        return columns[SAMPLE_TIME]
+    return np.full(count, request.sample_time)
 
 
 def fill_in(manifest: Manifest, request: Request, columns: Mapping[str, Array]) -> tuple[Array, Array]:
@@ -65,6 +77,8 @@ def fill_in(manifest: Manifest, request: Request, columns: Mapping[str, Array]) 
     p = np.tile(np.array(request.p), (count, 1))
     states = manifest.start.names
     for name, values in columns.items():
+        if name == SAMPLE_TIME:
+            continue
         if name in states:
             given[:, states.index(name)] = values
         else:
@@ -77,18 +91,23 @@ def fill_in(manifest: Manifest, request: Request, columns: Mapping[str, Array]) 
     return x0, p
 
 
-def _runs(library: BatchLibrary, request: Request, x0: Array, p: Array) -> Runs:
+def _runs(library: BatchLibrary, request: Request, x0: Array, p: Array, sample_time: float) -> Runs:
+    manifest = library.manifest
+    columns = dict(zip(manifest.parameter_names, p.T, strict=True))
+    sampled, valve = bool(sample_time) and is_looped(manifest), DEAD_ZONE in manifest.chain
     return Runs(
         x0=x0,
         p=p,
         horizon=request.horizon,
         tolerance=request.tolerance,
-        sample_time=request.sample_time,
-        hold=hold_matrices(library, p, request.sample_time) if request.sample_time else np.empty((0, 0)),
+        sample_time=sample_time,
+        hold=hold_matrices(library, p, sample_time) if sample_time else np.empty((0, 0)),
         times=request.times(),
         divergence=request.divergence,
         max_steps=request.max_steps,
         max_step=math.inf if request.max_step is None else request.max_step,
+        chain=chain_rows(manifest, columns, sample_time or 1.0) if sampled or valve else np.empty((0, 0)),
+        looped=sampled,
     )
 
 

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pmjoint_codegen import __version__
+from pmjoint_codegen.chain import SAMPLE_TIME
 from pmjoint_codegen.errors import UsageError
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.loops.metrics import Column
@@ -250,7 +251,7 @@ def _attributes(request: Request, manifest: Manifest) -> dict[str, Any]:
         "disturbance": json.dumps(request.disturbance),
         "horizon": request.horizon,
         "controller": request.controller,
-        "sample_time": request.sample_time,
+        "sample_time": 0.0 if SAMPLE_TIME in request.plan.names else request.sample_time,
         "tolerance": request.tolerance,
         "samples": json.dumps([[s.name, s.law, s.first, s.second] for s in request.plan.samples]),
         "variables": json.dumps([item.name for item in quantities(manifest)]),
@@ -267,7 +268,9 @@ def _parameters(request: Request, manifest: Manifest) -> dict[str, float]:
 def _units(manifest: Manifest) -> dict[str, dict[str, str]]:
     states = {item.name: (item.unit, item.about) for item in manifest.start.variables}
     parameters = {item.name: (item.unit, item.about) for item in manifest.parameters}
-    return {name: {"units": u, "long_name": about} for name, (u, about) in (states | parameters).items()}
+    clock = {SAMPLE_TIME: ("s", "sample time")}
+    known = states | parameters | clock
+    return {name: {"units": u, "long_name": about} for name, (u, about) in known.items()}
 
 
 def _metrics(request: Request, manifest: Manifest) -> Iterator[tuple[str, _Variable]]:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 from itertools import islice
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -32,7 +32,8 @@ from pmjoint_codegen.check.trajectory import (
 )
 from pmjoint_codegen.errors import installing
 from pmjoint_codegen.kernels.evaluator import Evaluator
-from pmjoint_codegen.loops.modes import Actuator, make_actuator
+from pmjoint_codegen.loops.chain import actuator_of
+from pmjoint_codegen.loops.modes import Actuator
 from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.simulate.run import Run, initial_state, run
 from pmjoint_codegen.simulate.settings import Settings, make_settings
@@ -174,8 +175,7 @@ def _compare(loop: Loop, expected: Trajectory, done: Run) -> GateResult:
 
 
 def _actuator(subject: Subject, settings: Settings) -> Actuator:
-    limits: Any = subject.interpreted.call("actuation", settings.p)[0]
-    return make_actuator(limits)
+    return actuator_of(subject.interpreted, settings.p)
 
 
 def _options(subject: Subject, draw: Draw) -> str:

@@ -177,11 +177,9 @@ static double long_step(const pmj_problem *problem, const pmj_kernels *plant, pm
     }
 }
 
-/* Integrate the plant under constant w to `end` in as many steps as it takes. */
-static void long_hold(const pmj_problem *problem, const pmj_kernels *plant, pmj_progress *progress,
-                      const pmj_memory *memory, double end, double rows_until)
+void pmj_long_hold(const pmj_problem *problem, const pmj_kernels *plant, pmj_progress *progress, const pmj_memory *memory,
+                   double end, double rows_until, double t_sample)
 {
-    const double t_sample = progress->t;
     const double smallest = PMJ_SMALLEST_STEP * (end > 1.0 ? end : 1.0);
     double *c = memory->coefficients;
     progress->touching = -1;
@@ -303,7 +301,7 @@ void pmj_hold(const pmj_problem *problem, const pmj_kernels *plant, pmj_progress
     if (!(length <= problem->max_step && smooth(memory->coefficients, length)
           && within(memory->coefficients, bounds_of(problem, length))
           && shown(problem, plant, progress, memory, length))) {
-        long_hold(problem, plant, progress, memory, end, rows_until);
+        pmj_long_hold(problem, plant, progress, memory, end, rows_until, progress->t);
         return;
     }
     const int diverging = first_beyond(problem, memory, ORDER, &length);

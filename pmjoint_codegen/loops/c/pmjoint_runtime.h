@@ -31,6 +31,14 @@ typedef struct {
     const pmj_function *rates;
 } pmj_kernels;
 
+/* The kernels of a sampled run with sensor, actuator and clock. */
+typedef struct {
+    pmj_kernels plant;
+    const pmj_function *reference;
+    const pmj_function *law;
+    const pmj_function *update;
+} pmj_functions;
+
 /* The constants of a run. Arrays are row-major; sizes in brackets. */
 typedef struct {
     long long n_plant;        /* nx: plant states x, first in X */
@@ -45,6 +53,9 @@ typedef struct {
     const double *modes;      /* [(n_thresholds + 1)][2 nw]: offset and slope of each channel of w inside a mode */
     const double *p;          /* parameters */
     const double *hold;       /* sampled: zero-order-hold matrices of `sampled_update` */
+    const double *chain;      /* sampled: a `pmj_chain` of pmjoint_chain.h; used by pmj_chained alone */
+    const double *limits;     /* [nw][4]: offset, slope, lower and upper limit of each channel of w */
+    long long n_history;      /* commands that are kept, since they act later; 0: no chain */
     const double *nodes;      /* [n_nodes] Gauss nodes on (0, 1) for the integral of e^2 */
     const double *weights;    /* [n_nodes] */
     long long n_nodes;        /* 0: no metrics of e */
@@ -115,6 +126,9 @@ typedef struct {
     double *rows;             /* [n_rows][nX]; the first row is filled in at the start */
     double *row_samples;      /* sampled: [n_rows][nX], X at the last sample before each row */
     double *row_sample_times; /* sampled: [n_rows] */
+    double *held;             /* chain: [6 + nw], what is held since the last sample */
+    double *row_held;         /* chain: [n_rows][6 + nw], the same at each row */
+    double *history;          /* chain: [n_history][nw], w of the last commands */
     double *peaks;            /* [nX + 3]: largest |X_i|, |v|, |e| and, if requested, |dy/dt| so far */
     double *peak_times;       /* the same */
     double *switch_times;     /* [max_switches] */
@@ -156,6 +170,10 @@ void pmj_continuous(const pmj_problem *problem, const pmj_function *taylor, cons
 /* sampled.c; the kernels are those of the plant */
 void pmj_sampled(const pmj_problem *problem, const pmj_function *taylor, const pmj_function *guard,
                  const pmj_function *rates, pmj_progress *progress, pmj_memory *memory, long long budget);
+
+/* chained.c */
+void pmj_chained(const pmj_problem *problem, const pmj_functions *run, pmj_progress *progress, pmj_memory *memory,
+                 long long budget);
 
 /* guard.c */
 int pmj_all_finite(const double *values, long long n);

@@ -219,7 +219,7 @@ static pmj_mask judge(const pmj_sweep *sweep, const pmj_results *results, const 
         }
     }
     if (loaded) {
-        pmj_enter(all);
+        pmj_enter(sweep, all);
     }
     return ready;
 }
@@ -303,7 +303,7 @@ void pmj_continuous_batch(const pmj_sweep *sweep, const pmj_results *results)
     for (int w = 0; w < PMJ_WIDTH; ++w) {
         pmj_load_lane(sweep, &all, w);
     }
-    pmj_enter(&all);
+    pmj_enter(sweep, &all);
     while (all.runs.busy > 0) {
         pmj_taylor_lanes(&all.runs.t, all.runs.X, all.g, all.runs.p, all.c[1 - current]);
         const pmj_mask ready = judge(sweep, results, &flow, &all, all.c[current], all.c[1 - current]);

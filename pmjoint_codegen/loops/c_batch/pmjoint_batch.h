@@ -27,6 +27,10 @@ typedef struct {
     const double *p;         /* [runs][np] parameters */
     const double *hold;      /* sampled: [runs or 1][nh] matrices of the zero-order hold */
     long long hold_stride;   /* sampled: nh, or 0 where one serves all runs */
+    const double *chain;     /* [runs][13] a `pmj_chain` of pmjoint_chain.h each; null: none */
+    long long looped;        /* sampled: whether the loop acts on sensor, actuator and clock */
+    double *history;         /* looped: [n_history][nw][width] memory for commands that act later */
+    long long n_history;
     const double *times;     /* [rows] output instants of X, v and e, ascending, from 0; may be null */
     long long rows;
     double horizon;          /* s */

@@ -43,7 +43,7 @@ void pmj_load(const pmj_sweep *sweep, pmj_runs *runs, int w)
     one->last_switch = -1.0;
 }
 
-void pmj_load_actuators(pmj_runs *runs)
+void pmj_load_actuators(const pmj_sweep *sweep, pmj_runs *runs)
 {
     pmj_lanes limits[4 * PMJ_NW];
     pmj_actuation_lanes(runs->p, limits);
@@ -53,7 +53,8 @@ void pmj_load_actuators(pmj_runs *runs)
             for (int j = 0; j < 4 * PMJ_NW; ++j) {
                 channels[j] = limits[j][w];
             }
-            pmj_make_actuator(channels, &runs->lanes[w].actuator);
+            const double *chain = sweep->chain ? sweep->chain + runs->lanes[w].run * PMJ_CHAIN_SIZE : 0;
+            pmj_make_actuator(channels, (const pmj_chain *)chain, &runs->lanes[w].actuator);
         }
     }
 }

@@ -53,7 +53,7 @@ void pmj_open(pmj_runs *runs);
 void pmj_load(const pmj_sweep *sweep, pmj_runs *runs, int w);
 
 /* Set the actuator of every lane that has just been loaded: one call for the group. */
-void pmj_load_actuators(pmj_runs *runs);
+void pmj_load_actuators(const pmj_sweep *sweep, pmj_runs *runs);
 
 /* The thresholds beside a mode of lane w, and whether u is at a limit in it. */
 void pmj_set_thresholds(pmj_runs *runs, int w, int mode);
