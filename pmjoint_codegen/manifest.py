@@ -257,6 +257,11 @@ class Manifest:
             return self.chain[LOWER], self.chain[UPPER]
         return f"-{self.limit}", self.limit
 
+    @property
+    def limit_parameters(self) -> tuple[str, ...]:
+        """The parameters that bound the actuator: one for both sides, or lower and upper."""
+        return (self.chain[LOWER], self.chain[UPPER]) if LOWER in self.chain else (self.limit,)
+
     def limits(self, values: Mapping[str, float]) -> tuple[float, float]:
         """Lower and upper limit of what the actuator is told, from values of the parameters."""
         if LOWER in self.chain:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 from pydantic import BeforeValidator, Field
 
 from pmjoint_codegen.chain import LAG, LIMIT, LINKS, LOWER, UPPER, Link
-from pmjoint_codegen.errors import ModelError, did_you_mean, quoted
+from pmjoint_codegen.errors import ModelError, quoted
 from pmjoint_codegen.modelfile.tables import ParameterSpec, Table
 
 if TYPE_CHECKING:
@@ -89,11 +89,11 @@ def check_bench(spec: ModelSpec, names: Iterable[str], where: str) -> None:
                 remedy=f'write {link.key} = "{link.key}", or give the parameter another name',
             )
         if link.key not in numbers and text not in known:
-            allowed = f"{', '.join(known)}, or a number" if known else "declare it in [parameters]"
+            allowed = f"allowed: {', '.join(known)}, or a number" if known else "declare it in [parameters]"
             raise ModelError(
                 f"no parameter is called {quoted(text)}",
                 where=place,
-                remedy=f"{did_you_mean(text, known)}allowed: {allowed}",
+                remedy=allowed,
             )
     _check_limits(keys, where)
     if LAG in keys and spec.joint is not None:

@@ -17,9 +17,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from pmjoint_codegen import ClosedLoop
+from pmjoint_codegen.errors import UsageError
 from pmjoint_codegen.loops.chain import normal, uniform
 from pmjoint_codegen.loops.metrics import Column
 from pmjoint_codegen.provision import provide
@@ -252,3 +254,83 @@ def test_every_run_of_a_sweep_equals_the_single_run(tmp_path: Path, cache: Path)
         assert np.max(np.abs(found.trajectories[i] - expected)) <= 1e-9 * np.max(np.abs(expected))
         assert found.table[i, Column.MAX_ABS_V] == pytest.approx(run.peaks["v"][0], rel=1e-9)
         assert found.table[i, Column.ISE] == pytest.approx(run.ise, rel=1e-8)
+
+
+def test_continuous_control_sees_the_valve_and_the_lag(tmp_path: Path, cache: Path) -> None:
+    """Against SciPy: the same law, the valve as its definition says, no event search."""
+    tables = {"actuator": "lower = -2\nupper = 5\ndead_zone = 0.5\nlag = 0.02"}
+    path = write(tmp_path, tables, horizon=1.0)
+    loop = ClosedLoop.load(path, notify=lambda line: None)
+    run = loop.simulate(parameters={"dead_zone_plant": 0.7}, output_step=0.01, tolerance=1e-12)
+
+    def rates(t: float, X: Array) -> Array:
+        y, s = X[0], X[3:]
+        v = law(y, s, (math.sin(t), math.cos(t), -math.sin(t)))
+        q = min(max(v + 0.5 * np.sign(v), -2.0), 5.0)
+        u, valve = dead(q, 0.5), dead(q, 0.7)
+        xi, Xi, lam, r = s[0:2], s[2:4], s[4:6], s[6:8]
+        return np.array(
+            [
+                *(X[1], D1 * y + B0 * X[2], (valve - X[2]) / 0.02),
+                *(xi[1] + K[0] * (y - xi[0]), K[1] * (y - xi[0])),
+                *(Xi[1] - K[0] * Xi[0], y - K[1] * Xi[0]),
+                *(lam[1] - K[0] * lam[0], u - K[1] * lam[0]),
+                *(r[1] - CK[0] * r[0], B0 * (u - v) - CK[1] * r[1]),
+            ]
+        )
+
+    start = np.array([0.5, *[0.0] * 10])
+    found = solve_ivp(rates, (0.0, 1.0), start, "DOP853", run.t, rtol=1e-11, atol=1e-12, max_step=1e-3).y.T
+    assert np.max(np.abs(run.states - found)) < 2e-6  # SciPy steps over the valve's jumps
+    assert run["u_command"].min() == -2.0
+    assert np.any((run["u"] != 0.0) & (run["u_valve"] == 0.0))
+
+
+def test_a_sweep_of_the_continuous_loop_has_each_run_s_valve(tmp_path: Path, cache: Path) -> None:
+    tables = {"actuator": "lower = -2\nupper = 5\ndead_zone = 0.5"}
+    path = write(tmp_path, tables)
+    loop = ClosedLoop.load(path, notify=lambda line: None)
+    provided = provide(path, environment=os.environ, notify=lambda line: None, lanes=True)
+    plan = make_plan(("dead_zone_plant=0.2,0.5,0.9", "upper=0.3,2,5"), (), None, 0, "sobol")
+    request = make_request(provided.manifest, plan, tolerance=1e-11, output_step=0.1)
+    library, columns = library_of(make_inputs(provided.folder), os.environ), plan.columns(0, plan.runs)
+    found = simulate_chunk(library, request, columns).trajectories
+    for i in range(plan.runs):
+        values = {name: float(column[i]) for name, column in columns.items()}
+        run = loop.simulate(parameters=values, output_step=0.1, tolerance=1e-12)
+        expected = np.column_stack([run.states, run["v"], run["e"]])
+        assert np.max(np.abs(found[i] - expected)) <= 1e-9 * np.max(np.abs(expected)), values
+
+
+def test_the_continuous_controller_leaves_out_what_needs_a_clock_and_says_so(
+    tmp_path: Path, cache: Path
+) -> None:
+    loop = ClosedLoop.load(write(tmp_path, EVERYTHING), notify=lambda line: None)
+    ideal = loop.simulate(controller="continuous")
+    assert ideal.summary["left_out"] == [
+        *("rate", "delay", "resolution", "noise", "seed", "filter", "delay_samples", "jitter")
+    ]
+    assert np.array_equal(ideal["y_m"], ideal["y"])
+    assert loop.simulate().summary["left_out"] == []
+    assert loop.simulate().settings.controller == "sampled"
+
+
+@pytest.mark.parametrize(
+    ("parameters", "told"),
+    [
+        ({"rate": 0.0}, "rate: is 0; allowed: a number greater than 0"),
+        ({"dead_zone": -1.0}, "dead_zone: is -1; allowed: a number, 0 or greater"),
+        ({"seed": 1.5}, "seed: is 1.5; allowed: a whole number, 0 or greater"),
+        ({"delay_samples": -1.0}, "delay_samples: is -1; allowed: a whole number, 0 or greater"),
+        ({"upper": -4.0}, "upper: no room is left for u: upper - lower = -1; allowed: lower below upper"),
+        ({"lower": 1.0}, "lower: a dead zone lies around 0: -lower = -1"),
+        ({"jitter": 0.005}, "jitter: is 0.005 s, and the sample time 0.005 s"),
+    ],
+)
+def test_a_bad_value_is_one_line(
+    parameters: dict[str, float], told: str, tmp_path: Path, cache: Path
+) -> None:
+    loop = ClosedLoop.load(write(tmp_path, EVERYTHING), "interpreted", notify=lambda line: None)
+    with pytest.raises(UsageError) as caught:
+        loop.simulate(parameters=parameters)
+    assert str(caught.value).startswith(told)

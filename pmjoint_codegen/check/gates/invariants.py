@@ -9,14 +9,17 @@ no saturation with u_max out of reach, r = 0                                bit 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import numpy.typing as npt
 
+from pmjoint_codegen.chain import LAG
 from pmjoint_codegen.check.result import Difference, GateResult, failed, passed
 from pmjoint_codegen.check.subject import Subject
 from pmjoint_codegen.check.trajectory import ACCURACY, default_run
 from pmjoint_codegen.closed_loop import Source, evaluator_of
-from pmjoint_codegen.errors import PmjointError
+from pmjoint_codegen.errors import ModelError, PmjointError
 from pmjoint_codegen.kernels.evaluator import Evaluator
 from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.simulate.run import Run
@@ -55,6 +58,8 @@ def quiet_evaluator(subject: Subject) -> Evaluator:
     Raises:
         ModelError: the model's disturbance follows from its physics and cannot be removed.
     """
+    if LAG in subject.manifest.chain:
+        raise ModelError("the lag of the actuator disturbs it")
     kind = "compiled" if subject.compiler else "interpreted"
     zeros = ("0",) * subject.manifest.n
     source = Source(subject.file, subject.document, kind, disturbance=zeros, environment=subject.environment)
@@ -78,10 +83,9 @@ def quiet_findings(evaluator: Evaluator, *, bare: bool = True) -> list[Finding]:
         bare: whether z depends on nothing else, see `errors_are_alone`.
     """
     manifest = evaluator.manifest
-    limit = next(item.value for item in manifest.parameters if item.name == manifest.limit)
-    run, wider, free = (
-        default_run(evaluator, {manifest.limit: limit * factor}) for factor in (1.0, 2.0, OUT_OF_REACH)
-    )
+    values = {item.name: item.value for item in manifest.parameters}
+    limits = {name: values[name] for name in manifest.limit_parameters}
+    run, wider, free = (default_run(evaluator, _wider(limits, factor)) for factor in (1.0, 2.0, OUT_OF_REACH))
     found = [("u_max out of reach gives r = 0", float(np.max(np.abs(_block(free, "r")))), 0.0)]
     done = run.status == wider.status == Status.DONE
     if bare and done and run.settings.parameters["compensator"] == 1:
@@ -90,6 +94,15 @@ def quiet_findings(evaluator: Evaluator, *, bare: bool = True) -> list[Finding]:
         gap = max(float(np.max(np.abs(z[0] - other))) for other in z[1:])
         found.append(("z does not depend on u_max", gap / scale, ACCURACY))
     return [*found, ("x - x_hat = exp(A0 t) (x - x_hat)(0)", estimation_gap(evaluator, run), ACCURACY)]
+
+
+def _wider(limits: Mapping[str, float], factor: float) -> dict[str, float]:
+    """Limits of u further away: one times the factor, two that may be 0 by multiples of their distance."""
+    if len(limits) == 1:
+        return {name: limit * factor for name, limit in limits.items()}
+    (lower, least), (upper, most) = limits.items()
+    more = (factor - 1.0) * (most - least)
+    return {lower: least - more, upper: most + more}
 
 
 def estimation_gap(evaluator: Evaluator, run: Run) -> float:

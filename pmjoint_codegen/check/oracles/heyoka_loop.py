@@ -90,13 +90,15 @@ class Loop:
         arguments = compile_program(tuple(kernel.sides), symbols, equations, kernel.given, kernel.sides)
         self.names: Final = tuple(item.name for item in subject.manifest.states)
         self._heyoka: Final = heyoka
-        # Offset and slope of every channel, then the sides; the limit comes next.
+        # Offset and slope of every channel, then the sides; the limits come next.
         self._width: Final = len(blocks["g"])
         self._rounding: Final = UNIT * operation_count(program)
         variables = [heyoka.expression(name) for name in self.names]
         known = dict(zip(self.names, variables, strict=True))
         known |= {name: heyoka.expression(value) for name, value in parameters.items()}
-        known[subject.manifest.limit] = heyoka.par[self._width]
+        limits = subject.manifest.limit_parameters
+        self._count: Final = len(limits)
+        known |= {name: heyoka.par[self._width + i] for i, name in enumerate(limits)}
         known |= {symbol.name: heyoka.par[i] for i, symbol in enumerate(blocks["g"])}
 
         def translated(what: Program, clock: Any) -> list[Any]:
@@ -124,13 +126,13 @@ class Loop:
         )
         self._solvers: dict[int, tuple[Any, _Crossings]] = {}
 
-    def run(self, t: Array, start: Array, limit: float, actuator: Actuator) -> Trajectory:
+    def run(self, t: Array, start: Array, limit: float | Sequence[float], actuator: Actuator) -> Trajectory:
         """Integrate, changing mode or side where v crosses a threshold, or a kink's argument zero.
 
         Args:
             t: output instants, s.
             start: state at the first of them, shape (nX,).
-            limit: of u.
+            limit: of u; two where lower and upper limit are.
             actuator: its thresholds of v, and the modes between them.
 
         Returns:
@@ -150,13 +152,15 @@ class Loop:
                 continue
         return self._run(t, start, limit, actuator, last)
 
-    def _run(self, t: Array, start: Array, limit: float, actuator: Actuator, longest: float) -> Trajectory:
+    def _run(
+        self, t: Array, start: Array, limit: float | Sequence[float], actuator: Actuator, longest: float
+    ) -> Trajectory:
         """The same, with a given longest step."""
         coarse = without_narrow_modes(actuator)
         thresholds = coarse.thresholds.tolist()
         mode = int(np.searchsorted(thresholds, self.law(t[:1], start[np.newaxis], limit)[0, 0]))
         solver, crossings = self._solver(len(thresholds))
-        given = np.array([*coarse.modes[mode], *[1.0] * self._n_kinks, limit])
+        given = np.array([*coarse.modes[mode], *[1.0] * self._n_kinks, *np.atleast_1d(limit)])
         if self._kinks is not None:
             given[self._sides] = self._kinks.begin(float(t[0]), start, given)
         crossings.begin(coarse.modes.tolist(), mode, float(t[0]), given)
@@ -176,10 +180,10 @@ class Loop:
         labels = [(time, coarse.labels[place]) for time, place in crossings.found]
         return Trajectory((*self.names, "v"), t, values, _changes(coarse.labels[mode], labels))
 
-    def law(self, t: Array, states: Array, limit: float) -> Array:
+    def law(self, t: Array, states: Array, limit: float | Sequence[float]) -> Array:
         """v, and its derivatives with respect to the states, shape (rows, 1 + nX)."""
         given = np.repeat(
-            [[0.0]] * self._width + [[limit]], len(t), axis=1
+            [[value] for value in (*[0.0] * self._width, *np.atleast_1d(limit))], len(t), axis=1
         )  # v depends on neither mode nor side
         values = self._law(
             np.ascontiguousarray(states.T),
@@ -250,7 +254,7 @@ class Loop:
                 f"most of it near t = {float(output.times[place]):.6g} s"
             )
 
-    def scales(self, trajectory: Trajectory, limit: float) -> Array:
+    def scales(self, trajectory: Trajectory, limit: float | Sequence[float]) -> Array:
         """Scales of the errors of a trajectory's entries, shape (rows, columns).
 
         A state's is max(1, |X_i|). v is a function of the states and amplifies their errors: its scale is
@@ -273,7 +277,7 @@ class Loop:
     def _solver(self, count: int) -> tuple[Any, _Crossings]:
         """A solver for a number of thresholds, and the record that its events use."""
         if count not in self._solvers:
-            crossings, first, kinks = _Crossings(), self._width + 1, self._kinks
+            crossings, first, kinks = _Crossings(), self._width + self._count, self._kinks
             thresholds = [self._heyoka.par[first + place] for place in range(count)]
             events = [(self._v - level, crossings.crossing(i)) for i, level in enumerate(thresholds)]
             if kinks is not None:
