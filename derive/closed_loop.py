@@ -93,7 +93,7 @@ def actuator_equations(model: Model, design: Design) -> list[Equation]:
     return [
         Equation(
             channel.symbol,
-            sp.Max(channel.lower, sp.Min(channel.offset + channel.slope * design.signals.v, channel.upper)),
+            channel.value,
             "Closed loop",
             "(10)",
             channel.about,

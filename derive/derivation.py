@@ -40,6 +40,7 @@ from pmjoint_derive.sampling import sampling_equations
 from pmjoint_derive.signals import Units
 from pmjoint_derive.start import start_equations
 from pmjoint_derive.true_plant import true_plant
+from pmjoint_derive.valve import sensor_equations, valve_equations, with_valve
 
 DESIGNS: Mapping[str, type[Design]] = MappingProxyType({"backstepping": Backstepping})
 
@@ -55,6 +56,7 @@ def derive(model: Model, stage: Stage = unwatched) -> Derivation:
         OutsideClassError: if a parameter has the name of an equation; anything else outside the class was
             refused when the plant was made.
     """
+    model = with_valve(model)
     made_by = DESIGNS[model.design]
     signals = made_by.signals_for(model.plant)
     if model.gains.braking is not None:
@@ -73,6 +75,8 @@ def derive(model: Model, stage: Stage = unwatched) -> Derivation:
         *law,
         *design.compensator(),
         *design.error_rates(),
+        *valve_equations(model),
+        *sensor_equations(model),
         *delivered,
         *error_equations(model, design),
     ]

@@ -106,14 +106,16 @@ def coefficients() -> dict[str, sp.Expr]:
     return {"d1": stiffness, "b0": gain, "a": -damping, "kappa": sp.factor(quadratic / gain)}
 
 
-def reduce_joint(keep: tuple[str, ...], *, lagged: bool, vartheta: sp.Expr, limit: sp.Expr) -> Joint:
+def reduce_joint(
+    keep: tuple[str, ...], *, lagged: bool, vartheta: sp.Expr, limits: tuple[sp.Expr, sp.Expr]
+) -> Joint:
     """Reduce (1)-(4) to the plant class.
 
     Args:
         keep: the physics that the design keeps, from :data:`KEEP`.
         lagged: whether the pressures follow their commands with the time constant tau.
         vartheta: disturbance torque, a function of t and parameters.
-        limit: the parameter that bounds u.
+        limits: lower and upper limit of u.
 
     Raises:
         OutsideClassError: for a lag kept without tau, or together with the quadratic gain.
@@ -138,7 +140,7 @@ def reduce_joint(keep: tuple[str, ...], *, lagged: bool, vartheta: sp.Expr, limi
     return Joint(
         replace(design, disturbance=left_out),
         extras,
-        _channels(limit),
+        _channels(*limits),
         _constants(keep),
         (*motion, *lags, *_pressures(lagged=lagged)),
         demands(lagged=lagged),
@@ -284,14 +286,14 @@ def _collected(value: sp.Expr) -> sp.Expr:
     return shielded(lambda whole: sp.collect(whole, (Q1, Q2, P1, P2, OMEGA), sp.factor), value, MOVING)
 
 
-def _channels(limit: sp.Expr) -> tuple[Channel, ...]:
+def _channels(lower: sp.Expr, upper: sp.Expr) -> tuple[Channel, ...]:
     """The limited input u, and both pressures' distances from P_0, clipped at an empty or full muscle."""
     P0, P_max, k_u, zero = base_pressure(), real_symbol("P_max"), real_symbol("k_u"), sp.Integer(0)
-    reach = k_u * limit
+    least, most = k_u * lower, k_u * upper
     return (
-        Channel(U, zero, sp.Integer(1), -limit, limit, "V", "applied input sat(v)"),
-        Channel(P1, zero, k_u, sp.Max(-P0, -reach), sp.Min(P_max - P0, reach), "Pa", "command of P1 - P_0"),
-        Channel(P2, zero, k_u, sp.Max(P0 - P_max, -reach), sp.Min(P0, reach), "Pa", "command of P_0 - P2"),
+        Channel(U, zero, sp.Integer(1), lower, upper, "V", "applied input sat(v)"),
+        Channel(P1, zero, k_u, sp.Max(-P0, least), sp.Min(P_max - P0, most), "Pa", "command of P1 - P_0"),
+        Channel(P2, zero, k_u, sp.Max(P0 - P_max, least), sp.Min(P0, most), "Pa", "command of P_0 - P2"),
     )
 
 

@@ -223,6 +223,9 @@ class Simulation:
     sample_time: float
 
 
+_V = real_symbol("v")
+
+
 @dataclass(frozen=True)
 class Channel:
     """One output of the actuator: ``clip(offset + slope v, lower, upper)``, in parameters.
@@ -235,6 +238,8 @@ class Channel:
         upper: greatest value.
         unit: physical unit.
         about: one line for the reader.
+        of: what the slope multiplies, v unless it is the output of a valve with a dead zone or a lag.
+        expression: its value in full, where it is more than that clipped line: the valve's own output.
     """
 
     symbol: sp.Symbol
@@ -244,6 +249,15 @@ class Channel:
     upper: sp.Expr
     unit: str
     about: str
+    of: sp.Symbol = _V
+    expression: sp.Expr | None = None
+
+    @property
+    def value(self) -> sp.Expr:
+        """What it delivers (10)."""
+        if self.expression is not None:
+            return self.expression
+        return sp.Max(self.lower, sp.Min(self.offset + self.slope * self.of, self.upper))
 
 
 @dataclass(frozen=True)
@@ -303,7 +317,7 @@ class Model:
         source: where the model and its numbers come from.
         parameters: symbols of the plant with their defaults, in the model file's order.
         plant: the plant of the design.
-        limit: the parameter that bounds the actuator, u_M of (10).
+        limit: what bounds the actuator on either side, u_M of (10): a parameter, or the nearer of two.
         reference: y_r as a function of t and parameters.
         gains: default gains.
         simulation: default run.
@@ -319,6 +333,8 @@ class Model:
         start: the physical states that a run starts from; None: those of the plant class.
         design: row of `pmjoint_derive.derivation.DESIGNS`.
         segment: parameters of ``reference`` that change from break point to break point; see `segment`.
+        chain: key of the actuator, the sensor or the clock -> its parameter, such as ``lower``, ``upper``,
+            ``dead_zone`` and ``lag``, on which equations depend.
     """
 
     name: str
@@ -342,6 +358,7 @@ class Model:
     start: Start | None = None
     design: str = "backstepping"
     segment: tuple[sp.Symbol, ...] = ()
+    chain: Mapping[str, sp.Symbol] = field(default_factory=dict)
 
     @property
     def least_limit(self) -> sp.Expr:
@@ -350,8 +367,26 @@ class Model:
         return u.upper if u.upper == -u.lower else sp.Min(sp.Abs(u.lower), sp.Abs(u.upper))
 
     @property
+    def limits(self) -> tuple[sp.Expr, sp.Expr]:
+        """Lower and upper limit of what the valve is told."""
+        if "lower" in self.chain:
+            return self.chain["lower"], self.chain["upper"]
+        return -self.limit, self.limit
+
+    @property
+    def dead_zone(self) -> sp.Expr | None:
+        """Width of the valve's dead zone, which the controller inverts; None: it has none."""
+        return self.chain.get("dead_zone")
+
+    @property
+    def lag(self) -> sp.Expr | None:
+        """Time constant of the actuator, the plant's alone, s; None: it has none."""
+        return self.chain.get("lag")
+
+    @property
     def actuator(self) -> tuple[Channel, ...]:
         """The actuator's outputs, u first (10)."""
         zero, one = sp.Integer(0), sp.Integer(1)
-        u = Channel(real_symbol("u"), zero, one, -self.limit, self.limit, self.u_unit, "applied input sat(v)")
+        lower, upper = self.limits
+        u = Channel(real_symbol("u"), zero, one, lower, upper, self.u_unit, "applied input sat(v)")
         return self.channels or (u,)

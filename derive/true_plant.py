@@ -22,6 +22,7 @@ from pmjoint_derive.equation import Equation, Equations
 from pmjoint_derive.model import Model, real_symbol
 from pmjoint_derive.signals import Signals, derivative_name, free
 from pmjoint_derive.units import SECOND
+from pmjoint_derive.valve import COMMAND, drive
 
 SECTION = "True plant"
 SUFFIX = "_plant"
@@ -58,11 +59,13 @@ def true_plant(
     table = Equations([*derived, *known])
     shared = _shared(model, design.signals, table, physics)
     own = {symbol: own_symbol(symbol) for symbol in shared}
-    changed = _depending([*physics, *known], own)
+    driven = drive(model)
+    changed = _depending([*physics, *known], {**own, **driven})
     disturbances = disturbance_symbols(design.plant)
     differing = [i for i, item in enumerate(known) if item.symbol in changed]
     changed |= {disturbances[i] for i in differing}  # D_i keeps its name; x_i' has changed with known_i
     twins = own | {symbol: own_symbol(symbol) for symbol in changed}
+    twins |= {u: twins.get(symbol, symbol) for u, symbol in driven.items()}
     return (
         own,
         (
@@ -92,16 +95,14 @@ def _known_rates(design: Design) -> list[Equation]:
 def _shared(
     model: Model, signals: Signals, table: Equations, physics: Sequence[Equation]
 ) -> tuple[sp.Symbol, ...]:
-    """Parameters that both sides use; not the limit of u, which the controller applies itself (10).
+    """Parameters that both sides use; not the limits of u, which the controller applies itself (10).
 
     The plant takes u and v as numbers: what v is made of, such as an amplitude of y_r, is no part of it.
     """
     controller = [signals.v, *map(_rate, signals.controller_state), *signals.y_r]
-    plant = _reach((item.symbol for item in physics), table, until={signals.u, signals.v})
-    used = _reach(controller, table) & plant
-    return tuple(
-        item.symbol for item in model.parameters if item.symbol in used and item.symbol != model.limit
-    )
+    plant = _reach((item.symbol for item in physics), table, until={signals.u, signals.v, COMMAND})
+    used = (_reach(controller, table) & plant) - set(free(model.limits))
+    return tuple(item.symbol for item in model.parameters if item.symbol in used)
 
 
 def _rate(state: sp.Symbol) -> sp.Symbol:

@@ -17,6 +17,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from pmjoint_codegen.chain import LOWER, UPPER
 from pmjoint_codegen.errors import OtherVersionError, StaleError
 from pmjoint_codegen.reference.command import Command
 from pmjoint_codegen.storage import sha256
@@ -193,7 +194,8 @@ class Manifest:
         nx: states of the simulated plant.
         nw: entries of w, what the actuator delivers.
         order: highest Taylor coefficient N.
-        limit: name of the parameter that bounds the actuator.
+        limit: name of the parameter that bounds the actuator; an expression where lower and upper are two.
+        chain: key of ``[actuator]``, ``[sensor]`` or the clock -> name of its parameter, ``limit`` left out.
         leading: expression of b_m.
         disturbance_bound: D_max, or None.
         kinks: arguments of abs and sign in the plant's rates, inner ones first; each has its zeros located.
@@ -224,6 +226,7 @@ class Manifest:
     nw: int
     order: int
     limit: str
+    chain: Mapping[str, str]
     leading: str
     disturbance_bound: float | None
     kinks: tuple[str, ...]
@@ -272,6 +275,24 @@ class Manifest:
     def written(self, values: Mapping[str, float]) -> dict[str, float]:
         """Values of parameters, as the kernels take them, in the units of the model file."""
         return {name: from_si(value, self.scales.get(name, SI)) for name, value in values.items()}
+
+    @property
+    def limit_names(self) -> tuple[str, str]:
+        """What bounds the actuator below and above, for a reader."""
+        if LOWER in self.chain:
+            return self.chain[LOWER], self.chain[UPPER]
+        return f"-{self.limit}", self.limit
+
+    @property
+    def limit_parameters(self) -> tuple[str, ...]:
+        """The parameters that bound the actuator: one for both sides, or lower and upper."""
+        return (self.chain[LOWER], self.chain[UPPER]) if LOWER in self.chain else (self.limit,)
+
+    def limits(self, values: Mapping[str, float]) -> tuple[float, float]:
+        """Lower and upper limit of what the actuator is told, from values of the parameters."""
+        if LOWER in self.chain:
+            return values[self.chain[LOWER]], values[self.chain[UPPER]]
+        return -values[self.limit], values[self.limit]
 
     @property
     def own(self) -> Mapping[str, str]:

@@ -49,6 +49,16 @@ OPERATORS: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = MappingProxy
 _CONSTANTS: Mapping[str, float] = MappingProxyType({"pi": math.pi})
 
 
+_RULES: Mapping[str, Callable[[Numbers], Mask]] = MappingProxyType(
+    {
+        "positive": lambda terms: terms > 0,
+        "nonnegative": lambda terms: terms >= 0,
+        "whole": lambda terms: (terms >= 0) & (terms <= 2.0**53) & (terms == np.floor(terms)),
+        "nonzero": lambda terms: terms != 0,
+    }
+)
+
+
 @dataclass(frozen=True)
 class GainKind:
     """A list of gains under ``[design]``; its entries are parameters such as ``c1``, ``c2``.
@@ -85,16 +95,16 @@ class Rule:
 
     Attributes:
         name: the parameter or coefficient at the start of a message.
-        kind: of the terms, which are always ``finite``: one that is ``positive`` or ``nonzero``, or a
-            polynomial's coefficients, highest power first, which is ``hurwitz``: all its roots lie in the
-            open left half plane.
+        kind: of the terms, which are always ``finite``: one that is ``positive``, ``nonnegative``, ``whole``
+            (0, 1, 2, ... up to 2^53) or ``nonzero``, or a polynomial's coefficients, highest power first,
+            which is ``hurwitz``: all its roots lie in the open left half plane.
         terms: expressions of parameters, in Python's notation.
         what: what is wrong if the rule is broken; empty if the value shows it.
         allowed: what is allowed.
     """
 
     name: str
-    kind: Literal["finite", "positive", "nonzero", "hurwitz"]
+    kind: Literal["finite", "positive", "nonnegative", "whole", "nonzero", "hurwitz"]
     terms: tuple[str, ...]
     what: str
     allowed: str
@@ -120,7 +130,7 @@ def check_values(
     *,
     n: int,
     rho: int,
-    limit: str,
+    limit: str | None,
     leading: str | None,
     where: str,
     error: type[PmjointError] = ModelError,
@@ -134,7 +144,7 @@ def check_values(
             ``input_scale``.
         n: order of the plant.
         rho: relative degree.
-        limit: name of the parameter that limits the actuator.
+        limit: name of the parameter that limits the actuator on both sides; None: there are two.
         leading: name of the parameter that is b_m; None where b_m is an expression, which the caller checks.
         where: file or option at the start of a message.
         error: kind of error to raise: `ModelError` for a file, `UsageError` for a command.
@@ -153,7 +163,7 @@ def check_values(
     for name, value in values.items():
         if not math.isfinite(value):
             raise refuse(name, f"is {value}", "a finite number")
-    for name in (*positive_gains(rho), INPUT_SCALE, limit):
+    for name in (*positive_gains(rho), INPUT_SCALE, *([] if limit is None else [limit])):
         if not values[name] > 0:
             written = from_si(values[name], (scales or {}).get(name, SI))
             raise refuse(name, f"is {written:g}", "a number greater than 0")
@@ -211,7 +221,7 @@ def obeys(rule: Rule, columns: Mapping[str, Numbers]) -> Mask:
     if rule.kind == "hurwitz":
         good[good] = hurwitz_rows(terms[good])
         return good
-    result: Mask = good & np.all(terms > 0 if rule.kind == "positive" else terms != 0, axis=1)
+    result: Mask = good & np.all(_RULES[rule.kind](terms), axis=1)
     return result
 
 

@@ -52,6 +52,7 @@ def default_run(
         evaluator.manifest,
         parameters=evaluator.manifest.written(parameters or {}),
         output_step=output_step,
+        controller="continuous",  # theory and heyoka have no clock
         tolerance=TOLERANCE,
     )
     return run(evaluator, settings)

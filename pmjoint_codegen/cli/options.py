@@ -14,6 +14,7 @@ from pmjoint_codegen.cli.terminal import message
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
 
+    from pmjoint_codegen.manifest import Manifest
     from pmjoint_codegen.simulate.settings import CommandOptions
 
     _Kind = click.ParamType[Any]  # generic in newer releases of click, for the type checker only
@@ -112,10 +113,17 @@ def assignments(
     return table
 
 
-def tell_idle_sample_time(asked: CommandOptions) -> None:
-    """Warn that a sample time was given to a controller that has none."""
-    if asked["sample_time"] is not None and asked["controller"] != "sampled":
+def tell_clock(asked: CommandOptions, manifest: Manifest) -> None:
+    """Warn of what has no effect under a controller without a clock: a sample time, keys of the model."""
+    from pmjoint_codegen.simulate.settings import default_controller, left_out
+
+    if (asked["controller"] or default_controller(manifest)) == "sampled":
+        return
+    if asked["sample_time"] is not None:
         message("pmjoint: --sample-time has no effect without --controller sampled")
+    keys = left_out(manifest, "continuous")
+    if keys:
+        message(f"pmjoint: the continuous controller has no clock and leaves out: {', '.join(keys)}")
 
 
 def check_saturation(saturation: str | None, asked: CommandOptions) -> None:
@@ -190,10 +198,8 @@ _OF_A_RUN: Final[Mapping[str, tuple[str, Mapping[str, Any]]]] = {
         "--controller",
         {
             "type": click.Choice(["continuous", "sampled"]),
-            "default": "continuous",
-            "show_default": True,
-            "help": "continuous: as in the paper; sampled: as on a microcontroller, "
-            "with v constant between samples.",
+            "help": "continuous: as in the paper; sampled: as on a microcontroller, with v constant between "
+            "samples [default: continuous, or sampled where the model has a sensor or a clock].",
         },
     ),
     "sample_time": (

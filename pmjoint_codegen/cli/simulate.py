@@ -9,13 +9,7 @@ from typing import TYPE_CHECKING, Unpack, cast
 import click
 
 from pmjoint_codegen.cli.drawing import ready_matplotlib
-from pmjoint_codegen.cli.options import (
-    ModelName,
-    Place,
-    check_saturation,
-    run_options,
-    tell_idle_sample_time,
-)
+from pmjoint_codegen.cli.options import ModelName, Place, check_saturation, run_options, tell_clock
 from pmjoint_codegen.cli.summary_table import summary_table
 from pmjoint_codegen.cli.terminal import activity, as_json, document, message, result
 from pmjoint_codegen.errors import SimulationError
@@ -90,11 +84,11 @@ def command(
     """Run ``pmjoint simulate``: click passes the parsed arguments."""
     from pmjoint_codegen.storage import ensure_folder
 
-    tell_idle_sample_time(asked)
     check_saturation(saturation, asked)
     if out:
         ensure_folder(out)
     loop = _load(model, evaluator, reference, disturbance, saturation)
+    tell_clock(asked, loop.manifest)
     folder = out or Path("runs") / loop.manifest.name
     ensure_folder(folder)
     run, failure = _run(loop, asked)

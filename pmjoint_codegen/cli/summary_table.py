@@ -16,7 +16,7 @@ _SHOWN = 8  # switches in the table; summary.json has all of them
 _BEYOND = "overflow"  # of a run that failed
 _SEEN = "at the output instants"  # for quantities that are no states: in between they may be larger
 _PASCALS = 1e5  # in a bar
-_MODES = {-1: "at -{limit}", 0: "inside its limits", 1: "at {limit}"}
+_MODES = {-1: "at {lower}", 0: "inside its limits", 1: "at {upper}"}
 
 
 def summary_table(run: Run, notes: Sequence[str], files: Sequence[Path]) -> str:
@@ -49,8 +49,9 @@ def _head(run: Run, notes: Sequence[str]) -> Iterator[tuple[str, ...]]:
 
 def _saturation(run: Run) -> Iterator[tuple[str, ...]]:
     starts = [(0.0, run.initial_mode), *run.switches[:_SHOWN]]
+    lower, upper = run.manifest.limit_names
     for label, (t, mode) in zip(["u", *[""] * len(starts)], starts, strict=False):
-        yield label, f"{_MODES[mode].format(limit=run.manifest.limit)} from {t:.10f} s"
+        yield label, f"{_MODES[mode].format(lower=lower, upper=upper)} from {t:.10f} s"
     if len(run.switches) > _SHOWN:
         yield "", f"and {len(run.switches) - _SHOWN} more switches, in summary.json"
     yield "saturated", f"{run.summary['saturated_s']:.6g} s in all"

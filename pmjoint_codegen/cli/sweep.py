@@ -17,7 +17,7 @@ from pmjoint_codegen.cli.options import (
     check_saturation,
     processors,
     run_options,
-    tell_idle_sample_time,
+    tell_clock,
 )
 from pmjoint_codegen.cli.terminal import activity, document, message, result, table
 
@@ -77,7 +77,7 @@ Examples
     reference={},
     disturbance={},
     horizon={},
-    controller={"help": "continuous: as in the paper; sampled: as on a microcontroller."},
+    controller={},
     sample_time={},
     start={},
     saturation={},
@@ -139,7 +139,6 @@ def command(
 
     require((*formats, *(["dask"] if scheduler is not None else [])))
     plan = make_plan(grid, sample, draws, seed, method)
-    tell_idle_sample_time(asked)
     check_saturation(saturation, asked)
     provided = provide(
         model,
@@ -150,6 +149,7 @@ def command(
         notify=lambda line: message(f"pmjoint: {line}"),
         lanes=True,
     )
+    tell_clock(asked, provided.manifest)
     request = make_request(provided.manifest, plan, **asked)
     folder = out or Path("runs") / f"{provided.manifest.name}-sweep"
     store = Store(folder, request, provided.manifest.nX)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 import click
 
 from pmjoint_codegen.cli.drawing import ready_matplotlib
-from pmjoint_codegen.cli.options import ModelName, Place, processors, run_options, tell_idle_sample_time
+from pmjoint_codegen.cli.options import ModelName, Place, processors, run_options, tell_clock
 from pmjoint_codegen.cli.terminal import activity, document, message, result, table
 from pmjoint_codegen.loops.metrics import REPORTED
 
@@ -103,7 +103,6 @@ def command(
     from pmjoint_codegen.tune.request import make_request
     from pmjoint_codegen.workspace import find_model, is_stream
 
-    tell_idle_sample_time(asked)
     source = find_model(model)
     if is_stream(source):
         raise UsageError(
@@ -114,6 +113,7 @@ def command(
     file = out or _default_file(source)
     _check_target(file, source)
     provided = provide(source, environment=os.environ, notify=_notify, lanes=True)
+    tell_clock(asked, provided.manifest)
     request = make_request(provided.manifest, **asked)
     text = _text_of(source, file, request)
     ensure_folder(file.parent)

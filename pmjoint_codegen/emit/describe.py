@@ -11,6 +11,7 @@ import sympy as sp
 from sympy.printing.pycode import PythonCodePrinter
 
 from pmjoint_codegen import __version__
+from pmjoint_codegen.chain import DEAD_ZONE, LINKS, LOWER
 from pmjoint_codegen.emit.table import Kernel, Made, kernel_table, loop_rows
 from pmjoint_codegen.emit.vocabulary import Vocabulary, vocabulary
 from pmjoint_codegen.identity import Document, model_hash
@@ -106,6 +107,7 @@ def describe(
         nw=len(words.w),
         order=order,
         limit=str(model.limit),
+        chain={key: symbol.name for key, symbol in model.chain.items()},
         leading=plain_text(model.plant.b[0]),
         disturbance_bound=model.disturbance_bound,
         kinks=tuple(plain_text(argument) for argument in words.kinks),
@@ -147,7 +149,7 @@ def start_of(derivation: Derivation, words: Vocabulary) -> Start:
     model = derivation.model
     if model.start is None:
         own = _states(derivation, words)[: len(words.x)]
-        return Start(own, len(own), tuple(state.name for state in own))
+        return Start(own, model.plant.order, tuple(state.name for state in own))
     constants = {item.symbol: item.expression for item in model.constants}
     forms = (model.start.states[state].xreplace(constants) for state in words.x)
     return Start(
@@ -224,6 +226,7 @@ def rules_of(derivation: Derivation) -> tuple[Rule, ...]:
     ]
     braking = (symbol.name for symbol in derivation.signals.braking)
     found += [Rule(name, "positive", (name,), "", "a number greater than 0") for name in braking]
+    found += _chain_rules(model, own)
     found += _reference_rule(model, derivation.plant.rho)
     constants = {item.symbol: item.expression for item in model.constants}
     b = tuple(_python(entry.xreplace(constants)) for entry in model.plant.b)
@@ -231,6 +234,35 @@ def rules_of(derivation: Derivation) -> tuple[Rule, ...]:
         return (*found, Rule("b_m", "nonzero", b, "no input acts", "parameters for which it is not 0"))
     what = "the zero dynamics are unstable: b_m s^m + ... + b_0"
     return (*found, Rule("b_m ... b_0", "hurwitz", b, what, "roots with negative real parts only"))
+
+
+_ALLOWED = {
+    "finite": "a finite number",
+    "positive": "a number greater than 0",
+    "nonnegative": "a number, 0 or greater",
+    "whole": "a whole number, 0 or greater",
+}
+
+
+def _chain_rules(model: Model, own: Mapping[sp.Symbol, sp.Symbol]) -> list[Rule]:
+    """The rules of the keys of actuator, sensor and clock, also for the plant's own values."""
+    found = []
+    for link in LINKS:
+        symbol = model.chain.get(link.key)
+        if symbol is not None:
+            names = [item.name for item in (symbol, own.get(symbol)) if item is not None]
+            found += [Rule(name, link.kind, (name,), "", _ALLOWED[link.kind]) for name in names]
+    if LOWER in model.chain:
+        lower, upper = (item.name for item in model.limits)
+        allowed = f"{lower} below {upper}"
+        found.append(Rule(upper, "positive", (f"{upper} - {lower}",), "no room is left for u", allowed))
+        if DEAD_ZONE in model.chain:
+            what, allowed = "a dead zone lies around 0", f"{lower} at most 0, {upper} at least 0"
+            found += [
+                Rule(lower, "nonnegative", (f"-{lower}",), what, allowed),
+                Rule(upper, "nonnegative", (upper,), what, allowed),
+            ]
+    return found
 
 
 def _reference_rule(model: Model, rho: int) -> list[Rule]:

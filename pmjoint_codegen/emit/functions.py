@@ -73,7 +73,7 @@ def build_functions(derivation: Derivation, order: int, stage: Stage = unwatched
 def lane_functions(
     functions: Mapping[str, ca.Function], neutral: Entry | None = None
 ) -> dict[str, ca.Function]:
-    """The functions of `lane_rows` by name, from those of `build_functions`; for `neutral` see `make_function`."""
+    """The functions of `lane_rows` by name, from those of `build_functions`; see `make_function`."""
     return {made.name: make_function(made, functions, neutral=neutral) for made in lane_rows(functions)}
 
 

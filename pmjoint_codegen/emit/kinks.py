@@ -13,14 +13,21 @@ from pmjoint_derive import Equations
 _INNER = 6  # kinks inside a sign whose sides are all tried
 
 
-def kink_arguments(rates: Iterable[sp.Symbol], equations: Equations) -> tuple[sp.Expr, ...]:
+def kink_arguments(
+    rates: Iterable[sp.Symbol], equations: Equations, given: Iterable[sp.Symbol] = ()
+) -> tuple[sp.Expr, ...]:
     """Arguments of ``abs`` and ``sign`` in rates and in the equations that define them, inner ones first.
+
+    Args:
+        rates: names of the rates.
+        equations: the named equations.
+        given: names whose equations the rates do not see, since the loops give their values: the actuator's.
 
     Raises:
         ModelError: a ``sign`` whose argument is 0 over an interval: the loops know two sides.
     """
     found: dict[sp.Expr, None] = {}
-    seen: set[sp.Basic] = set()
+    seen: set[sp.Basic] = set(given)
 
     def visit(expression: sp.Basic) -> None:
         if expression in seen:

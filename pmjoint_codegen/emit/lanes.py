@@ -98,6 +98,14 @@ def bernstein(name: str) -> ca.Function:
     return ca.Function(name, [a], [ca.vertcat(*b)], ["a"], ["b"])
 
 
+def control(name: str, reference: ca.Function, law: ca.Function) -> ca.Function:
+    """V of (29) from a measured y."""
+    t, y, s, p = (
+        ca.SX.sym(label, law.size1_in(label) if label != "t" else 1) for label in ("t", "y", "s", "p")
+    )
+    return ca.Function(name, [t, y, s, p], [law(y, s, reference(t, p), p)[2]], ["t", "y", "s", "p"], ["v"])
+
+
 def stacked(name: str, function: ca.Function) -> ca.Function:
     """All results in one, in order: the reference for the channels of a Taylor kernel."""
     inputs = symbols_of(function)

@@ -13,10 +13,10 @@ from dataclasses import dataclass, field
 import casadi as ca
 import sympy as sp
 
-from pmjoint_codegen.emit.lanes import LANE_ORDER, arrive, bernstein, matrices, same, stacked
+from pmjoint_codegen.emit.lanes import LANE_ORDER, arrive, bernstein, control, matrices, same, stacked
 from pmjoint_codegen.emit.sampling import HOLD_ORDER, PLANT_ORDER, sample
 from pmjoint_codegen.emit.stick import Stick, stick
-from pmjoint_codegen.emit.vocabulary import Block, Vocabulary, rate_block, twins, vocabulary
+from pmjoint_codegen.emit.vocabulary import Block, Vocabulary, rate_block, reported, twins, vocabulary
 from pmjoint_derive import Derivation, real_symbol
 from pmjoint_derive.closed_loop import disturbance_symbols, tracking_error
 from pmjoint_derive.compensator import compensator_matrix
@@ -154,6 +154,8 @@ LANES: tuple[Made, ...] = (
     Composed("plant_guard_lanes", ("plant_guard",), same),
     Composed("plant_rates_lanes", ("plant",), stacked),
     Composed("sample_lanes", ("sample",), same),
+    Composed("control_lanes", ("reference", "law"), control),
+    Composed("update_lanes", ("sampled_update",), same),
 )
 # Of a plant that a kink can hold; their functions have the channels of those without `_held`.
 HELD_LOOPS: tuple[Made, ...] = (
@@ -188,7 +190,7 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
     X, w, h = ("X", (*words.x, *words.s)), ("w", words.w), ("h", words.h)
     limits = tuple(entry for four in actuator_limits(derivation).values() for entry in four)
     delivered = {own_symbol(symbol): symbol for symbol in words.w}
-    physical = (*rate_block("x", words.x)[1], *(item.symbol for item in derivation.model.reported))
+    physical = (*rate_block("x", words.x)[1], *(item.symbol for item in reported(derivation)))
     own = twins(derivation, physical, own_symbol)
     effective = twins(derivation, disturbance_symbols(derivation.plant), effective_symbol)
     in_mode = {symbol: words.g[2 * j] + words.g[2 * j + 1] * s.v for j, symbol in enumerate(words.w)}

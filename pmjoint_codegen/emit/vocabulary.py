@@ -19,11 +19,12 @@ import sympy as sp
 
 from pmjoint_codegen.emit.affine import Entry
 from pmjoint_codegen.emit.kinks import kink_arguments
-from pmjoint_derive import Derivation, real_symbol
+from pmjoint_derive import Derivation, Equation, real_symbol
 from pmjoint_derive.closed_loop import disturbance_symbols, tracking_error
 from pmjoint_derive.sampling import Hold
 from pmjoint_derive.signals import derivative_name, named, partial_name
 from pmjoint_derive.true_plant import own_symbol
+from pmjoint_derive.valve import COMMAND, VALVE
 
 Block = tuple[str, tuple[sp.Expr, ...]]
 
@@ -73,7 +74,8 @@ def vocabulary(derivation: Derivation) -> Vocabulary:
     x = (*s.x, *(state.symbol for state in model.extras))
     rates = rate_block("x", x)[1]
     own = twins(derivation, rates, own_symbol)
-    kinks = kink_arguments((own.get(rate, rate) for rate in rates), derivation.equations)
+    delivered = (*w, *map(own_symbol, w))
+    kinks = kink_arguments((own.get(rate, rate) for rate in rates), derivation.equations, delivered)
     return Vocabulary(
         p=(
             *(item.symbol for item in derivation.model.parameters),
@@ -92,7 +94,7 @@ def vocabulary(derivation: Derivation) -> Vocabulary:
         signals=(
             *(s.y, s.y_r[0], tracking_error(model), *s.z, *s.alpha, s.v, s.u, *named("x_hat", n)),
             *disturbance_symbols(derivation.plant),
-            *(item.symbol for item in model.reported),
+            *(item.symbol for item in reported(derivation)),
         ),
         partials=tuple(
             real_symbol(name)
@@ -101,6 +103,13 @@ def vocabulary(derivation: Derivation) -> Vocabulary:
             if (name := partial_name(alpha, by)) in derivation.equations
         ),
     )
+
+
+def reported(derivation: Derivation) -> tuple[Equation, ...]:
+    """Further signals that a run reports: those of the physics, a valve's, a sensor's."""
+    equations, model = derivation.equations, derivation.model
+    names = ("y_m", "y_f", *((COMMAND.name, VALVE.name) if model.dead_zone is not None else ()))
+    return (*model.reported, *(equations[name] for name in names if name in equations))
 
 
 def twins(

@@ -17,6 +17,7 @@ from pmjoint_codegen.identity import canonical_hash
 from pmjoint_codegen.kernels.declarations import MODULE, declarations, load_library, to_module
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.kernels.processor import Level
+from pmjoint_codegen.loops.chain import longest_history
 from pmjoint_codegen.loops.guard import HOLD_RATIOS, discs, hold_factors
 from pmjoint_codegen.loops.metrics import Column, rows_header
 from pmjoint_codegen.manifest import Manifest
@@ -47,6 +48,8 @@ class Runs:
         max_step: longest step, s.
         breaks: instants at which the reference's next segment begins, s, inside the runs.
         segments: shape (breaks + 1, entries), what ends p on each; empty for an expression.
+        chain: shape (runs, 13), sensor, actuator and clock; see `loops.chain`; empty for none.
+        looped: whether the sampled loop acts on them.
     """
 
     x0: Array
@@ -61,6 +64,8 @@ class Runs:
     max_step: float = math.inf
     breaks: Array = field(default_factory=lambda: np.empty(0))
     segments: Array = field(default_factory=lambda: np.empty((0, 0)))
+    chain: Array = field(default_factory=lambda: np.empty((0, 0)))
+    looped: bool = False
 
 
 @dataclass(frozen=True)
@@ -144,12 +149,15 @@ class BatchLibrary:
             final=np.empty((count, size)),
             trajectories=np.empty((count, rows, size + 2)),
         )
-        names = ("x0", "p", "hold", "times", "breaks", "segments")
-        arrays = {name: getattr(runs, name) for name in names}
+        waiting = longest_history(runs.chain) if runs.looped else 0
+        history = np.zeros(waiting * self.manifest.nw * self.width)
+        names = ("x0", "p", "hold", "times", "breaks", "segments", "chain")
+        arrays = {**{name: getattr(runs, name) for name in names}, "history": history}
         inputs = {name: self._pointer(array) for name, array in arrays.items()}
         sweep = self._ffi.new("pmj_sweep *", {name: value for name, value in inputs.items() if len(value)})
         sweep.runs, sweep.rows = count, rows
         sweep.n_breaks, sweep.n_segment = len(runs.breaks), runs.segments.shape[1]
+        sweep.looped, sweep.n_history = int(runs.looped), waiting
         sweep.hold_stride = runs.hold.shape[1] if len(runs.hold) > 1 else 0
         kept = self._set_rules(sweep, runs)
         sweep.settled = SETTLED
@@ -233,7 +241,10 @@ def loops_hash() -> str:
 
 def _loops() -> list[Path]:
     here = Path(__file__).parent
-    shared = [here / "c" / name for name in ("polynomial.c", "pmjoint_constants.h", "pmjoint_runtime.h")]
+    shared = [
+        here / "c" / name
+        for name in ("polynomial.c", "pmjoint_chain.h", "pmjoint_constants.h", "pmjoint_runtime.h")
+    ]
     return [*sorted((here / "c_batch").glob("*.[ch]")), *shared]
 
 

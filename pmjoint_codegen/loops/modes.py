@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -37,24 +38,83 @@ class Actuator:
         return len(self.limits)
 
 
-def make_actuator(limits: Array) -> Actuator:
+class Valve(NamedTuple):
+    """A valve with a dead zone, between v and the channels behind u; see `pmjoint_derive.valve`.
+
+    Attributes:
+        dead_zone: the width that the controller adds.
+        own: the valve's own.
+        lower: limit of the command, at most 0.
+        upper: limit of the command, at least 0.
+    """
+
+    dead_zone: float
+    own: float
+    lower: float
+    upper: float
+
+
+def make_actuator(limits: Array, valve: Valve | None = None) -> Actuator:
     """Find the modes from the ``actuation`` kernel's result.
 
     Args:
         limits: shape (4 nw,): offset, slope, lower, upper, channel by channel.
+        valve: channels other than u follow its output; None: they follow v.
     """
     channels = [tuple(map(float, row)) for row in np.reshape(limits, (-1, 4))]
-    reached = sorted({value for channel in channels for value in _thresholds(*channel)})
-    ends = [-np.inf, *reached, np.inf]
-    spans = list(pairwise(ends))
+    points = [] if valve is None else _valve_points(valve)
+    reached = {*points, *_thresholds(*channels[0])}
+    for low, high in pairwise([-np.inf, *points, np.inf]):
+        behind = [_behind(channel, valve, low, high) for channel in channels[1:]]
+        reached |= {value for channel in behind for value in _thresholds(*channel) if low < value < high}
+    ends = sorted(reached)
+    spans = list(pairwise([-np.inf, *ends, np.inf]))
     return Actuator(
         limits=np.array(channels),
-        thresholds=np.array(reached, dtype=np.float64),
+        thresholds=np.array(ends, dtype=np.float64),
         modes=np.array(
-            [[value for channel in channels for value in _affine(channel, *span)] for span in spans]
+            [
+                [
+                    value
+                    for j, channel in enumerate(channels)
+                    for value in _affine(channel if j == 0 else _behind(channel, valve, *span), *span)
+                ]
+                for span in spans
+            ]
         ),
         labels=tuple(_side(channels[0], *span) for span in spans),
     )
+
+
+def _valve_points(valve: Valve) -> list[float]:
+    """Values of v at which the valve's output bends or jumps, ascending."""
+    more = valve.own - valve.dead_zone  # of v that is lost beyond what the controller adds
+    right = {value for value in (more, valve.upper - valve.dead_zone) if value > 0.0}
+    left = {value for value in (-more, valve.lower + valve.dead_zone) if value < 0.0}
+    return sorted({0.0} | right | left)
+
+
+def _behind(
+    channel: tuple[float, ...], valve: Valve | None, low: float, high: float
+) -> tuple[float, float, float, float]:
+    """A channel behind the valve as a function of v in (low, high), in which the valve is affine."""
+    offset, slope, lower, upper = channel
+    if valve is None:
+        return offset, slope, lower, upper
+    before, gain = _through(valve, low, high)
+    return offset + slope * before, slope * gain, lower, upper
+
+
+def _through(valve: Valve, low: float, high: float) -> tuple[float, float]:
+    """Offset and slope of the valve's output for v in (low, high)."""
+    more = valve.own - valve.dead_zone
+    if low >= 0.0:
+        if low >= valve.upper - valve.dead_zone:  # the command is at its limit
+            return max(valve.upper - valve.own, 0.0), 0.0
+        return (-more, 1.0) if low >= more else (0.0, 0.0)
+    if high <= valve.lower + valve.dead_zone:
+        return min(valve.lower + valve.own, 0.0), 0.0
+    return (more, 1.0) if high <= -more else (0.0, 0.0)
 
 
 def _thresholds(offset: float, slope: float, lower: float, upper: float) -> list[float]:

@@ -38,6 +38,9 @@ class Problem:
         n_segment: entries at the end of p that a segment sets; 0 if the reference is an expression. A run
             writes them: see `own_parameters`.
         hold: matrices of `sampled_update`; empty for the continuous loop.
+        chain: `Chain.vector` for the sampled loop with sensor, actuator and clock; empty for the others.
+        limits: shape (4 nw,), offset, slope, lower and upper limit of every channel of w.
+        n_history: commands that are kept, since they act later; 0 without a chain.
         nodes: quadrature nodes on (0, 1); a hold that is one step has its own three.
         weights: of the nodes; they add up to 1.
         n_nodes: number of them; 0 leaves out the integral of e^2 and when e settles.
@@ -85,6 +88,9 @@ class Problem:
     n_breaks: int
     n_segment: int
     hold: Array
+    chain: Array
+    limits: Array
+    n_history: int
     nodes: Array
     weights: Array
     n_nodes: int
@@ -198,6 +204,9 @@ class Memory:
         rows: shape (n_rows, nX), X at the output instants; the first row is filled in at the start.
         row_samples: shape (n_rows, nX), X at the last sample before each output instant, sampled loop.
         row_sample_times: shape (n_rows,), the instants of `row_samples`, s.
+        held: shape (6 + nw,), what is held since the last sample, with a chain; see `loops.chain`.
+        row_held: shape (n_rows, 6 + nw), the same at the output instants.
+        history: shape (n_history, nw), w of the last commands.
         peaks: shape (nX + 3,), largest |X_i|, |v|, |e| and, if requested, |dy/dt| so far.
         peak_times: of the same shape, their instants, s.
         switch_times: s.
@@ -224,6 +233,9 @@ class Memory:
     rows: Array
     row_samples: Array
     row_sample_times: Array
+    held: Array
+    row_held: Array
+    history: Array
     peaks: Array
     peak_times: Array
     switch_times: Array
@@ -265,6 +277,9 @@ def make_memory(problem: Problem, x0: Array) -> Memory:
         rows=np.empty((rows, n)),
         row_samples=np.empty((sampled_rows, n)),
         row_sample_times=np.zeros(sampled_rows),
+        held=np.zeros(6 + problem.n_actuated if problem.n_history else 0),
+        row_held=np.zeros((rows if problem.n_history else 0, 6 + problem.n_actuated)),
+        history=np.zeros((problem.n_history, problem.n_actuated)),
         peaks=np.zeros(n + 3),
         peak_times=np.zeros(n + 3),
         switch_times=np.empty(problem.max_switches),

@@ -42,10 +42,10 @@ def sampled_loop(
         A function that advances it by at most the given number of samples; `progress` records whether and how
         it ended.
     """
-    return _Loop(evaluator, problem, progress, memory).advance
+    return SampledLoop(evaluator, problem, progress, memory).advance
 
 
-class _Loop:
+class SampledLoop:
     """One run; its methods have the names of the C functions."""
 
     def __init__(self, evaluator: Evaluator, problem: Problem, progress: Progress, memory: Memory) -> None:
@@ -70,6 +70,7 @@ class _Loop:
         self.thresholds: list[float] = problem.thresholds.tolist()
 
     def advance(self, budget: int) -> None:
+        """Take at most `budget` samples."""
         with np.errstate(all="ignore"):  # what overflows is found by the checks below, as in C
             for _ in range(budget):
                 if self.progress.status != Status.RUNNING:
@@ -90,7 +91,7 @@ class _Loop:
         progress.t = t
         progress.evaluations += 1
         if progress.sample == 0:
-            self.note_start(c)
+            self.note_start(float(c[0, self.e]), float(c[1, 0]))
         note_value(float(v[0]), t, problem.n_states, memory.peaks, memory.peak_times)
         if not math.isfinite(v[0]):
             progress.status = Status.NON_FINITE
@@ -119,15 +120,22 @@ class _Loop:
         """Coefficients as rows of powers; columns are x, then e, then the arguments of kinks."""
         return flat.reshape(-1, self.problem.n_channels)
 
-    def note_start(self, c: Array) -> None:
-        """X(0) and e(0)."""
+    def note_start(self, e: float, rate: float) -> None:
+        """X(0), e(0) and y'(0)."""
         for i, value in enumerate(self.memory.sample.tolist()):
             note_value(value, 0.0, i, self.memory.peaks, self.memory.peak_times)
         peaks, times, last = self.memory.peaks, self.memory.peak_times, self.problem.n_states + 1
-        note_value(float(c[0, self.e]), 0.0, last, peaks, times)
+        note_value(e, 0.0, last, peaks, times)
         if self.problem.notes_rate:
-            note_value(float(c[1, 0]), 0.0, last + 1, peaks, times)
-        self.progress.band = self.problem.settled * abs(float(c[0, self.e]))
+            note_value(rate, 0.0, last + 1, peaks, times)
+        self.progress.band = self.problem.settled * abs(e)
+
+    def enter_break(self, w: Array, until: float) -> None:
+        """Take the segments of the reference that have begun by `until`; only e may jump."""
+        if enter_segments(self.problem, self.progress, self.memory, until):
+            t, sides = self.progress.t, self.memory.sides[: self.problem.n_kinks]
+            found = self.rates(np.array([t]), self.x, np.concatenate([w, sides]), self.problem.p)
+            self.note_jump(float(found[1][0]), t)
 
     def note_jump(self, e: float, t: float) -> None:
         """At a break point of the reference, e may jump; the guard of e is known for the segment before."""
@@ -165,7 +173,7 @@ class _Loop:
         broken = next_break(self.problem, self.progress) < min(rows_until, end)
         whole = self.progress.held < 0 and not broken and length <= self.problem.max_step
         if not (whole and self.smooth(c, length) and self.within(c, length) and self.shown(c, w, length)):
-            self.long_hold(w, end, rows_until)
+            self.long_hold(w, end, rows_until, self.progress.t)
             return
         progress = self.progress
         diverging, length = first_beyond(c[:, : self.e], self.problem.divergence, length)
@@ -237,10 +245,9 @@ class _Loop:
         most = float(np.max(misses)) if np.all(np.isfinite(misses)) else math.inf
         return most / (DEFECT * problem.tolerance)
 
-    def long_hold(self, w: Array, end: float, rows_until: float) -> None:
+    def long_hold(self, w: Array, end: float, rows_until: float, t_sample: float) -> None:
         """Integrate the plant under constant w to `end` in as many steps as it takes."""
         progress, problem = self.progress, self.problem
-        t_sample = progress.t
         smallest = SMALLEST_STEP * max(end, 1.0)
         progress.touching, progress.flips, progress.last_cut = -1, 0, math.inf
         self.stick.find_out(self.find_sides(w), self.x, w)
@@ -266,9 +273,7 @@ class _Loop:
                 progress.touching, progress.flips = -1, 0
                 progress.status = Status.DIVERGED if diverging else progress.status
             if last == at and progress.t >= at and progress.status == Status.RUNNING:
-                enter_segments(problem, progress, self.memory, progress.t)
-                found = self.rates(np.array([progress.t]), self.x, self.actuation(w), problem.p)
-                self.note_jump(float(found[1][0]), progress.t)
+                self.enter_break(w, progress.t)
             if kink >= 0 and progress.status == Status.RUNNING:
                 side = float((trial if tau > 0.0 else c[0])[self.e + 1 + kink])
                 self.stick.meet(kink, self.x, w, side, 0)

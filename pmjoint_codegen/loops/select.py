@@ -11,6 +11,7 @@ import numpy as np
 
 from pmjoint_codegen.kernels.compiled import CompiledEvaluator
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator
+from pmjoint_codegen.loops.chained import ChainedLoop
 from pmjoint_codegen.loops.continuous import continuous_loop
 from pmjoint_codegen.loops.problem import Memory, Problem, Progress
 from pmjoint_codegen.loops.sampled import sampled_loop
@@ -31,6 +32,8 @@ def make_loop(evaluator: Evaluator, problem: Problem, progress: Progress, memory
     """
     if isinstance(evaluator, CompiledEvaluator):
         return CompiledLoop(evaluator, problem, progress, memory)
+    if problem.n_history:
+        return ChainedLoop(evaluator, problem, progress, memory).advance
     return (sampled_loop if problem.sample_time else continuous_loop)(evaluator, problem, progress, memory)
 
 
@@ -56,7 +59,18 @@ class CompiledLoop:
         held = (*(f"{name}_held" for name in names), "holds") if evaluator.manifest.can_hold else ()
         self._bound = [evaluator.function(name) for name in (*names, *held)]  # the structs point into them
         self._kernels = ffi.new("pmj_kernels *", [function.struct for function in self._bound])
-        self._run = lib.pmj_sampled if problem.sample_time else lib.pmj_continuous
+        if problem.n_history:  # whose law and update are kernels of their own
+            own = [evaluator.function(name) for name in ("reference", "law", "sampled_update")]
+            self._bound += own
+            parts = [self._kernels[0], *(function.struct for function in own)]
+            self._kernels = ffi.new("pmj_functions *", parts)
+        self._run = (
+            lib.pmj_chained
+            if problem.n_history
+            else lib.pmj_sampled
+            if problem.sample_time
+            else lib.pmj_continuous
+        )
         self._records = (problem, progress, memory)  # and into these
         self._arguments = (self._problem[0], self._kernels, self._progress[0], self._memory[0])
         self._begin = lib.pmj_begin

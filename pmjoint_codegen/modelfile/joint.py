@@ -178,13 +178,15 @@ def check_joint(parameters: Mapping[str, Parameter], where: str) -> None:
         )
 
 
-def to_joint(spec: JointSpec, parameters: tuple[Parameter, ...], limit: sp.Symbol, where: str) -> Joint:
+def to_joint(
+    spec: JointSpec, parameters: tuple[Parameter, ...], limits: tuple[sp.Expr, sp.Expr], where: str
+) -> Joint:
     """Reduce the joint to the plant class.
 
     Args:
         spec: the table.
         parameters: all parameters of the model, the joint's among them.
-        limit: symbol of the actuator's limit.
+        limits: lower and upper limit of u.
         where: file at the start of a message.
 
     Raises:
@@ -193,4 +195,4 @@ def to_joint(spec: JointSpec, parameters: tuple[Parameter, ...], limit: sp.Symbo
     """
     symbols = {item.name: item.symbol for item in parameters} | {"t": real_symbol("t")}
     torque = parse(spec.disturbance, symbols, f"{where}: joint.disturbance", kinks=True)
-    return reduce_joint(spec.keep, lagged=spec.tau is not None, vartheta=torque, limit=limit)
+    return reduce_joint(spec.keep, lagged=spec.tau is not None, vartheta=torque, limits=limits)

@@ -12,11 +12,12 @@ from typing import Any
 
 import sympy as sp
 
+from pmjoint_codegen.chain import LIMIT, LINKS
 from pmjoint_codegen.errors import ModelError
+from pmjoint_codegen.modelfile.bench import chain_names, chain_numbers
 from pmjoint_codegen.modelfile.design import gains_of
 from pmjoint_codegen.modelfile.expressions import parse
 from pmjoint_codegen.modelfile.joint import (
-    COLUMNS,
     check_columns,
     check_joint,
     converted,
@@ -25,6 +26,7 @@ from pmjoint_codegen.modelfile.joint import (
 )
 from pmjoint_codegen.modelfile.schema import ModelSpec, PlantSpec
 from pmjoint_codegen.modelfile.soundness import check_model
+from pmjoint_codegen.modelfile.tables import ParameterSpec
 from pmjoint_codegen.modelfile.units import ANY, Scales, Wanted
 from pmjoint_codegen.reference.command import DATA
 from pmjoint_codegen.reference.segments import degrees
@@ -33,6 +35,7 @@ from pmjoint_derive import Gains, Model, OutsideClassError, Parameter, Plant, Si
 from pmjoint_derive.segment import segment_reference, segment_symbols
 
 Symbols = Mapping[str, sp.Symbol]
+_UNITS = {"u": "V", "u/s": "V/s", "y": "rad", "s": "s", "1/s": "1/s", "1": "1"}  # of a joint's bench
 
 
 def to_derive(spec: ModelSpec, where: str = "") -> Model:
@@ -57,10 +60,13 @@ def to_derive(spec: ModelSpec, where: str = "") -> Model:
             title=spec.title,
             source=spec.source,
             parameters=parameters,
-            limit=known[spec.actuator.limit],
+            limit=_limit(spec, known),
+            chain={key: known[name] for key, name in chain_names(spec).items() if key != LIMIT},
             **_reference(spec, known, where),
             gains=gains,
-            simulation=Simulation(**spec.simulation.model_dump(exclude={"reference"})),
+            simulation=Simulation(
+                **spec.simulation.model_dump(exclude={"reference", "delay_samples", "jitter"})
+            ),
             y_unit=spec.units.y,
             u_unit=spec.units.u,
             y_range=spec.y_range,
@@ -82,24 +88,42 @@ def _reference(spec: ModelSpec, known: Symbols, where: str) -> dict[str, Any]:
     return {"reference": segment_reference(*sizes), "segment": segment_symbols(*sizes)}
 
 
+def _limit(spec: ModelSpec, known: Symbols) -> sp.Expr:
+    """u_M: the limit, or the nearer one of the two."""
+    names = chain_names(spec)
+    if LIMIT in names:
+        return known[names[LIMIT]]
+    return sp.Min(-known[names["lower"]], known[names["upper"]])
+
+
 def _parameters(spec: ModelSpec, where: str) -> tuple[Parameter, ...]:
     """All parameters: as written beside ``[plant]``, whose author keeps units consistent; else in SI."""
     if spec.joint is None:
         return tuple(
-            Parameter(name, line.value, line.unit, line.about) for name, line in spec.parameters.items()
+            Parameter(name, line.value, line.unit, line.about) for name, line in _lines(spec).items()
         )
     scales = Scales(where)
     check_columns({"y": spec.units.y, "u": spec.units.u}, scales)
     of_joint = joint_parameters(spec.joint, scales)
     check_joint({item.name: item for item in of_joint}, where)
-    wanted = {spec.actuator.limit: Wanted(COLUMNS["u"], "mV")}
+    names = chain_names(spec)
+    wanted = {
+        names[link.key]: Wanted(_UNITS[link.unit], _UNITS[link.unit].replace("V", "mV"))
+        for link in LINKS
+        if link.key in names
+    }
     return (
         *of_joint,
         *(
             converted(name, line, scales, f"parameters.{name}", wanted.get(name, ANY))
-            for name, line in spec.parameters.items()
+            for name, line in _lines(spec).items()
         ),
     )
+
+
+def _lines(spec: ModelSpec) -> dict[str, ParameterSpec]:
+    """Lines of ``[parameters]``, then those that numbers of the bench become."""
+    return {**spec.parameters, **chain_numbers(spec)}
 
 
 def _physics(spec: ModelSpec, parameters: tuple[Parameter, ...], where: str) -> dict[str, Any]:
@@ -111,7 +135,10 @@ def _physics(spec: ModelSpec, parameters: tuple[Parameter, ...], where: str) -> 
             "disturbance_bound": spec.plant.disturbance_bound,
         }
     assert spec.joint is not None  # `validate` demands one of the two
-    joint = to_joint(spec.joint, parameters, known[spec.actuator.limit], where)
+    names = chain_names(spec)
+    limit = known[names[LIMIT]] if LIMIT in names else None
+    limits = (-limit, limit) if limit is not None else (known[names["lower"]], known[names["upper"]])
+    joint = to_joint(spec.joint, parameters, limits, where)
     return {**vars(joint), "disturbance_bound": spec.joint.disturbance_bound}
 
 
@@ -160,6 +187,7 @@ def _check_values(spec: ModelSpec, gains: Gains, parameters: tuple[Parameter, ..
     """Check the file's numbers against the rules for values set for one run."""
     values = {item.name: item.value for item in parameters}
     keys = {name: f"joint.{name}" for name in values}
+    keys |= {link.key: f"{link.table}.{link.key}" for link in LINKS if link.key in chain_numbers(spec)}
     keys |= {name: f"parameters.{name}.value" for name in spec.parameters}
     keys |= {FILTER_GAINS: "design.k"}
     keys |= {name: f"design.{name}" for name in (COMPENSATOR, INPUT_SCALE)}
@@ -173,7 +201,7 @@ def _check_values(spec: ModelSpec, gains: Gains, parameters: tuple[Parameter, ..
         values,
         n=spec.order,
         rho=spec.relative_degree,
-        limit=spec.actuator.limit,
+        limit=chain_names(spec).get(LIMIT),
         leading=leading if leading in spec.parameters else None,
         where=where,
         key=lambda name: keys[name],

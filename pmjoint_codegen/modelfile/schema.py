@@ -11,6 +11,7 @@ from typing import Any, Literal
 from pydantic import Field, ValidationError
 
 from pmjoint_codegen.errors import ModelError, quoted
+from pmjoint_codegen.modelfile.bench import ActuatorSpec, SensorSpec, Setting, chain_numbers, check_bench
 from pmjoint_codegen.modelfile.complaints import first_complaint
 from pmjoint_codegen.modelfile.joint import JointSpec, check_kept, joint_names
 from pmjoint_codegen.modelfile.names import MODEL_NAME, key_path, why_not
@@ -61,12 +62,6 @@ class PlantSpec(Table):
     )
 
 
-class ActuatorSpec(Table):
-    """``[actuator]``."""
-
-    limit: str = Field(description="the name of a parameter")
-
-
 class DesignSpec(Table):
     """``[design]``: gains, checked by `pmjoint_codegen.values`."""
 
@@ -100,6 +95,8 @@ class SimulationSpec(Table):
     horizon: Positive = Field(description="a finite number of seconds greater than 0")
     output_step: Positive = Field(default=0.01, description="a finite number of seconds greater than 0")
     sample_time: Positive = Field(default=0.001, description="a finite number of seconds greater than 0")
+    delay_samples: Setting | None = Field(default=None, description="the name of a parameter, or a number")
+    jitter: Setting | None = Field(default=None, description="the name of a parameter, or a number")
 
 
 class UnitsSpec(Table):
@@ -125,14 +122,16 @@ class ModelSpec(Table):
     plant: PlantSpec | None = Field(default=None, description="the table [plant]")
     joint: JointSpec | None = Field(default=None, description="the table [joint], in place of [plant]")
     actuator: ActuatorSpec = Field(description='the table [actuator] with limit = "..."')
+    sensor: SensorSpec = Field(default=SensorSpec(), description="the table [sensor]")
     design: DesignSpec = Field(description="the table [design] with c, e, ck and k")
     simulation: SimulationSpec = Field(description="the table [simulation] with reference, x0 and horizon")
     units: UnitsSpec = Field(default=UnitsSpec(), description="the table [units] with y and u")
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
-        """The joint's names, then those of ``[parameters]``."""
-        return (*(joint_names(self.joint) if self.joint else ()), *self.parameters)
+        """The joint's names, then those of ``[parameters]``, then keys of the bench that are numbers."""
+        joint = joint_names(self.joint) if self.joint else ()
+        return (*joint, *self.parameters, *chain_numbers(self))
 
     @property
     def y_range(self) -> tuple[float, float] | None:
@@ -225,7 +224,6 @@ def _tuples(value: Any) -> Any:
 
 
 def _check_names(spec: ModelSpec, where: str) -> None:
-    names = spec.parameter_names
     for name in spec.parameters:
         reason = why_not(name)
         if spec.joint is not None and name in joint_names(spec.joint):
@@ -236,12 +234,8 @@ def _check_names(spec: ModelSpec, where: str) -> None:
             raise ModelError(
                 reason, where=f"{where}: {key_path(('parameters', name))}", remedy="choose another name"
             )
-    if spec.actuator.limit not in names:
-        raise ModelError(
-            f"no parameter is called {quoted(spec.actuator.limit)}",
-            where=f"{where}: actuator.limit",
-            remedy=f"allowed: {', '.join(names)}" if names else "declare it in [parameters]",
-        )
+    joint = joint_names(spec.joint) if spec.joint is not None else ()
+    check_bench(spec, (*joint, *spec.parameters), where)
 
 
 def _check_plant(plant: PlantSpec, where: str) -> None:

@@ -144,7 +144,7 @@ def _plot(axes: Axes, run: Record, panel: Panel, until: float | None) -> None:
 
     _shade(axes, run)
     axes.axhline(0.0, color=GREY, linewidth=0.3, zorder=1)
-    for mark in (*panel.marks, *(side for level in panel.levels for side in (-level, level))):
+    for mark in (*panel.marks, *panel.levels):
         axes.axhline(mark, color=GREY, linewidth=0.5, linestyle=(0, (1, 2)), zorder=1)
     end = float(run.t[-1]) if until is None else until
     chosen = run.t <= end

@@ -20,9 +20,10 @@ import numpy as np
 
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator
 from pmjoint_codegen.loops import quadrature
+from pmjoint_codegen.loops.chain import actuator_of, is_looped, make_chain
 from pmjoint_codegen.loops.guard import HOLD_RATIOS, discs, hold_factors
 from pmjoint_codegen.loops.hold import hold_matrices
-from pmjoint_codegen.loops.modes import Actuator, make_actuator
+from pmjoint_codegen.loops.modes import Actuator
 from pmjoint_codegen.loops.problem import Memory, Problem, Progress, make_memory, own_parameters
 from pmjoint_codegen.loops.select import Advance, CompiledLoop, make_loop
 from pmjoint_codegen.loops.status import Status, sentence
@@ -159,7 +160,7 @@ class Simulator:
         key = (settings.p.tobytes(), reference, *SHARED(settings))
         prepared = self._last
         if prepared is None or prepared.key != key:
-            actuator = make_actuator(self.evaluator.call("actuation", settings.p)[0])
+            actuator = actuator_of(self.evaluator, settings.p)
             problem = make_problem(self.evaluator, settings, actuator)
             problem.times.flags.writeable = False  # many runs return them
             columns = columns_of(settings)
@@ -243,6 +244,8 @@ def make_problem(evaluator: Evaluator, settings: Settings, actuator: Actuator) -
     guard = manifest.guards["plant_taylor" if sampled else "taylor"]
     around = discs(guard, settings.tolerance)
     rule = quadrature.long_steps()
+    chained = sampled and is_looped(manifest)
+    chain = make_chain(manifest, settings.parameters, settings.sample_time) if chained else None
     times = settings.times()
     breaks, segments = inside(settings.reference, settings.horizon)
     return Problem(
@@ -262,6 +265,9 @@ def make_problem(evaluator: Evaluator, settings: Settings, actuator: Actuator) -
         n_breaks=len(breaks),
         n_segment=segments.shape[1],
         hold=hold_matrices(evaluator, settings.p, settings.sample_time) if sampled else np.empty(0),
+        chain=chain.vector() if chain else np.empty(0),
+        limits=actuator.limits,
+        n_history=chain.history if chain else 0,
         nodes=np.array(rule.nodes),
         weights=np.array(rule.weights),
         n_nodes=len(rule.nodes),

@@ -10,6 +10,7 @@ from typing import Any, Final, Literal, TypedDict, Unpack
 
 import numpy as np
 
+from pmjoint_codegen.chain import clocked
 from pmjoint_codegen.errors import UsageError, did_you_mean, quoted
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
@@ -38,7 +39,7 @@ class CommandOptions(TypedDict, total=False):
     parameters: Mapping[str, float] | None
     x0: Sequence[float] | Array | None
     output_step: float | None
-    controller: str
+    controller: str | None
     sample_time: float | None
     compensator: bool | None
     start: str | None
@@ -149,11 +150,12 @@ def make_settings(
     step = simulation.output_step if output_step is None else _positive("output step", output_step, "s")
     if step > length:  # the horizon bounds a default; a given value is not changed
         step = length if output_step is None else _at_most("output step", step, length, "the horizon")
-    controller = _controller(asked.get("controller", "continuous"))
+    controller = _controller(asked.get("controller") or default_controller(manifest))
     sample_time = asked.get("sample_time")
     period = simulation.sample_time if sample_time is None else _positive("sample time", sample_time, "s")
     if controller == "sampled":  # without a second sample, a sampled controller shows nothing
         _at_most("sample time", period, length, "the horizon")
+        _check_jitter(manifest, values, period)
     initial = own.x0 if own and x0 is None else _initial(manifest, x0)
     start = simulation.start if asked.get("start") is None else _start(asked["start"])
     tolerance = _tolerance(asked.get("tolerance", DEFAULT_TOLERANCE))
@@ -258,7 +260,7 @@ def _values(
         values,
         n=manifest.n,
         rho=manifest.rho,
-        limit=manifest.limit,
+        limit=manifest.limit if manifest.limit in values else None,
         leading=leading,
         where="",
         error=UsageError,
@@ -341,6 +343,27 @@ def default_divergence(
         start *= max(1.0, *(values[f"ck{i}"] for i in range(1, manifest.rho + 1))) ** (manifest.rho - 1)
     supply = 4.0 * of_plant(values, "P_max") if pressures and "P_max" in values else 0.0
     return min(max(DIVERGENCE, start, supply), float(np.finfo(np.float64).max))
+
+
+def default_controller(manifest: Manifest) -> Controller:
+    """``sampled`` for a model with keys that need a clock, else ``continuous``, as in the paper."""
+    return "sampled" if clocked(manifest.chain) else "continuous"
+
+
+def left_out(manifest: Manifest, controller: str) -> tuple[str, ...]:
+    """The model's keys that a controller leaves out: those that need a clock, if it has none."""
+    return clocked(manifest.chain) if controller == "continuous" else ()
+
+
+def _check_jitter(manifest: Manifest, values: Mapping[str, float], period: float) -> None:
+    """Samples stay in order only if none is later than the next."""
+    name = manifest.chain.get("jitter")
+    if name is not None and values[name] >= period:
+        raise UsageError(
+            f"is {values[name]:g} s, and the sample time {period:g} s",
+            where=name,
+            remedy="allowed: less than the sample time",
+        )
 
 
 def _controller(name: str) -> Controller:

@@ -56,7 +56,7 @@ class Panel:
         lines: its curves, the most important one last, on top.
         label: what the vertical axis shows.
         clip: largest magnitude that the whole-run panel shows, or None for all.
-        levels: magnitudes to mark by horizontal lines on both sides of zero.
+        levels: values to mark by horizontal lines, without moving the axis.
         marks: values to mark by horizontal lines.
     """
 
@@ -115,7 +115,7 @@ def overview_panels(run: Record) -> tuple[Panel, ...]:
     """Choose six panels that show a whole run: output, error, states, compensator, input, estimate."""
     manifest = run.manifest
     both = (Line("v", "$v$", BLUE), Line("u", "$u$"))
-    v_u = Panel(both, "$v,\\ u$" + unit_text(manifest, "u"), _clip(run), (_limit(run),))
+    v_u = Panel(both, "$v,\\ u$" + unit_text(manifest, "u"), _clip(run), _limits(run))
     first = min(2, manifest.n)
     states = _rate(manifest) if pressures(run) else _family(manifest, "x", range(first, manifest.n + 1))
     r = _family(manifest, "r", range(1, manifest.rho + 1))
@@ -225,7 +225,7 @@ def _state(run: Record, i: int) -> tuple[tuple[Panel, ...], str]:
 
 
 def _input_panels(run: Record) -> tuple[Panel, ...]:
-    unit, levels = unit_text(run.manifest, "u"), (_limit(run),)
+    unit, levels = unit_text(run.manifest, "u"), _limits(run)
     return (
         Panel((Line("v", "$v$", BLUE),), "$v$" + unit, _clip(run), levels),
         Panel((Line("u", "$u$"),), "$u$" + unit, None, levels),
@@ -264,14 +264,14 @@ def _pressure_text(run: Record) -> str:
     )
 
 
-def _limit(run: Record) -> float:
-    """Give the actuator's limit in this run, in the unit of u."""
-    return float(run.settings.parameters[run.manifest.limit])
+def _limits(run: Record) -> tuple[float, ...]:
+    """Give the actuator's limits in this run, in the unit of u."""
+    return run.manifest.limits(run.settings.parameters)
 
 
 def _clip(run: Record) -> float | None:
     """Clip v in the whole run if the transient has its own panel, so that the rest is visible."""
-    return 1.35 * _limit(run) if transient_window(run) else None
+    return 1.35 * max(map(abs, _limits(run))) if transient_window(run) else None
 
 
 def _saturation_text(run: Record) -> str:

@@ -1,4 +1,7 @@
-"""What a run reports besides its states, at its output instants."""
+"""What a run reports besides its states, at its output instants.
+
+That of a sampled run is as of the sample, except for what moves in between.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +10,11 @@ from typing import Final
 import numpy as np
 
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator
+from pmjoint_codegen.loops.chain import ACTING, CLOCK, COMMAND, FILTERED, MEASURED, U
 from pmjoint_codegen.loops.constants import SAME_INSTANT
 from pmjoint_codegen.loops.problem import Memory, Problem
 from pmjoint_codegen.manifest import Manifest
+from pmjoint_codegen.values import of_plant
 
 INSTANTANEOUS: Final = ("y", "y_r", "e")  # signals that a sampled controller does not hold constant
 LAGGED: Final = frozenset({"q1", "q2"})  # states of pressures that lag
@@ -25,14 +30,60 @@ def signals_of(evaluator: Evaluator, problem: Problem, states: Array, memory: Me
         states: at the output instants, shape (rows, nX).
         memory: of a sampled run: the last sample before each row.
     """
-    times = problem.times[: len(states), np.newaxis]
+    rows = len(states)
+    times = problem.times[:rows, np.newaxis]
     if not problem.sample_time:
         return _evaluated(evaluator, problem, "signals", times, states)
+    if problem.n_history:
+        return _chained_signals(evaluator, problem, states, memory)
     # Constant since the last sample, except for the plant and the reference.
-    since, held = memory.row_sample_times[: len(states), np.newaxis], memory.row_samples[: len(states)]
-    signals = _evaluated(evaluator, problem, "signals", since, held)
-    names = [item.name for item in evaluator.manifest.signals]
-    y, y_r, e = map(names.index, INSTANTANEOUS)
+    since, samples = memory.row_sample_times[:rows, np.newaxis], memory.row_samples[:rows]
+    signals = _evaluated(evaluator, problem, "signals", since, samples)
+    _put_live(evaluator, problem, states, signals)
+    places = _disturbances(evaluator.manifest)
+    if places:
+        v = [item.name for item in evaluator.manifest.signals].index("v")
+        w = _actuated(evaluator, problem, signals[:, v])
+        signals[:, places] = evaluator.call(
+            "disturbance", times, states[:, : evaluator.manifest.nx], w, problem.p
+        )[0]
+    return signals
+
+
+def _chained_signals(evaluator: Evaluator, problem: Problem, states: Array, memory: Memory) -> Array:
+    """The same where the law takes what a sensor reads, and the plant what an actuator delivers."""
+    manifest, rows = evaluator.manifest, len(states)
+    held = memory.row_held[:rows]
+    seen = memory.row_samples[:rows].copy()
+    seen[:, 0] = held[:, FILTERED]
+    signals = _evaluated(evaluator, problem, "signals", held[:, CLOCK, np.newaxis], seen)
+    places = {item.name: i for i, item in enumerate(manifest.signals)}
+    w, times = held[:, ACTING:], problem.times[:rows, np.newaxis]
+    (D,) = evaluator.call("disturbance", times, states[:, : manifest.nx], w, problem.p)
+    known = {
+        "y_m": held[:, MEASURED],
+        "y_f": held[:, FILTERED],
+        "u": held[:, U],
+        "u_command": held[:, COMMAND],
+    }
+    known |= {f"D{i}": column for i, column in enumerate(D.T, start=1)}
+    if "u_valve" in places:
+        known["u_valve"] = w[:, 1]
+    if "P1" in places and not set(manifest.start.names) >= LAGGED:
+        values = dict(zip(manifest.parameter_names, problem.p.tolist(), strict=False))
+        base = of_plant(values, "k0") * of_plant(values, "u0")
+        known |= {"P1": base + w[:, -2], "P2": base - w[:, -1]}
+    for name, column in known.items():
+        if name in places:
+            signals[:, places[name]] = column
+    _put_live(evaluator, problem, states, signals)
+    return signals
+
+
+def _put_live(evaluator: Evaluator, problem: Problem, states: Array, signals: Array) -> None:
+    """Signals of a sampled run that move between samples: y, y_r, e, and states of a joint."""
+    times = problem.times[: len(states), np.newaxis]
+    y, y_r, e = map([item.name for item in evaluator.manifest.signals].index, INSTANTANEOUS)
     signals[:, y] = states[:, 0]
     signals[:, y_r] = _evaluated(evaluator, problem, "reference", times)[:, 0]
     signals[:, e] = signals[:, y] - signals[:, y_r]
@@ -40,10 +91,6 @@ def signals_of(evaluator: Evaluator, problem: Problem, states: Array, memory: Me
     if moving:
         live = _evaluated(evaluator, problem, "signals", times, states)
         signals[:, moving] = live[:, moving]
-    acting = [names.index(f"D{i}") for i in range(1, evaluator.manifest.n + 1) if f"D{i}" in names]
-    if acting:
-        signals[:, acting] = _disturbance(evaluator, problem, times, states, signals[:, names.index("v")])
-    return signals
 
 
 def _evaluated(evaluator: Evaluator, problem: Problem, kernel: str, times: Array, *others: Array) -> Array:
@@ -71,11 +118,15 @@ def _moving(manifest: Manifest) -> list[int]:
     return [i for i, item in enumerate(manifest.signals) if item.name in names]
 
 
-def _disturbance(evaluator: Evaluator, problem: Problem, times: Array, states: Array, v: Array) -> Array:
-    """D of (12), shape (rows, n): the plant moves and the clock runs while v is held."""
-    manifest = evaluator.manifest
+def _disturbances(manifest: Manifest) -> list[int]:
+    """Places of D1, D2, ... among the signals."""
+    names = [item.name for item in manifest.signals]
+    return [names.index(f"D{i}") for i in range(1, manifest.n + 1) if f"D{i}" in names]
+
+
+def _actuated(evaluator: Evaluator, problem: Problem, v: Array) -> Array:
+    """What the actuator delivers for a held v, shape (rows, nw)."""
     (limits,) = evaluator.call("actuation", problem.p)
-    offset, slope, lower, upper = limits.reshape(manifest.nw, 4).T
+    offset, slope, lower, upper = limits.reshape(evaluator.manifest.nw, 4).T
     with np.errstate(all="ignore"):  # a failed run may end in infinities
-        w = np.clip(offset + slope * v[:, np.newaxis], lower, upper)
-    return evaluator.call("disturbance", times, states[:, : manifest.nx], w, problem.p)[0]
+        return np.clip(offset + slope * v[:, np.newaxis], lower, upper)

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator
+from pmjoint_codegen.loops.chain import is_looped, make_chain
 from pmjoint_codegen.simulate.settings import Settings
 from pmjoint_codegen.values import MATCHED
 
@@ -27,6 +28,10 @@ def make_start(evaluator: Evaluator, settings: Settings, columns: Mapping[str, A
     state = np.zeros(manifest.nX)
     state[: manifest.nx] = manifest.start.states(settings.x0[np.newaxis], columns)
     if settings.start == MATCHED:
+        y = state[:1]
+        if settings.controller == "sampled" and is_looped(manifest):
+            chain = make_chain(manifest, settings.parameters, settings.sample_time)
+            y = np.array([chain.read(float(y[0]), 0)])
         y_r = evaluator.call("reference", [0.0], settings.p)[0]
-        state[manifest.nx :] = evaluator.call("start", state[:1], y_r, settings.p)[0]
+        state[manifest.nx :] = evaluator.call("start", y, y_r, settings.p)[0]
     return state

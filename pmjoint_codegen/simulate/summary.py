@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pmjoint_codegen.chain import clocked
 from pmjoint_codegen.loops.status import holds
 from pmjoint_codegen.simulate.disturbance import disturbance_summary
 from pmjoint_codegen.simulate.record import COMMAND
+from pmjoint_codegen.simulate.settings import left_out
 from pmjoint_codegen.values import BRAKING, CLIP, COMPENSATOR
 
 if TYPE_CHECKING:
@@ -43,6 +45,7 @@ def summarise(run: Record) -> dict[str, Any]:
         "output_step": settings.output_step,
         "controller": settings.controller,
         "sample_time": settings.sample_time if settings.controller == "sampled" else None,
+        **({"left_out": list(left_out(manifest, settings.controller))} if clocked(manifest.chain) else {}),
         "tolerance": settings.tolerance,
         "evaluator": run.evaluator,
         "status": run.status.name.lower(),

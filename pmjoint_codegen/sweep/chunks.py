@@ -9,15 +9,17 @@ from typing import Final
 
 import numpy as np
 
+from pmjoint_codegen.chain import DEAD_ZONE, SAMPLE_TIME
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.loops.batch import BatchLibrary, Runs
+from pmjoint_codegen.loops.chain import chain_rows, first_readings, is_looped
 from pmjoint_codegen.loops.hold import exponentials
 from pmjoint_codegen.loops.metrics import Column
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.sweep.metrics import INVALID
 from pmjoint_codegen.sweep.plan import CODES, SATURATION
 from pmjoint_codegen.sweep.request import Request
-from pmjoint_codegen.sweep.validity import valid_rows
+from pmjoint_codegen.sweep.validity import valid_periods, valid_rows
 from pmjoint_codegen.values import BRAKING, CLIP, COMPENSATOR, MATCHED, SI, all_to_si
 
 LINEAR: Final = 1e100  # share of the limit: (r_1/l)^2 is then lost in 1 + (r_1/l)^2, and g is (23)'s c_k1 r_1
@@ -50,15 +52,26 @@ def simulate_chunk(library: BatchLibrary, request: Request, columns: Mapping[str
     table = np.full((count, len(Column) + manifest.nX), np.nan)
     trajectories = np.full((count, rows, manifest.nX + 2), np.nan)
     table[:, Column.STATUS] = INVALID
-    valid = valid_rows(manifest, p, x0[:, : manifest.nx])
-    started, p = x0[valid], p[valid]
-    if request.start == MATCHED:
-        started[:, manifest.nx :] = library.starts(started[:, 0], p)
-    outcome = library.simulate(_runs(library, request, started, p))
-    table[valid, : len(Column)] = outcome.metrics
-    table[valid, len(Column) :] = outcome.final
-    trajectories[valid] = outcome.trajectories
+    periods = _periods(request, columns, count)
+    valid = valid_rows(manifest, p, x0[:, : manifest.nx]) & valid_periods(manifest, request, p, periods)
+    for period in np.unique(periods[valid]).tolist():  # the runs of one call have one clock
+        among = valid & (periods == period)
+        runs = _runs(library, request, x0[among], p[among], period)
+        if request.start == MATCHED:
+            y = first_readings(runs.chain, runs.x0[:, 0]) if runs.looped else runs.x0[:, 0]
+            runs.x0[:, manifest.nx :] = library.starts(y, runs.p)
+        outcome = library.simulate(runs)
+        table[among, : len(Column)] = outcome.metrics
+        table[among, len(Column) :] = outcome.final
+        trajectories[among] = outcome.trajectories
     return Result(table, trajectories)
+
+
+def _periods(request: Request, columns: Mapping[str, Array], count: int) -> Array:
+    """The sample time of every run, s; 0 for the continuous controller."""
+    if request.sample_time and SAMPLE_TIME in columns:
+        return columns[SAMPLE_TIME]
+    return np.full(count, request.sample_time)
 
 
 def fill_in(manifest: Manifest, request: Request, columns: Mapping[str, Array]) -> tuple[Array, Array]:
@@ -75,7 +88,7 @@ def fill_in(manifest: Manifest, request: Request, columns: Mapping[str, Array]) 
     p = np.tile(np.array(request.p), (count, 1))
     states = manifest.start.names
     for name, values in columns.items():
-        if name == SATURATION:
+        if name in (SATURATION, SAMPLE_TIME):
             continue
         if name in states:
             given[:, states.index(name)] = values
@@ -100,21 +113,26 @@ def _saturate(manifest: Manifest, p: Array, codes: Array) -> None:
         p[codes == CODES[COMPENSATOR], names.index(BRAKING)] = LINEAR
 
 
-def _runs(library: BatchLibrary, request: Request, x0: Array, p: Array) -> Runs:
+def _runs(library: BatchLibrary, request: Request, x0: Array, p: Array, sample_time: float) -> Runs:
+    manifest = library.manifest
+    columns = dict(zip(manifest.parameter_names, p.T, strict=False))  # p ends with the reference's segment
+    sampled, valve = bool(sample_time) and is_looped(manifest), DEAD_ZONE in manifest.chain
     breaks, segments = request.segments
     return Runs(
         x0=x0,
         p=p,
         horizon=request.horizon,
         tolerance=request.tolerance,
-        sample_time=request.sample_time,
-        hold=hold_matrices(library, p, request.sample_time) if request.sample_time else np.empty((0, 0)),
+        sample_time=sample_time,
+        hold=hold_matrices(library, p, sample_time) if sample_time else np.empty((0, 0)),
         times=request.times(),
         divergence=request.divergence,
         max_steps=request.max_steps,
         max_step=math.inf if request.max_step is None else request.max_step,
         breaks=breaks,
         segments=segments,
+        chain=chain_rows(manifest, columns, sample_time or 1.0) if sampled or valve else np.empty((0, 0)),
+        looped=sampled,
     )
 
 

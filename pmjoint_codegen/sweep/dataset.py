@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pmjoint_codegen import __version__
+from pmjoint_codegen.chain import SAMPLE_TIME
 from pmjoint_codegen.errors import UsageError
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.loops.metrics import Column
@@ -251,7 +252,7 @@ def _attributes(request: Request, manifest: Manifest) -> dict[str, Any]:
         "disturbance": json.dumps(request.disturbance),
         "horizon": request.horizon,
         "controller": request.controller,
-        "sample_time": request.sample_time,
+        "sample_time": 0.0 if SAMPLE_TIME in request.plan.names else request.sample_time,
         "tolerance": request.tolerance,
         "samples": json.dumps([[s.name, s.law, s.first, s.second] for s in request.plan.samples]),
         "variables": json.dumps([item.name for item in quantities(manifest)]),
@@ -268,8 +269,9 @@ def _parameters(request: Request, manifest: Manifest) -> dict[str, float]:
 def _units(manifest: Manifest) -> dict[str, dict[str, Any]]:
     states = {item.name: (item.unit, item.about) for item in manifest.start.variables}
     parameters = {item.name: (item.unit, item.about) for item in manifest.parameters}
+    clock = {SAMPLE_TIME: ("s", "sample time")}
     found: dict[str, dict[str, Any]] = {
-        name: {"units": u, "long_name": about} for name, (u, about) in (states | parameters).items()
+        name: {"units": u, "long_name": about} for name, (u, about) in (states | parameters | clock).items()
     }
     words = {"flag_values": list(CODES.values()), "flag_meanings": " ".join(CODES)}
     return {**found, SATURATION: {"units": "1", "long_name": "what is done about a saturated input", **words}}

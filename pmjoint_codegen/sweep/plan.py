@@ -17,7 +17,7 @@ from pmjoint_codegen.errors import UsageError
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.values import BRAKING, CLIP, COMPENSATOR
 
-Law = Literal["uniform", "normal", "loguniform"]
+Law = Literal["uniform", "normal", "loguniform", "integers"]
 Method = Literal["latin-hypercube", "sobol"]
 
 SATURATION: Final = "saturation"  # an axis of words
@@ -51,7 +51,7 @@ class Sample:
         name: of a parameter, gain or initial state.
         law: distribution.
         first: lower end, or the mean of a normal one.
-        second: upper end, or the standard deviation of a normal one.
+        second: upper end, or the standard deviation of a normal one. Whole numbers include both ends.
     """
 
     name: str
@@ -65,6 +65,9 @@ class Sample:
 
         if self.law == "normal":
             return np.asarray(self.first + self.second * ndtri(u), dtype=np.float64)
+        if self.law == "integers":
+            drawn = np.floor(self.first + (self.second - self.first + 1.0) * u)
+            return np.asarray(np.minimum(drawn, self.second), dtype=np.float64)
         if self.law == "loguniform":
             low, high = math.log(self.first), math.log(self.second)
             return np.asarray(np.exp(low + (high - low) * u), dtype=np.float64)
@@ -263,15 +266,20 @@ def read_sample(text: str) -> Sample:
         raise UsageError(
             f"is {text!r}",
             where="--sample",
-            remedy="allowed: NAME~normal(MEAN,SD), NAME~uniform(LOW,HIGH), NAME~loguniform(LOW,HIGH)",
+            remedy="allowed: NAME~normal(MEAN,SD), NAME~uniform(LOW,HIGH), NAME~loguniform(LOW,HIGH), "
+            "NAME~integers(LOW,HIGH)",
         ) from None
     good = sample.second > 0 if sample.law == "normal" else sample.second > sample.first
     finite = all(map(math.isfinite, (sample.first, sample.second, sample.second - sample.first)))
+    if sample.law == "integers":
+        good = (
+            good and sample.first == math.floor(sample.first) and sample.second == math.floor(sample.second)
+        )
     if not (good and finite) or (sample.law == "loguniform" and sample.first <= 0):
         raise UsageError(
             f"is {text!r}",
             where="--sample",
-            remedy="a normal needs SD > 0, the others LOW < HIGH, loguniform LOW > 0",
+            remedy="a normal needs SD > 0, the others LOW < HIGH, loguniform LOW > 0, integers whole numbers",
         )
     return sample
 

@@ -10,6 +10,7 @@ from typing import Any, Final, Unpack
 
 import numpy as np
 
+from pmjoint_codegen.chain import SAMPLE_TIME
 from pmjoint_codegen.errors import StaleError, UsageError, did_you_mean
 from pmjoint_codegen.identity import canonical_hash
 from pmjoint_codegen.kernels.evaluator import Array
@@ -123,7 +124,9 @@ def make_request(manifest: Manifest, plan: Plan, **asked: Unpack[RunOptions]) ->
     settings = make_settings(manifest, **completed)
     output_step, set_here = asked.get("output_step"), asked.get("parameters") or {}
     switched = () if asked.get("compensator") is None else (COMPENSATOR,)
-    _check_names(manifest, plan, (*set_here, *switched))
+    clock = () if asked.get(SAMPLE_TIME) is None else (SAMPLE_TIME,)
+    _check_names(manifest, plan, (*set_here, *switched, *clock))
+    check_clock(plan, settings.controller)
     own = tuple(name for name in manifest.own if name in set_here)
     request = _request(manifest, plan, settings, own, output_step)
     size = 8 * plan.runs * request.instants * (manifest.nX + 2)
@@ -207,8 +210,16 @@ def _check_saturation(manifest: Manifest, plan: Plan, fixed: Collection[str]) ->
 
 
 def varied_names(manifest: Manifest) -> tuple[str, ...]:
-    """The names that a sweep can vary: initial states as in x0, then every entry of p, then saturation."""
-    return (*manifest.start.names, *manifest.parameter_names, SATURATION)
+    """The names that a sweep can vary: initial states as in x0, entries of p, saturation, the sample time."""
+    return (*manifest.start.names, *manifest.parameter_names, SATURATION, SAMPLE_TIME)
+
+
+def check_clock(plan: Plan, controller: str) -> None:
+    """Refuse to vary the sample time of a controller that has none; raises `UsageError`."""
+    if SAMPLE_TIME in plan.names and controller != "sampled":
+        raise UsageError(
+            "the continuous controller has no sample time to vary", remedy="give --controller sampled"
+        )
 
 
 def _check_names(manifest: Manifest, plan: Plan, fixed: Collection[str]) -> None:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
+from pmjoint_codegen.sweep.request import Request
 from pmjoint_codegen.values import (
     COMPENSATOR,
     INPUT_SCALE,
@@ -47,6 +48,16 @@ def valid_rows(manifest: Manifest, p: Array, x0: Array) -> Mask:
     k = np.column_stack([column[name] for name in filter_gains(manifest.n)])
     result: Mask = good & _hurwitz(k, good)
     return result
+
+
+def valid_periods(manifest: Manifest, request: Request, p: Array, periods: Array) -> Mask:
+    """Which runs have a clock that a run may have: no longer than the horizon, and longer than its jitter."""
+    if not request.sample_time:
+        return np.ones(len(p), dtype=bool)
+    good: Mask = np.isfinite(periods) & (periods > 0) & (periods <= request.horizon)
+    if "jitter" in manifest.chain:
+        good &= p[:, manifest.parameter_names.index(manifest.chain["jitter"])] < periods
+    return good
 
 
 def _hurwitz(k: Array, among: Mask) -> Mask:

@@ -73,12 +73,12 @@ def _limits(panels: Array, comparison: Comparison) -> None:
     if request.max_v is not None:
         for sign in (-1, 1):
             left.axhline(sign * request.max_v, color=RUST, lw=0.7, ls=(0, (4, 2)), zorder=1)
-    if manifest.limit in manifest.parameter_names:
-        level = dict(zip(manifest.parameter_names, request.runs.p, strict=False))[manifest.limit]
-        for sign in (-1, 1):
-            right.axhline(sign * level, color=STONE, lw=0.5, ls=(0, (1, 2)), zorder=1)
-        if peak > 2 * level:
-            right.set_ylim(-1.5 * level, 1.5 * level)
+    limits = manifest.limits(dict(zip(manifest.parameter_names, request.runs.p, strict=False)))
+    level = max(map(abs, limits))
+    for limit in limits:
+        right.axhline(limit, color=STONE, lw=0.5, ls=(0, (1, 2)), zorder=1)
+    if peak > 2 * level:
+        right.set_ylim(-1.5 * level, 1.5 * level)
 
 
 def _caption(comparison: Comparison) -> str:
@@ -91,7 +91,4 @@ def _caption(comparison: Comparison) -> str:
     )
     if drawn:
         parts.append(f"{request.over} of {request.count} plants, {drawn} (thin)")
-    dotted = (
-        " Dotted: the limit of u." if comparison.manifest.limit in comparison.manifest.parameter_names else ""
-    )
-    return f"{', '.join(parts)}. Left: the beginning.{dotted}"
+    return f"{', '.join(parts)}. Left: the beginning. Dotted: the limit of u."

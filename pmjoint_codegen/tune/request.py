@@ -17,8 +17,8 @@ from pmjoint_codegen.simulate.settings import RunOptions
 from pmjoint_codegen.sweep.chunks import fill_in
 from pmjoint_codegen.sweep.plan import Plan, Sample, read_sample
 from pmjoint_codegen.sweep.request import Request as Runs
+from pmjoint_codegen.sweep.request import check_clock, varied_names
 from pmjoint_codegen.sweep.request import make_request as make_runs
-from pmjoint_codegen.sweep.request import varied_names
 from pmjoint_codegen.sweep.validity import valid_rows
 from pmjoint_codegen.tune.gains import Space, make_space
 from pmjoint_codegen.tune.objective import Objective, read_objective
@@ -130,6 +130,7 @@ def make_request(
     space = make_space(manifest, gains)
     drawn = _drawn(manifest, space, perturb, plants, seed)
     runs = make_runs(manifest, Plan(()), **asked)
+    check_clock(drawn, runs.controller)
     if max_v is not None and not 0 < max_v < math.inf:
         raise UsageError(f"is {max_v:g}", where="--max-v", remedy="allowed: a number greater than 0")
     if min(generations, population) < 1:

@@ -22,7 +22,9 @@ CASES = [
 
 
 def reduced(keep: tuple[str, ...], lagged: bool) -> Joint:
-    return reduce_joint(keep, lagged=lagged, vartheta=sp.Rational(1, 5) * sp.sin(S("t")), limit=S("u_max"))
+    return reduce_joint(
+        keep, lagged=lagged, vartheta=sp.Rational(1, 5) * sp.sin(S("t")), limits=(-S("u_max"), S("u_max"))
+    )
 
 
 def clip(value: float, lower: float, upper: float) -> float:

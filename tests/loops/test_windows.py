@@ -31,7 +31,9 @@ MODELS = {  # whether one look serves many holds
 def looks(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
     """Counts of what the interpreted loop does at its holds."""
     count: Counter[str] = Counter()
-    plain = {name: getattr(sampled._Loop, name) for name in ("shown", "covered", "hold_miss", "long_hold")}
+    plain = {
+        name: getattr(sampled.SampledLoop, name) for name in ("shown", "covered", "hold_miss", "long_hold")
+    }
 
     def shown(self: Any, c: Any, w: Any, length: float) -> bool:
         before = Counter(count)
@@ -62,7 +64,7 @@ def looks(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
         ("hold_miss", hold_miss),
         ("long_hold", long_hold),
     ):
-        monkeypatch.setattr(sampled._Loop, name, watched)
+        monkeypatch.setattr(sampled.SampledLoop, name, watched)
     return count
 
 

@@ -208,6 +208,7 @@ def polynomial_manifest() -> Manifest:
         nw=1,
         order=ORDER,
         limit="limit",
+        chain={},
         leading="limit",
         disturbance_bound=None,
         kinks=(),

@@ -12,11 +12,11 @@ from __future__ import annotations
 
 import dataclasses
 from itertools import islice
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
-from pmjoint_codegen.check.inputs.drawn import Draw, draws
+from pmjoint_codegen.check.inputs.drawn import Draw, drawn_limits, draws
 from pmjoint_codegen.check.oracles.heyoka_kinks import SlidingError, UntrustedError
 from pmjoint_codegen.check.oracles.heyoka_loop import Loop
 from pmjoint_codegen.check.result import GateResult, Verdict, failed, not_run
@@ -32,7 +32,8 @@ from pmjoint_codegen.check.trajectory import (
 )
 from pmjoint_codegen.errors import installing
 from pmjoint_codegen.kernels.evaluator import Evaluator
-from pmjoint_codegen.loops.modes import Actuator, make_actuator
+from pmjoint_codegen.loops.chain import actuator_of
+from pmjoint_codegen.loops.modes import Actuator
 from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.simulate.run import Run, run
 from pmjoint_codegen.simulate.settings import Settings, make_settings
@@ -148,8 +149,10 @@ def _both_stuck(found: SlidingError, done: Run) -> GateResult:
 
 def drawn_settings(subject: Subject, draw: Draw) -> Settings:
     """The model's run with a drawn limit from a drawn state."""
-    limit = subject.manifest.written({subject.manifest.limit: draw.limit})
-    return make_settings(subject.manifest, parameters=limit, x0=draw.x0, tolerance=TOLERANCE)
+    limits = subject.manifest.written(drawn_limits(subject.manifest, draw))
+    return make_settings(
+        subject.manifest, parameters=limits, x0=draw.x0, tolerance=TOLERANCE, controller="continuous"
+    )
 
 
 def reference(loop: Loop, subject: Subject, settings: Settings) -> Trajectory:
@@ -160,8 +163,14 @@ def reference(loop: Loop, subject: Subject, settings: Settings) -> Trajectory:
         UntrustedError: heyoka's run deviates from its own equations.
     """
     times = settings.times()
-    limit, start = settings.parameters[subject.manifest.limit], initial_state(subject.interpreted, settings)
-    return loop.run(times[kept_rows(len(times))], start, limit, _actuator(subject, settings))
+    start = initial_state(subject.interpreted, settings)
+    return loop.run(
+        times[kept_rows(len(times))], start, _limits(settings, subject), _actuator(subject, settings)
+    )
+
+
+def _limits(settings: Settings, subject: Subject) -> tuple[float, ...]:
+    return tuple(settings.parameters[name] for name in subject.manifest.limit_parameters)
 
 
 def saturates_and_returns(found: Trajectory) -> bool:
@@ -170,16 +179,16 @@ def saturates_and_returns(found: Trajectory) -> bool:
 
 
 def _compare(loop: Loop, expected: Trajectory, done: Run) -> GateResult:
-    limit = done.settings.parameters[done.manifest.limit]
-    return compare(expected, trajectory_of(done), "heyoka", loop.scales(expected, limit))
+    limits = tuple(done.settings.parameters[name] for name in done.manifest.limit_parameters)
+    return compare(expected, trajectory_of(done), "heyoka", loop.scales(expected, limits))
 
 
 def _actuator(subject: Subject, settings: Settings) -> Actuator:
-    limits: Any = subject.interpreted.call("actuation", settings.p)[0]
-    return make_actuator(limits)
+    return actuator_of(subject.interpreted, settings.p)
 
 
 def _options(subject: Subject, draw: Draw) -> str:
     """The options of `pmjoint simulate` that reproduce a drawn run."""
     x0 = ",".join(repr(value) for value in draw.x0.tolist())
-    return f"--set {subject.manifest.limit}={draw.limit!r} --x0={x0}"
+    limits = drawn_limits(subject.manifest, draw).items()
+    return f"{' '.join(f'--set {name}={value!r}' for name, value in limits)} --x0={x0}"

@@ -10,14 +10,17 @@ no saturation with u_max out of reach, r = 0                                bit 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import numpy.typing as npt
 
+from pmjoint_codegen.chain import LAG
 from pmjoint_codegen.check.result import Difference, GateResult, failed, passed
 from pmjoint_codegen.check.subject import Subject
 from pmjoint_codegen.check.trajectory import ACCURACY, default_run
 from pmjoint_codegen.closed_loop import Source, evaluator_of
-from pmjoint_codegen.errors import PmjointError
+from pmjoint_codegen.errors import ModelError, PmjointError
 from pmjoint_codegen.kernels.evaluator import Evaluator
 from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.simulate.run import Run
@@ -57,6 +60,8 @@ def quiet_evaluator(subject: Subject) -> Evaluator:
     Raises:
         ModelError: the model's disturbance follows from its physics and cannot be removed.
     """
+    if LAG in subject.manifest.chain:
+        raise ModelError("the lag of the actuator disturbs it")
     kind = "compiled" if subject.compiler else "interpreted"
     zeros = ("0",) * subject.manifest.n
     source = Source(subject.file, subject.document, kind, disturbance=zeros, environment=subject.environment)
@@ -80,10 +85,9 @@ def quiet_findings(evaluator: Evaluator, *, bare: bool = True) -> list[Finding]:
         bare: whether z depends on nothing else, see `errors_are_alone`.
     """
     manifest = evaluator.manifest
-    limit = next(item.value for item in manifest.parameters if item.name == manifest.limit)
-    run, wider, free = (
-        default_run(evaluator, {manifest.limit: limit * factor}) for factor in (1.0, 2.0, OUT_OF_REACH)
-    )
+    values = {item.name: item.value for item in manifest.parameters}
+    limits = {name: values[name] for name in manifest.limit_parameters}
+    run, wider, free = (default_run(evaluator, _wider(limits, factor)) for factor in (1.0, 2.0, OUT_OF_REACH))
     found = [undriven(evaluator, free)]
     done = run.status == wider.status == Status.DONE
     if bare and done and run.settings.parameters["compensator"] == 1:
@@ -108,6 +112,15 @@ def undriven(evaluator: Evaluator, run: Run) -> Finding:
     Ar = Ar.reshape(r.shape[1], r.shape[1])
     gap = float(np.max(np.abs(r - _decayed(Ar, r[0], run.t))))
     return "u_max out of reach gives r = exp(Ar t) r(0)", gap / max(1.0, float(np.max(np.abs(r)))), ACCURACY
+
+
+def _wider(limits: Mapping[str, float], factor: float) -> dict[str, float]:
+    """Limits of u further away: one times the factor, two that may be 0 by multiples of their distance."""
+    if len(limits) == 1:
+        return {name: limit * factor for name, limit in limits.items()}
+    (lower, least), (upper, most) = limits.items()
+    more = (factor - 1.0) * (most - least)
+    return {lower: least - more, upper: most + more}
 
 
 def estimation_gap(evaluator: Evaluator, run: Run) -> float:

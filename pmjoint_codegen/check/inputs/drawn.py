@@ -37,6 +37,21 @@ class Draw:
     x0: Array
 
 
+def drawn_limits(manifest: Manifest, draw: Draw) -> dict[str, float]:
+    """Values of the limits in a draw: where lower and upper are two, both in proportion."""
+    usual = _usual(manifest)
+    largest = max(map(abs, usual.values()))
+    return {
+        name: draw.limit if value == largest else value * (draw.limit / largest)
+        for name, value in usual.items()
+    }
+
+
+def _usual(manifest: Manifest) -> dict[str, float]:
+    values = {item.name: item.value for item in manifest.parameters}
+    return {name: values[name] for name in manifest.limit_parameters}
+
+
 def draws(manifest: Manifest) -> Iterator[Draw]:
     """An endless sequence of settings of one model, seeded by its name.
 
@@ -44,7 +59,7 @@ def draws(manifest: Manifest) -> Iterator[Draw]:
         manifest: gives names, the limit and the usual initial state.
     """
     random = np.random.default_rng([*manifest.name.encode()])
-    usual = next(item.value for item in manifest.parameters if item.name == manifest.limit)
+    usual = max(map(abs, _usual(manifest).values()))
     size = np.maximum(1.0, np.abs(manifest.simulation.x0))
     while True:
         limit = usual * random.uniform(*LIMITS)

@@ -16,7 +16,8 @@ import numpy.typing as npt
 
 from pmjoint_codegen.check.inputs.features import Features
 from pmjoint_codegen.kernels.evaluator import Evaluator
-from pmjoint_codegen.loops.modes import Actuator, make_actuator
+from pmjoint_codegen.loops.chain import actuator_of
+from pmjoint_codegen.loops.modes import Actuator
 from pmjoint_codegen.manifest import Function, Manifest
 
 Array = npt.NDArray[np.float64]
@@ -177,7 +178,7 @@ def _with_sides(actuation: Array, manifest: Manifest, random: np.random.Generato
 
 def _actuator(evaluator: Evaluator) -> Actuator:
     defaults = np.array([item.value for item in evaluator.manifest.parameters])
-    return make_actuator(evaluator.call("actuation", defaults)[0])
+    return actuator_of(evaluator, defaults)
 
 
 def _place(

@@ -65,7 +65,7 @@ class Loop:
         arguments = compile_program(tuple(kernel.sides), symbols, equations, kernel.given, kernel.sides)
         self.names: Final = tuple(item.name for item in subject.manifest.states)
         self._heyoka: Final = heyoka
-        # Offset and slope of every channel, then the sides; the limit comes next.
+        # Offset and slope of every channel, then the sides; the limits come next.
         self._width: Final = len(blocks["g"])
         self._rounding: Final = UNIT * operation_count(program)
         self._segments: Final = make_settings(subject.manifest).reference
@@ -73,7 +73,9 @@ class Loop:
         variables = [heyoka.expression(name) for name in self.names]
         known = dict(zip(self.names, variables, strict=True))
         known |= {name: heyoka.expression(value) for name, value in parameters.items()}
-        known[subject.manifest.limit] = heyoka.par[first + self._width]
+        limits = subject.manifest.limit_parameters
+        self._count: Final = len(limits)
+        known |= {name: heyoka.par[first + self._width + i] for i, name in enumerate(limits)}
         known |= {symbol.name: heyoka.par[first + i] for i, symbol in enumerate(blocks["g"])}
         known |= (
             {item.name: heyoka.par[i] for i, item in enumerate(subject.manifest.parameters[-first:])}
@@ -115,13 +117,13 @@ class Loop:
         )
         self._solvers: dict[tuple[int, int], tuple[Any, Crossings]] = {}
 
-    def run(self, t: Array, start: Array, limit: float, actuator: Actuator) -> Trajectory:
+    def run(self, t: Array, start: Array, limit: float | Sequence[float], actuator: Actuator) -> Trajectory:
         """Integrate, changing mode or side where v crosses a threshold, or a kink's argument zero.
 
         Args:
             t: output instants, s.
             start: state at the first of them, shape (nX,).
-            limit: of u.
+            limit: of u; two where lower and upper limit are.
             actuator: its thresholds of v, and the modes between them.
 
         Returns:
@@ -141,12 +143,15 @@ class Loop:
                 continue
         return self._run(t, start, limit, actuator, last)
 
-    def _run(self, t: Array, start: Array, limit: float, actuator: Actuator, longest: float) -> Trajectory:
+    def _run(
+        self, t: Array, start: Array, limit: float | Sequence[float], actuator: Actuator, longest: float
+    ) -> Trajectory:
         """The same, with a given longest step."""
         coarse = without_narrow_modes(actuator)
         thresholds = coarse.thresholds.tolist()
         mode = int(np.searchsorted(thresholds, self.law(t[:1], start[np.newaxis], limit)[0, 0]))
-        given = np.array([*self._row(float(t[0])), *coarse.modes[mode], *[1.0] * self._n_kinks, limit])
+        limits = np.atleast_1d(limit)
+        given = np.array([*self._row(float(t[0])), *coarse.modes[mode], *[1.0] * self._n_kinks, *limits])
         held, found, deviation = (
             self._begin(float(t[0]), start, given),
             list[tuple[float, int]](),
@@ -223,10 +228,10 @@ class Loop:
         found: Array = self._segments.rows[self._segments.places(t)]
         return found
 
-    def law(self, t: Array, states: Array, limit: float) -> Array:
+    def law(self, t: Array, states: Array, limit: float | Sequence[float]) -> Array:
         """v, and its derivatives with respect to the states, shape (rows, 1 + nX)."""
-        others = np.zeros((self._width + 1, len(t)))  # v depends on neither mode nor side
-        others[-1] = limit
+        others = np.zeros((self._width + self._count, len(t)))  # v depends on neither mode nor side
+        others[self._width :] = np.atleast_1d(limit)[:, np.newaxis]
         given = np.ascontiguousarray(np.concatenate([self._rows(t).T, others]))
         values = self._law(
             np.ascontiguousarray(states.T),
@@ -296,7 +301,7 @@ class Loop:
         places = np.maximum(np.searchsorted(began, middles, side="right") - 1, 0)
         deviation.add(output.times, self.defect(output, given[places], held))
 
-    def scales(self, trajectory: Trajectory, limit: float) -> Array:
+    def scales(self, trajectory: Trajectory, limit: float | Sequence[float]) -> Array:
         """Scales of the errors of a trajectory's entries, shape (rows, columns).
 
         A state's is max(1, |X_i|). v is a function of the states and amplifies their errors: its scale is
@@ -323,7 +328,7 @@ class Loop:
             jacobian = self._heyoka.diff_tensors(right, diff_args=variables).jacobian
             self._rates[held] = self._heyoka.cfunc([*right, *np.ravel(jacobian)], vars=variables)
         if (count, held) not in self._solvers:
-            crossings, first, kinks = Crossings(), self._first + self._width + 1, self._kinks
+            crossings, first, kinks = Crossings(), self._first + self._width + self._count, self._kinks
             thresholds = [self._heyoka.par[first + place] for place in range(count)]
             events = [(self._v - level, crossings.crossing(i)) for i, level in enumerate(thresholds)]
             if kinks is not None:

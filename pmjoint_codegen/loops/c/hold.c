@@ -191,11 +191,12 @@ static double long_step(const pmj_problem *problem, const pmj_kernels *plant, pm
     }
 }
 
-/* At a break point of the reference inside a hold: only e may jump. 0 is success. */
-static int enter(const pmj_problem *problem, const pmj_function *rates, pmj_progress *progress,
-                 const pmj_memory *memory)
+int pmj_enter_break(const pmj_problem *problem, const pmj_function *rates, pmj_progress *progress,
+                    const pmj_memory *memory, double until)
 {
-    pmj_enter_segments(problem, progress, memory, progress->t);
+    if (!pmj_enter_segments(problem, progress, memory, until)) {
+        return 0;
+    }
     memory->window[1] = -1.0; /* the guard of e is known for the segment before */
     if (apply_rates(problem, rates, progress, memory)) {
         return 1;
@@ -204,11 +205,9 @@ static int enter(const pmj_problem *problem, const pmj_function *rates, pmj_prog
     return 0;
 }
 
-/* Integrate the plant under constant w to `end` in as many steps as it takes. */
-static void long_hold(const pmj_problem *problem, const pmj_kernels *plant, pmj_progress *progress,
-                      const pmj_memory *memory, double end, double rows_until)
+void pmj_long_hold(const pmj_problem *problem, const pmj_kernels *plant, pmj_progress *progress, const pmj_memory *memory,
+                   double end, double rows_until, double t_sample)
 {
-    const double t_sample = progress->t;
     const double smallest = PMJ_SMALLEST_STEP * (end > 1.0 ? end : 1.0);
     double *c = memory->coefficients;
     progress->touching = -1;
@@ -250,7 +249,7 @@ static void long_hold(const pmj_problem *problem, const pmj_kernels *plant, pmj_
             progress->status = diverging ? PMJ_DIVERGED : progress->status;
         }
         if (last == at && progress->t >= at && progress->status == PMJ_RUNNING
-            && enter(problem, plant->rates, progress, memory)) {
+            && pmj_enter_break(problem, plant->rates, progress, memory, progress->t)) {
             progress->status = PMJ_KERNEL_FAILED;
         }
         if (kink >= 0 && progress->status == PMJ_RUNNING) {
@@ -339,7 +338,7 @@ void pmj_hold(const pmj_problem *problem, const pmj_kernels *plant, pmj_progress
           && !(pmj_next_break(problem, progress) < rows_until && pmj_next_break(problem, progress) < end)
           && within(memory->coefficients, bounds_of(problem, length))
           && shown(problem, plant, progress, memory, length))) {
-        long_hold(problem, plant, progress, memory, end, rows_until);
+        pmj_long_hold(problem, plant, progress, memory, end, rows_until, progress->t);
         return;
     }
     const int diverging = first_beyond(problem, memory, ORDER, &length);

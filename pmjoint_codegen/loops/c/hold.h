@@ -140,6 +140,20 @@ static inline double integral(const double *c, double size)
 /* hold.c: the next output row, as at the sample at time t_sample, to be filled with the plant's states */
 double *pmj_next_row(pmj_progress *progress, const pmj_memory *memory, double t_sample);
 
+/* hold.c: take the segments of the reference that have begun by `until`; only e may jump. 0 is success. */
+int pmj_enter_break(const pmj_problem *problem, const pmj_function *rates, pmj_progress *progress,
+                    const pmj_memory *memory, double until);
+
+/* Integrate the plant under constant w, of the sample at time t_sample, to `end` in as many steps as it takes. */
+void pmj_long_hold(const pmj_problem *problem, const pmj_kernels *plant, pmj_progress *progress, const pmj_memory *memory,
+                   double end, double rows_until, double t_sample);
+
+/* sampled.c: record the mode of v at a sample, and its change */
+void pmj_note_mode(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory, double t, double v);
+
+/* sampled.c: the state at the next sample, and its peaks; or the status that ends the run */
+void pmj_settle(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory, const double *next);
+
 /* Integrate the plant under constant w for the time `length`, to `end`; the sample's coefficients are in memory. */
 void pmj_hold(const pmj_problem *problem, const pmj_kernels *plant, pmj_progress *progress, const pmj_memory *memory,
               double length, double end, double rows_until);

@@ -35,6 +35,14 @@ typedef struct {
     const pmj_function *holds;       /* whether it does */
 } pmj_kernels;
 
+/* The kernels of a sampled run with sensor, actuator and clock. */
+typedef struct {
+    pmj_kernels plant;
+    const pmj_function *reference;
+    const pmj_function *law;
+    const pmj_function *update;
+} pmj_functions;
+
 /* The constants of a run. Arrays are row-major; sizes in brackets. */
 typedef struct {
     long long n_plant;        /* nx: plant states x, first in X */
@@ -53,6 +61,9 @@ typedef struct {
     long long n_breaks;
     long long n_segment;      /* 0: the reference is an expression of t */
     const double *hold;       /* sampled: zero-order-hold matrices of `sampled_update` */
+    const double *chain;      /* sampled: a `pmj_chain` of pmjoint_chain.h; used by pmj_chained alone */
+    const double *limits;     /* [nw][4]: offset, slope, lower and upper limit of each channel of w */
+    long long n_history;      /* commands that are kept, since they act later; 0: no chain */
     const double *nodes;      /* [n_nodes] Gauss nodes on (0, 1) for the integral of e^2 */
     const double *weights;    /* [n_nodes] */
     long long n_nodes;        /* 0: no metrics of e */
@@ -129,6 +140,9 @@ typedef struct {
     double *rows;             /* [n_rows][nX]; the first row is filled in at the start */
     double *row_samples;      /* sampled: [n_rows][nX], X at the last sample before each row */
     double *row_sample_times; /* sampled: [n_rows] */
+    double *held;             /* chain: [6 + nw], what is held since the last sample */
+    double *row_held;         /* chain: [n_rows][6 + nw], the same at each row */
+    double *history;          /* chain: [n_history][nw], w of the last commands */
     double *peaks;            /* [nX + 3]: largest |X_i|, |v|, |e| and, if requested, |dy/dt| so far */
     double *peak_times;       /* the same */
     double *switch_times;     /* [max_switches] */
@@ -165,6 +179,9 @@ double pmj_allowed_step(const double *c, const double *scales, long long width, 
 /* segments.c: break points of the reference */
 double pmj_next_break(const pmj_problem *problem, const pmj_progress *progress); /* infinite if there is none */
 void pmj_first_segment(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory);
+/* The segment at a time that may lie before the present one; a segment put into p without being the present one. */
+long long pmj_segment_at(const pmj_problem *problem, const pmj_progress *progress, double t);
+void pmj_put_segment(const pmj_problem *problem, const pmj_memory *memory, long long segment);
 /* Put the segment at time t into p; whether it has changed. */
 int pmj_enter_segments(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory, double t);
 
@@ -179,6 +196,10 @@ void pmj_continuous(const pmj_problem *problem, const pmj_kernels *run, pmj_prog
 
 /* sampled.c */
 void pmj_sampled(const pmj_problem *problem, const pmj_kernels *plant, pmj_progress *progress, pmj_memory *memory,
+                 long long budget);
+
+/* chained.c */
+void pmj_chained(const pmj_problem *problem, const pmj_functions *run, pmj_progress *progress, pmj_memory *memory,
                  long long budget);
 
 /* guard.c */

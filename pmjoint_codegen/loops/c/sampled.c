@@ -17,9 +17,7 @@
 #define SELDOM(condition) (condition)
 #endif
 
-/* Record the mode of v at a sample, and its change. */
-static void note_mode(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory, double t,
-                      double v)
+void pmj_note_mode(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory, double t, double v)
 {
     const long long mode = pmj_mode_at(problem, v);
     if (progress->sample == 0) {
@@ -34,8 +32,7 @@ static void note_mode(const pmj_problem *problem, pmj_progress *progress, const 
     progress->mode = mode;
 }
 
-/* The state at the next sample, and its peaks; or the status that ends the run. */
-static void settle(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory, const double *next)
+void pmj_settle(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory, const double *next)
 {
     memcpy(memory->sample, memory->state, PMJ_NX * sizeof(double));
     memcpy(memory->sample + PMJ_NX, next, N_CONTROLLER * sizeof(double));
@@ -64,7 +61,7 @@ static RARE void whole_sample(const pmj_problem *problem, const pmj_kernels *pla
         progress->status = PMJ_NON_FINITE;
         return;
     }
-    note_mode(problem, progress, memory, t, v);
+    pmj_note_mode(problem, progress, memory, t, v);
     if (progress->sample == 0 && pmj_beyond(problem, memory->sample)) {
         progress->status = PMJ_DIVERGED;
     }
@@ -87,7 +84,7 @@ static RARE void whole_sample(const pmj_problem *problem, const pmj_kernels *pla
         progress->status = PMJ_DONE;
     }
     if (progress->status == PMJ_RUNNING) {
-        settle(problem, progress, memory, next);
+        pmj_settle(problem, progress, memory, next);
         progress->sample += 1;
     }
 }

@@ -263,7 +263,7 @@ static pmj_mask judge(const pmj_sweep *sweep, const pmj_results *results, const 
         }
     }
     if (loaded) {
-        pmj_enter(all);
+        pmj_enter(sweep, all);
     }
     return ready;
 }
@@ -349,7 +349,7 @@ void pmj_continuous_batch(const pmj_sweep *sweep, const pmj_results *results)
     for (int w = 0; w < PMJ_WIDTH; ++w) {
         pmj_load_lane(sweep, &all, w);
     }
-    pmj_enter(&all);
+    pmj_enter(sweep, &all);
     while (all.runs.busy > 0) {
         PMJ_EITHER(all.g + 2 * PMJ_NW, (PMJ_ORDER + 1) * CHANNELS, all.c[1 - current], pmj_taylor_lanes,
                    pmj_taylor_held_lanes, &all.runs.t, all.runs.X, all.g, all.runs.p);

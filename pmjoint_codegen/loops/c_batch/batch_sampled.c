@@ -1,3 +1,4 @@
+#include "chained_lanes.h"
 #include "pmjoint_runtime.h"
 #include "sampled_lanes.h"
 
@@ -57,7 +58,11 @@ static void write_last(const pmj_sweep *sweep, const pmj_results *results, pmj_s
 /* The value of v, its mode and metrics at the sample of each lane in `at`. */
 static void take(const pmj_sweep *sweep, pmj_sampled_group *all, pmj_mask at)
 {
-    pmj_sample_lanes(&all->runs.t, all->runs.X, all->h, all->runs.p, &all->v, all->w, all->c, all->next);
+    if (sweep->looped) {
+        pmj_chained_control(sweep, all, at);
+    } else {
+        pmj_sample_lanes(&all->runs.t, all->runs.X, all->h, all->runs.p, &all->v, all->w, all->c, all->next);
+    }
     const pmj_mask left = ~((all->v > all->runs.low) & (all->v <= all->runs.high)) & at;
     if (pmj_any(left)) {
         note_modes(sweep, all, left);
@@ -111,14 +116,17 @@ static void settle(const pmj_sweep *sweep, const pmj_results *results, pmj_sampl
             load(sweep, all, w);
         }
     }
-    pmj_load_actuators(&all->runs);
+    pmj_load_actuators(sweep, &all->runs);
 }
 
 /* One sample of every lane. */
 static void advance(const pmj_sweep *sweep, const pmj_results *results, pmj_sampled_group *all)
 {
     all->runs.t = all->sample * sweep->sample_time;
-    const pmj_lanes end = (all->sample + 1.0) * sweep->sample_time;
+    pmj_lanes end = (all->sample + 1.0) * sweep->sample_time;
+    if (sweep->looped) {
+        pmj_chained_instants(sweep, all, &all->runs.t, &end);
+    }
     const double slack = PMJ_SAME_INSTANT * sweep->sample_time;
     const pmj_mask last = end + slack >= sweep->horizon;
     const pmj_mask whole_hold = end - slack <= sweep->horizon;
@@ -136,7 +144,8 @@ static void advance(const pmj_sweep *sweep, const pmj_results *results, pmj_samp
     for (int i = 0; i < PMJ_NX; ++i) {
         all->x[i] = all->runs.X[i];
     }
-    const pmj_lanes e = pmj_hold_lanes(sweep, results, all, all->runs.live, length);
+    const pmj_lanes e = sweep->looped ? pmj_chained_hold(sweep, results, all, end)
+                                      : pmj_hold_lanes(sweep, results, all, all->runs.live, length);
     settle(sweep, results, all, e, whole_hold, last);
 }
 
@@ -148,7 +157,7 @@ void pmj_sampled_batch(const pmj_sweep *sweep, const pmj_results *results)
     for (int w = 0; w < PMJ_WIDTH; ++w) {
         load(sweep, &all, w);
     }
-    pmj_load_actuators(&all.runs);
+    pmj_load_actuators(sweep, &all.runs);
     while (all.runs.busy > 0) {
         advance(sweep, results, &all);
     }

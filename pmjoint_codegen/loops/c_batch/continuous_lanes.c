@@ -26,9 +26,9 @@ void pmj_load_lane(const pmj_sweep *sweep, pmj_group *all, int w)
     all->stuck[w] = 0;
 }
 
-void pmj_enter(pmj_group *all)
+void pmj_enter(const pmj_sweep *sweep, pmj_group *all)
 {
-    pmj_load_actuators(&all->runs);
+    pmj_load_actuators(sweep, &all->runs);
     for (int w = 0; w < PMJ_WIDTH; ++w) {
         if (all->runs.fresh[w]) {
             pmj_set_mode(all, w, 0);

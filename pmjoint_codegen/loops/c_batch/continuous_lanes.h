@@ -71,7 +71,7 @@ void pmj_set_mode(pmj_group *all, int w, int mode);
 void pmj_load_lane(const pmj_sweep *sweep, pmj_group *all, int w);
 
 /* Set the actuators of all lanes that have just been loaded, in the first mode. */
-void pmj_enter(pmj_group *all);
+void pmj_enter(const pmj_sweep *sweep, pmj_group *all);
 
 /* The mode of lane w changes at t; a touch, there and back at one instant, is none. */
 void pmj_cross(pmj_group *all, int w, double t);

@@ -31,6 +31,10 @@ typedef struct {
     const double *segments;  /* [n_breaks + 1][n_segment] what ends p on each */
     long long n_breaks;
     long long n_segment;     /* 0: the reference is an expression of t */
+    const double *chain;     /* [runs][13] a `pmj_chain` of pmjoint_chain.h each; null: none */
+    long long looped;        /* sampled: whether the loop acts on sensor, actuator and clock */
+    double *history;         /* looped: [n_history][nw][width] memory for commands that act later */
+    long long n_history;
     const double *times;     /* [rows] output instants of X, v and e, ascending, from 0; may be null */
     long long rows;
     double horizon;          /* s */

@@ -14,6 +14,25 @@ static double break_after(const pmj_sweep *sweep, long long segment)
     return segment < sweep->n_breaks ? sweep->breaks[segment] : HUGE_VAL;
 }
 
+void pmj_put_segment_lane(const pmj_sweep *sweep, pmj_runs *runs, int w, long long segment)
+{
+    for (long long i = 0; i < sweep->n_segment; ++i) {
+        runs->p[PMJ_NP - sweep->n_segment + i][w] = sweep->segments[segment * sweep->n_segment + i];
+    }
+}
+
+long long pmj_segment_at_lane(const pmj_sweep *sweep, const pmj_runs *runs, int w, double t)
+{
+    long long segment = runs->lanes[w].segment;
+    while (segment < sweep->n_breaks && sweep->breaks[segment] <= t) {
+        segment += 1;
+    }
+    while (segment > 0 && sweep->breaks[segment - 1] > t) {
+        segment -= 1;
+    }
+    return segment;
+}
+
 void pmj_enter_lane(const pmj_sweep *sweep, pmj_runs *runs, int w, double t)
 {
     pmj_lane *one = &runs->lanes[w];
@@ -21,9 +40,7 @@ void pmj_enter_lane(const pmj_sweep *sweep, pmj_runs *runs, int w, double t)
         one->segment += 1;
         runs->next_break[w] = break_after(sweep, one->segment);
     }
-    for (long long i = 0; i < sweep->n_segment; ++i) {
-        runs->p[PMJ_NP - sweep->n_segment + i][w] = sweep->segments[one->segment * sweep->n_segment + i];
-    }
+    pmj_put_segment_lane(sweep, runs, w, one->segment);
 }
 
 void pmj_load(const pmj_sweep *sweep, pmj_runs *runs, int w)
@@ -63,7 +80,7 @@ void pmj_load(const pmj_sweep *sweep, pmj_runs *runs, int w)
     one->last_switch = -1.0;
 }
 
-void pmj_load_actuators(pmj_runs *runs)
+void pmj_load_actuators(const pmj_sweep *sweep, pmj_runs *runs)
 {
     pmj_lanes limits[4 * PMJ_NW];
     pmj_actuation_lanes(runs->p, limits);
@@ -73,7 +90,8 @@ void pmj_load_actuators(pmj_runs *runs)
             for (int j = 0; j < 4 * PMJ_NW; ++j) {
                 channels[j] = limits[j][w];
             }
-            pmj_make_actuator(channels, &runs->lanes[w].actuator);
+            const double *chain = sweep->chain ? sweep->chain + runs->lanes[w].run * PMJ_CHAIN_SIZE : 0;
+            pmj_make_actuator(channels, (const pmj_chain *)chain, &runs->lanes[w].actuator);
         }
     }
 }

@@ -55,11 +55,15 @@ void pmj_open(pmj_runs *runs);
 /* Load the next waiting run into lane w, or leave the lane empty. */
 void pmj_load(const pmj_sweep *sweep, pmj_runs *runs, int w);
 
+/* The reference's segment at a time of lane w that may lie before its present one; any segment, put into its p. */
+long long pmj_segment_at_lane(const pmj_sweep *sweep, const pmj_runs *runs, int w, double t);
+void pmj_put_segment_lane(const pmj_sweep *sweep, pmj_runs *runs, int w, long long segment);
+
 /* Put the reference's segment at time t into p of lane w. */
 void pmj_enter_lane(const pmj_sweep *sweep, pmj_runs *runs, int w, double t);
 
 /* Set the actuator of every lane that has just been loaded: one call for the group. */
-void pmj_load_actuators(pmj_runs *runs);
+void pmj_load_actuators(const pmj_sweep *sweep, pmj_runs *runs);
 
 /* The thresholds beside a mode of lane w, and whether u is at a limit in it. */
 void pmj_set_thresholds(pmj_runs *runs, int w, int mode);

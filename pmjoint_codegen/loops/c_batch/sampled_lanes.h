@@ -22,6 +22,10 @@ typedef struct {
     pmj_lanes window_P[PMJ_NX];
     pmj_lanes v;
     pmj_lanes sample;         /* index of the sample */
+    pmj_lanes y;              /* with sensor, actuator and clock: what the law takes for y, */
+    pmj_lanes command;        /* the last command, */
+    pmj_lanes limits[4 * PMJ_NW]; /* offset, slope, lower and upper limit of each channel, */
+    long long acting[PMJ_WIDTH]; /* and the first sample whose command does not act yet */
     pmj_mask overflow;        /* the stalled lanes whose coefficients are NaN */
 } pmj_sampled_group;
 
