@@ -12,7 +12,7 @@ from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from docs.stated import REGION, fill
+from docs.stated import REGION, SATURATION, fill
 from pmjoint_codegen import ClosedLoop, Run
 from pmjoint_codegen.cli.main import run
 from pmjoint_codegen.simulate import style
@@ -86,6 +86,7 @@ def main() -> None:
     runs = [loop.simulate(compensator=switch, output_step=0.002) for switch in (True, False)]
     write_bytes(FIGURES / "compensator.png", style.png(compensator_figure(*runs), LOOK))
     from_command(f"{REGION} --out OUT", "region.png", "region.png")
+    from_command(f"{SATURATION} --out OUT", "region.png", "saturation.png")
     from_command(TUNE, "paper-tuned.png", "tune.png")
     fill()
 

@@ -18,16 +18,22 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from docs.saturation import STRIP, table
 from pmjoint_codegen.cli.main import run
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.storage import write_text
+from pmjoint_codegen.sweep.plan import CODES
 from pmjoint_codegen.sweep.region import border, held
 
 DOCS = Path(__file__).resolve().parent
-PAGES = ("sweep.md", "tune.md")
+PAGES = ("saturation.md", "sweep.md", "tune.md")
 MARK = re.compile(r"(<!-- ([a-z]\w*(?:\.\w+)+) -->)(.*?)(<!-- / -->)", re.DOTALL)
 
 REGION = "sweep paper --grid x1=-100:100:401 --grid x2=-40:40:161 --grid compensator=0,1"
+SATURATION = (
+    "sweep paper --start matched --set ck1=12 --set ck2=12 --reference 0 --disturbance 0 --disturbance 0 "
+    "--horizon 60 --grid x1=-100:100:101 --grid x2=-40:40:41 --grid saturation=compensator,clip,braking"
+)
 TUNED = re.compile(r"^\| `pmjoint (tune [^`]*)`.*?<!-- tune\.(\w+)_before -->", re.MULTILINE)
 MISMATCH = 'sweep joint-damped --sample "{name}~uniform(0.035,0.065)" --runs 10000 --seed 7'
 
@@ -48,7 +54,7 @@ def filled(text: str, values: Mapping[str, str]) -> str:
 
 def computed() -> dict[str, str]:
     """Every number by name, as the prose writes it: some 300 000 runs, in half a minute."""
-    return {**_region(), **_mismatch("J_plant"), **_mismatch("J"), **_tuned()}
+    return {**_region(), **_saturation(), **_mismatch("J_plant"), **_mismatch("J"), **_tuned()}
 
 
 def _dataset(command: str) -> xr.Dataset:
@@ -75,6 +81,18 @@ def _region() -> dict[str, str]:
         kept = held(data).sel(compensator=switch)
         for region, where in (("held", between), ("slow", slow)):
             found[f"region.{region}_{name}"] = f"{100 * float((kept & where).sum() / where.sum()):.4g} %"
+    return found
+
+
+def _saturation() -> dict[str, str]:
+    """The table of designs, and the shares of the states in the strip that each kind of saturation holds."""
+    data = _dataset(SATURATION)
+    parameters = json.loads(data.attrs["parameters"])
+    inside = np.abs(data.x1 + data.x2 / np.sqrt(parameters["d1"])) < STRIP
+    found = {"saturation.table": f"\n{table()}\n"}
+    for name, code in CODES.items():
+        kept = held(data).sel(saturation=code)
+        found[f"saturation.{name}"] = f"{100 * float((kept & inside).sum() / inside.sum()):.3g} %"
     return found
 
 

@@ -42,7 +42,7 @@ def test_optional_keys_may_be_left_out(edited: Edit) -> None:
     left_out += ["plant.disturbance_bound", "design.compensator", "simulation.output_step", "title"]
     spec = validate(edited(dict.fromkeys(left_out)), "m.toml")
     assert spec.plant is not None and spec.plant.sigma == "1"
-    assert spec.plant.theta == () and spec.design.compensator
+    assert spec.plant.theta == () and spec.design.compensated
 
 
 def test_a_bare_number_is_an_expression(edited: Edit) -> None:
