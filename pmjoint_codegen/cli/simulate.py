@@ -12,11 +12,12 @@ from pmjoint_codegen.cli.drawing import ready_matplotlib
 from pmjoint_codegen.cli.options import ModelName, Place, check_saturation, run_options, tell_clock
 from pmjoint_codegen.cli.summary_table import summary_table
 from pmjoint_codegen.cli.terminal import activity, as_json, document, message, result
-from pmjoint_codegen.errors import SimulationError
+from pmjoint_codegen.errors import SimulationError, UsageError
 
 if TYPE_CHECKING:
     from pmjoint_codegen.closed_loop import ClosedLoop
     from pmjoint_codegen.provision import Reference
+    from pmjoint_codegen.simulate.against import Log
     from pmjoint_codegen.simulate.run import Run
     from pmjoint_codegen.simulate.settings import CommandOptions
 
@@ -35,6 +36,8 @@ Examples
   pmjoint simulate paper --reference "0.5*sin(2*t)" --disturbance 0 --disturbance "0.2*cos(t)"
   pmjoint simulate paper --controller sampled --sample-time 0.002 --out runs/sampled
   pmjoint simulate paper --start matched --saturation braking --set ck1=12 --set ck2=12
+  pmjoint simulate joint --reference gait.csv --reference-unit deg --reference-filter 20
+  pmjoint simulate joint --against log.csv --against-column y=angle
   pmjoint simulate paper --no-compensator --no-figures --json
 """
 
@@ -66,6 +69,19 @@ Examples
     help="How kernels run; by default compiled if a C compiler is found.",
 )
 @click.option("--out", type=Place(), metavar="DIR", help="Results folder [default: runs/<model>].")
+@click.option(
+    "--against",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="A recorded run to draw over the figures and compare with: a .csv file, time first, columns by the"
+    " run's names, units as in `y [deg]`.",
+)
+@click.option(
+    "--against-column",
+    multiple=True,
+    metavar="NAME=COLUMN",
+    help="Its column for a name of the run; repeatable.",
+)
 @click.option("--no-figures", is_flag=True, help="Draw no figures.")
 @click.option(
     "--json", "wants_json", is_flag=True, help="Print the summary as one JSON document, not as a table."
@@ -77,6 +93,8 @@ def command(
     disturbance: tuple[str, ...],
     saturation: str | None,
     out: Path | None,
+    against: Path | None,
+    against_column: tuple[str, ...],
     no_figures: bool,
     wants_json: bool,
     **asked: Unpack[CommandOptions],
@@ -93,10 +111,11 @@ def command(
     ensure_folder(folder)
     run, failure = _run(loop, asked)
     notes = (f"disturbance = ({', '.join(disturbance)})",) if disturbance else ()
+    log = _compared(run, against, against_column)
     files = write_results(run, folder)
     try:
         if not no_figures:
-            files += _draw(loop, run, asked, folder, notes)
+            files += _draw(loop, run, asked, folder, notes, log)
         elif any(folder.glob("figure*_*.png")):
             message(f"pmjoint: the figures in {folder} are from an earlier run")
     finally:  # report the result even if the figures fail
@@ -142,6 +161,19 @@ def _run(loop: ClosedLoop, asked: CommandOptions) -> tuple[Run, SimulationError 
             return cast("Run", error.run), error
 
 
+def _compared(run: Run, against: Path | None, chosen: Sequence[str]) -> Log | None:
+    """Read a recorded run; its distance from the run enters the summary."""
+    from pmjoint_codegen.simulate.against import differences, read_log
+
+    if against is None:
+        if chosen:
+            raise UsageError("belongs to --against", where="--against-column", remedy="give the file too")
+        return None
+    log = read_log(against, run, chosen)
+    run.summary["against"] = differences(run, log)
+    return log
+
+
 def write_results(run: Run, folder: Path) -> tuple[Path, ...]:
     """Write ``trajectory.csv`` and ``summary.json``, each whole or not at all.
 
@@ -157,7 +189,12 @@ def write_results(run: Run, folder: Path) -> tuple[Path, ...]:
 
 
 def _draw(
-    loop: ClosedLoop, run: Run, asked: CommandOptions, folder: Path, notes: Sequence[str]
+    loop: ClosedLoop,
+    run: Run,
+    asked: CommandOptions,
+    folder: Path,
+    notes: Sequence[str],
+    log: Log | None,
 ) -> tuple[Path, ...]:
     """Draw the figures; the saturated transient comes from a second, short run on a fine grid."""
     from pmjoint_codegen.simulate.figures import write_figures
@@ -169,4 +206,4 @@ def _draw(
         step = min(window / _DETAIL_ROWS, run.settings.output_step)
         detail, _ = _run(loop, {**asked, "horizon": window, "output_step": step})
     with activity("drawing figures") as progress:
-        return write_figures(run, folder, detail=detail, notes=notes, progress=progress)
+        return write_figures(run, folder, detail=detail, notes=notes, log=log, progress=progress)

@@ -28,7 +28,7 @@ def summary_table(run: Run, notes: Sequence[str], files: Sequence[Path]) -> str:
         files: the files written, all in one folder.
     """
     told = (_head(run, notes), _saturation(run), _peaks(run), _tracking(run), _disturbance(run))
-    rows = [*(row for part in told for row in part), *_pressures(run), *_files(files)]
+    rows = [*(row for part in told for row in part), *_pressures(run), *_against(run), *_files(files)]
     return f"{run.manifest.name}: {run.manifest.title}\n{table(rows)}"
 
 
@@ -133,6 +133,17 @@ def _pressures(run: Run) -> Iterator[tuple[str, ...]]:
                 "",
                 f"{name} is clipped: {low:.4g} to {high:.4g} bar was commanded; the clipped part adds to D",
             )
+
+
+def _against(run: Run) -> Iterator[tuple[str, ...]]:
+    """Give the distances from a recorded run."""
+    against = run.summary.get("against", {})
+    columns = against.get("columns", {})
+    for label, (name, item) in zip(["against", *[""] * len(columns)], columns.items(), strict=False):
+        unit = f" {item['unit']}" if item["unit"] not in ("", "1") else ""
+        seen = f" of {against['file']}" if label else ""
+        far = f"rms {item['rms']:.6g}{unit}, at most {item['max']:.6g}{unit} at {item['at']:.6g} s"
+        yield label, f"{name}{seen}: {far}"
 
 
 def _files(files: Sequence[Path]) -> Iterator[tuple[str, ...]]:

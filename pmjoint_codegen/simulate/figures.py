@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from pmjoint_codegen.simulate.against import Log
     from pmjoint_codegen.simulate.record import Record
 
 WIDTH = 6.3  # inches, the text width of a printed page
@@ -58,6 +59,7 @@ def write_figures(
     *,
     detail: Record | None = None,
     notes: Sequence[str] = (),
+    log: Log | None = None,
     progress: Callable[[float], None] = lambda fraction: None,
 ) -> tuple[Path, ...]:
     """Draw every figure of a run and the overview as PNG files.
@@ -67,6 +69,7 @@ def write_figures(
         folder: for the files; each appears whole or not at all.
         detail: the same run up to its `transient_window` at a finer output step, for the transient's panel.
         notes: changes to mention in the captions that the run itself cannot recognise as such.
+        log: a recorded run, drawn as dots over the curves of the same names.
         progress: called periodically with the fraction completed.
 
     Raises:
@@ -75,7 +78,11 @@ def write_figures(
     plans = sheets(run)
     paths = []
     for done, sheet in enumerate((None, *plans), start=1):
-        figure = draw(run, sheet, detail=detail, notes=notes) if sheet else overview(run, notes=notes)
+        figure = (
+            draw(run, sheet, detail=detail, notes=notes, log=log)
+            if sheet
+            else overview(run, notes=notes, log=log)
+        )
         path = folder / f"{sheet.stem if sheet else 'overview'}.png"
         storage.write_bytes(path, png(figure, STYLE))
         paths.append(path)
@@ -83,7 +90,14 @@ def write_figures(
     return tuple(paths)
 
 
-def draw(run: Record, sheet: Sheet, *, detail: Record | None = None, notes: Sequence[str] = ()) -> Figure:
+def draw(
+    run: Record,
+    sheet: Sheet,
+    *,
+    detail: Record | None = None,
+    notes: Sequence[str] = (),
+    log: Log | None = None,
+) -> Figure:
     """Draw one figure: the whole run on the right, the saturated transient, if there is one, on the left."""
     window = transient_window(run)
     with styled(STYLE):
@@ -92,8 +106,8 @@ def draw(run: Record, sheet: Sheet, *, detail: Record | None = None, notes: Sequ
         figure, grid = _canvas(len(sheet.panels), (1.0, 1.9) if window else (1.0,), height, len(lines))
         for row, panel in zip(grid, sheet.panels, strict=True):
             if window:
-                _plot(row[0], detail or run, panel, window)
-            _plot(row[-1], run, panel, None)
+                _plot(row[0], detail or run, panel, window, log)
+            _plot(row[-1], run, panel, None, log)
             row[0].set_ylabel(panel.label)
             _legend(row[-1], panel)
         if window:
@@ -102,13 +116,13 @@ def draw(run: Record, sheet: Sheet, *, detail: Record | None = None, notes: Sequ
     return figure
 
 
-def overview(run: Record, *, notes: Sequence[str] = ()) -> Figure:
+def overview(run: Record, *, notes: Sequence[str] = (), log: Log | None = None) -> Figure:
     """Draw the whole run on one page."""
     with styled(STYLE):
         lines = wrapped(overview_caption(run, notes))
         figure, grid = _canvas(3, (1.0, 1.0), 1.25, len(lines), gap=LEFT)
         for axes, panel in zip((axes for row in grid for axes in row), overview_panels(run), strict=True):
-            _plot(axes, run, panel, None)
+            _plot(axes, run, panel, None, log)
             axes.set_ylabel(panel.label)
             _legend(axes, panel)
         _finish(figure, grid, lines)
@@ -138,7 +152,7 @@ def _canvas(
     return figure, grid
 
 
-def _plot(axes: Axes, run: Record, panel: Panel, until: float | None) -> None:
+def _plot(axes: Axes, run: Record, panel: Panel, until: float | None, log: Log | None) -> None:
     """Draw the curves of a panel over the time to `until` (all of it for None), on shaded saturation."""
     from matplotlib.ticker import MaxNLocator
 
@@ -150,6 +164,10 @@ def _plot(axes: Axes, run: Record, panel: Panel, until: float | None) -> None:
     chosen = run.t <= end
     for line in panel.lines:
         axes.plot(run.t[chosen], line.values(run)[chosen], line.dash, color=line.colour, label=line.label)
+        if log is not None and line.column in log.columns:
+            seen = (log.t >= 0.0) & (log.t <= end)
+            recorded: dict[str, Any] = {"markersize": 1.6, "color": line.colour, "alpha": 0.6}
+            axes.plot(log.t[seen], log.columns[line.column][seen] / line.unit, ".", **recorded)
     if end > 0:  # a run may have ended at its start
         axes.set_xlim(0.0, end)
     if panel.clip is not None and until is None:

@@ -24,8 +24,8 @@ pytest.importorskip("casadi")
 JUMPS: dict[str, Any] = {"steps": [[0.0, 0.2], [0.5, 1.0], [1.2345, -0.5]]}
 SMOOTH: dict[str, Any] = {**JUMPS, "filter": 9.0}
 TABLE: dict[str, Any] = {"table": [[0.1 * k, float(np.sin(0.3 * k))] for k in range(31)]}
-HOLDS: dict[str, Any] = {"controller": "sampled", "sample_time": 0.007}  # break points fall inside
-GAINS = (10.0, 15.0, 20.0, 25.0, 30.0, 35.0, 40.0, 45.0, 50.0, 55.0)
+HOLDS: dict[str, Any] = {"controller": "sampled", "sample_time": 0.003}  # break points fall inside
+GAINS = (10.0, 12.0, 14.0, 16.0, 18.0, 20.0, 22.0, 24.0, 26.0, 28.0)
 
 
 def provided(root: Path, reference: dict[str, Any]) -> Provided:

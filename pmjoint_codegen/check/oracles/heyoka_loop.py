@@ -220,7 +220,8 @@ class Loop:
 
     def _row(self, t: float) -> Array:
         """Parameters of the reference's segment at an instant; empty if it is an expression."""
-        return np.asarray(self._rows(np.array([t]))[0])
+        found: Array = self._rows(np.array([t]))[0]
+        return found
 
     def _rows(self, t: Array) -> Array:
         if self._segments is None:
