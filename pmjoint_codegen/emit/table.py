@@ -194,7 +194,14 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
     sides = dict(zip(words.kinks, words.sides, strict=True))
     e, kinks = ("e", (real_symbol("e"),)), [("kinks", words.kinks)] if words.kinks else []
     filters = tuple(rate_block(block, words.blocks[block]) for block in ("xi", "Xi", "lambda"))
-    held = stick(words, s.t, rate_block("x", words.x)[1], {**own, **delivered}, derivation.equations)
+    held = stick(
+        words,
+        s.t,
+        rate_block("x", words.x)[1],
+        {**own, **delivered},
+        derivation.equations,
+        _disturbances(derivation),
+    )
     return (
         Kernel("reference", (t, p), (y_r,), "", "the reference and its derivatives"),
         Kernel(
@@ -276,6 +283,12 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
     )
 
 
+def _disturbances(derivation: Derivation) -> list[sp.Symbol]:
+    """The disturbances by the names that the plant and reports use: D_i, and D_i_plant where there is one."""
+    symbols = disturbance_symbols(derivation.plant)
+    return [*symbols, *twins(derivation, symbols, own_symbol).values()]
+
+
 def _held_kernels(
     derivation: Derivation,
     words: Vocabulary,
@@ -316,6 +329,20 @@ def _held_kernels(
             "side that holds on each kink, its slope in the argument's rate, the state there",
             {**given},
             held.sides,
+        ),
+        Kernel(
+            "signals_held",
+            (t, X, ("held", held.flags), p),
+            (("signals", words.signals),),
+            "",
+            "signals, held on the kinks whose flags are 1",
+            {
+                **twins(derivation, rate_block("x", words.x)[1], own_symbol),
+                **twins(derivation, (item.symbol for item in derivation.model.reported), own_symbol),
+                **twins(derivation, words.w, own_symbol),
+                **held.reported,
+                **twins(derivation, disturbance_symbols(derivation.plant), effective_symbol),
+            },
         ),
     ]
 

@@ -27,7 +27,7 @@ from pmjoint_codegen.loops.problem import Memory, Problem, Progress, make_memory
 from pmjoint_codegen.loops.select import Advance, CompiledLoop, make_loop
 from pmjoint_codegen.loops.status import Status, sentence
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.simulate.located import sticks_of, switches_of
+from pmjoint_codegen.simulate.located import Holds, switches_of
 from pmjoint_codegen.simulate.record import RATE, Record, reports_rate
 from pmjoint_codegen.simulate.settings import RunOptions, Settings, make_settings
 from pmjoint_codegen.simulate.summary import summarise
@@ -198,10 +198,11 @@ class Simulator:
         """The immediate fields of a run that reached its horizon, and the source of the rest."""
         rows.flags.writeable = False  # signals are computed from them, perhaps later
         evaluator, problem = self.evaluator, prepared.problem
+        holds = Holds.of(memory, state)
 
         def deferred(name: str) -> dict[str, Any]:
             if name == "signals":
-                return {name: _signals(evaluator, problem, rows, memory)}
+                return {name: _signals(evaluator, problem, rows, memory, holds)}
             return _figures(evaluator.manifest, *_integrate(evaluator, start, problem, None))
 
         return {
@@ -211,7 +212,7 @@ class Simulator:
             "states": rows,
             "switches": switches_of(prepared.actuator, memory, state),
             "initial_mode": prepared.actuator.labels[state.first_mode],
-            "sticks": sticks_of(memory, state),
+            "sticks": holds.intervals(),
             "steps": state.steps,
             "_deferred": deferred,
         }
@@ -336,14 +337,14 @@ def _drive(advance: Advance, problem: Problem, state: Progress, tell: Tell | Non
             tell(min(state.t / problem.horizon, 1.0))
 
 
-def _signals(evaluator: Evaluator, problem: Problem, states: Array, memory: Memory) -> Array:
+def _signals(evaluator: Evaluator, problem: Problem, states: Array, memory: Memory, holds: Holds) -> Array:
     rows = len(states)
     times = problem.times[:rows, np.newaxis]
     if not problem.sample_time:
-        return evaluator.call("signals", times, states, problem.p)[0]
+        return holds.signals(evaluator, times, states, problem.p)
     # Constant since the last sample, except for the plant and the reference.
-    (signals,) = evaluator.call(
-        "signals", memory.row_sample_times[:rows, np.newaxis], memory.row_samples[:rows], problem.p
+    signals = holds.signals(
+        evaluator, memory.row_sample_times[:rows, np.newaxis], memory.row_samples[:rows], problem.p
     )
     y, y_r, e = map([item.name for item in evaluator.manifest.signals].index, INSTANTANEOUS)
     signals[:, y] = states[:, 0]
@@ -351,7 +352,7 @@ def _signals(evaluator: Evaluator, problem: Problem, states: Array, memory: Memo
     signals[:, e] = signals[:, y] - signals[:, y_r]
     moving = _moving(evaluator.manifest)
     if moving:
-        (live,) = evaluator.call("signals", times, states, problem.p)
+        live = holds.signals(evaluator, times, states, problem.p)
         signals[:, moving] = live[:, moving]
     return signals
 
