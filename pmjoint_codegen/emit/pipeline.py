@@ -17,11 +17,12 @@ Stages, input to output:
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
 
+from pmjoint_codegen.emit.affine import Entry
 from pmjoint_codegen.emit.c_text import banner, kernels_header, kernels_source
 from pmjoint_codegen.emit.changes import EQUATIONS
 from pmjoint_codegen.emit.compact import Compact, compact_where_long
@@ -98,9 +99,8 @@ def generate(
     functions = build_functions(derivation, order, stage)
     records = describe_functions(derivation, functions)
     stage("writing C", 0.0)
-    neutral = neutral_entry(derivation)
-    compact = compact_where_long("taylor", functions["closed_loop"], order, state="X", neutral=neutral)
-    texts = _kernel_files(document, derivation, functions, compact, records)
+    compacts = _compacts(functions, order, neutral_entry(derivation))
+    texts = _kernel_files(document, derivation, functions, compacts, records)
     if lanes:
         stage("writing C for sweeps", 0.0)
         texts |= _lane_files(document, derivation, functions)
@@ -123,7 +123,7 @@ def _kernel_files(
     document: Document,
     derivation: Derivation,
     functions: Mapping[str, ca.Function],
-    compact: Compact | None,
+    compacts: Sequence[Compact],
     records: tuple[Function, ...],
 ) -> dict[str, str]:
     operations = sum(item.operations for item in records)
@@ -138,10 +138,20 @@ def _kernel_files(
     return {
         "kernels.c": kernels_source(rows, banner(head)),
         "kernels.h": kernels_header(records, banner(head)),
-        "loops.c": loops_source(called, sampled, compact, banner(head[:2])),
+        "loops.c": loops_source(called, sampled, compacts, banner(head[:2])),
         SAMPLED_HEADER: sampled_header(sampled, sizes, banner(head[:2])),
         TAPE: "\n".join(f"# {line}" for line in head) + "\n\n" + write_tapes(tapes),
     }
+
+
+def _compacts(functions: Mapping[str, ca.Function], order: int, neutral: Entry) -> list[Compact]:
+    """The kernels of Taylor coefficients up to the order of a run's steps that are not straight lines."""
+    rows = (row for row in loop_rows(functions) if isinstance(row, Taylor) and row.order is None)
+    found = (
+        compact_where_long(row.name, functions[row.of], order, state=row.state, neutral=neutral)
+        for row in rows
+    )
+    return [compact for compact in found if compact is not None]
 
 
 def derivation_page(document: Document, derivation: Derivation) -> str:

@@ -58,17 +58,20 @@ def sampled_header(tapes: Iterable[Tape], sizes: Mapping[str, int], head: str) -
     return f"{head}{guard}\n\n#include <math.h>\n\n{constants}\n\n{HELPERS}\n{bodies}\n\n#endif\n"
 
 
-def loops_source(tapes: Iterable[Tape], sampled: Iterable[Tape], compact: Compact | None, head: str) -> str:
+def loops_source(
+    tapes: Iterable[Tape], sampled: Iterable[Tape], compacts: Iterable[Compact], head: str
+) -> str:
     """``loops.c``: what the loops of single runs call.
 
     Args:
         tapes: of functions that are called through a pointer.
         sampled: of functions whose bodies stand in ``sampled.h``.
-        compact: one of the former, where it is not printed as straight lines.
+        compacts: those of the former that are not printed as straight lines.
         head: the banner.
     """
+    short = {compact.name: compact for compact in compacts}
     called = [
-        compact_kernel(tape, compact) if compact and compact.name == tape.name else straight_kernel(tape)
+        compact_kernel(tape, short[tape.name]) if tape.name in short else straight_kernel(tape)
         for tape in tapes
     ]
     bodies = [*called, *(wrapper(tape) for tape in sampled)]

@@ -36,6 +36,8 @@ class Stick:
         values: of each kink, the side that would hold; `NEVER` where none can.
         pulls: of each kink, B: it attracts where B is negative.
         places: of each kink, the state with g = 0 exactly where g depends on one state only.
+        reported: disturbances by name, in terms of flags, without sides. The side that holds is clipped to
+            [-1, 1]: where it lets go, it may be beyond.
     """
 
     flags: tuple[sp.Symbol, ...]
@@ -46,6 +48,7 @@ class Stick:
     values: tuple[sp.Expr, ...]
     pulls: tuple[sp.Expr, ...]
     places: tuple[sp.Expr, ...]
+    reported: Mapping[sp.Symbol, sp.Expr]
 
 
 @dataclass(frozen=True)
@@ -64,6 +67,7 @@ def stick(
     rates: Sequence[sp.Symbol],
     given: Mapping[sp.Symbol, sp.Expr],
     equations: Equations,
+    disturbances: Sequence[sp.Symbol] = (),
 ) -> Stick | None:
     """What holds a run of this plant, or None if no kink can.
 
@@ -76,6 +80,7 @@ def stick(
         rates: names of the rates of the plant's states.
         given: definitions with priority over the equations, as of the row ``plant``.
         equations: the named equations.
+        disturbances: names to report.
     """
     known = {time, *words.x, *words.w, *words.p}
     arguments = [_unfolded(argument, known, given, equations) for argument in words.kinks]
@@ -121,7 +126,34 @@ def stick(
         values=tuple(NEVER if rest is None else -rest.A / rest.B for rest in rests),
         pulls=tuple(sp.Integer(0) if rest is None else rest.B for rest in rests),
         places=tuple(place for rest in rests for place in _places(rest, words.x)),
+        reported=_reported(
+            {name: _unfolded(name, known, given, equations) for name in disturbances}, rests, flags, free
+        ),
     )
+
+
+def _reported(
+    disturbances: Mapping[sp.Symbol, sp.Expr],
+    rests: Sequence[_Rest | None],
+    flags: Sequence[sp.Symbol],
+    free: Sequence[sp.Symbol],
+) -> dict[sp.Symbol, sp.Expr]:
+    """Definitions for what is reported: see `Stick.reported`."""
+    found: dict[sp.Symbol, sp.Expr] = dict(disturbances)
+    for j, rest in enumerate(rests):
+        if rest is None:
+            continue
+        held = flags[j] * rest.A / (flags[j] * rest.B + free[j])
+        side = free[j] * sp.sign(rest.argument) - sp.Max(-1, sp.Min(1, held))
+        symbol = real_symbol(f"side_reported[{j}]")
+        found = {
+            name: _replaced(value, rest.argument, symbol, free[j], free[j] * sp.Abs(rest.argument))
+            if name in disturbances
+            else value
+            for name, value in found.items()
+        }
+        found |= {symbol: side, free[j]: 1 - flags[j]}
+    return found
 
 
 def _unfolded(

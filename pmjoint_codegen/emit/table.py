@@ -202,7 +202,14 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
     matched = tuple(
         start_symbol(state) * (s.compensator if state in s.r else 1) for state in s.controller_state
     )
-    held = stick(words, s.t, rate_block("x", words.x)[1], {**own, **delivered}, derivation.equations)
+    held = stick(
+        words,
+        s.t,
+        rate_block("x", words.x)[1],
+        {**own, **delivered},
+        derivation.equations,
+        _disturbances(derivation),
+    )
     return (
         Kernel("reference", (t, p), (y_r,), "", "the reference and its derivatives"),
         Kernel(
@@ -291,6 +298,12 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
     )
 
 
+def _disturbances(derivation: Derivation) -> list[sp.Symbol]:
+    """The disturbances by the names that the plant and reports use: D_i, and D_i_plant where there is one."""
+    symbols = disturbance_symbols(derivation.plant)
+    return [*symbols, *twins(derivation, symbols, own_symbol).values()]
+
+
 def _held_kernels(
     derivation: Derivation,
     words: Vocabulary,
@@ -301,7 +314,9 @@ def _held_kernels(
     """The rows of a plant that a kink can hold: ``plant`` and ``closed_loop`` there, and whether it does."""
     t, x, p = ("t", (derivation.signals.t,)), ("x", words.x), ("p", words.p)
     X, sided = ("X", (*words.x, *words.s)), (*words.sides, *held.flags)
-    e, v = ("e", (real_symbol("e"),)), ("v", (derivation.signals.v,))
+    e, v = ("e", (tracking_error(derivation.model),)), ("v", (derivation.signals.v,))
+    symbols = disturbance_symbols(derivation.plant)
+    effective = twins(derivation, symbols, effective_symbol)
     kinks = ("kinks", held.channels)
     controller = rate_block("X", words.s)[1]
     return [
@@ -331,6 +346,28 @@ def _held_kernels(
             "side that holds on each kink, its slope in the argument's rate, the state there",
             {**given},
             held.sides,
+        ),
+        Kernel(
+            "signals_held",
+            (t, X, ("held", held.flags), p),
+            (("signals", words.signals),),
+            "",
+            "signals, held on the kinks whose flags are 1",
+            {
+                **twins(derivation, rate_block("x", words.x)[1], own_symbol),
+                **twins(derivation, (item.symbol for item in derivation.model.reported), own_symbol),
+                **twins(derivation, words.w, own_symbol),
+                **held.reported,
+                **effective,
+            },
+        ),
+        Kernel(
+            "disturbance_held",
+            (t, x, ("w", words.w), ("held", held.flags), p),
+            (("D", symbols),),
+            "(12)",
+            "disturbance, held on the kinks whose flags are 1",
+            {**given, **held.reported, **effective},
         ),
     ]
 

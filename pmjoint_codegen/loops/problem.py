@@ -200,6 +200,7 @@ class Memory:
         sides: on which side of each kink the run is, +1 or -1; then 1 for the one that holds it.
         holds: results of the kernel that says whether a kink holds.
         hold_times: when one begins to hold the run, lets go, and so on, s; empty without kinks.
+        hold_kinks: which; of the same shape.
         sample: X at the last sample, sampled loop.
         rows: shape (n_rows, nX), X at the output instants; the first row is filled in at the start.
         row_samples: shape (n_rows, nX), X at the last sample before each output instant, sampled loop.
@@ -229,6 +230,7 @@ class Memory:
     sides: Array
     holds: Array
     hold_times: Array
+    hold_kinks: npt.NDArray[np.int64]
     sample: Array
     rows: Array
     row_samples: Array
@@ -273,6 +275,7 @@ def make_memory(problem: Problem, x0: Array) -> Memory:
         sides=np.repeat([1.0, 0.0], problem.n_kinks),
         holds=np.zeros(problem.n_kinks * (2 + problem.n_plant)),
         hold_times=np.empty(problem.max_switches if problem.n_kinks else 0),
+        hold_kinks=np.empty(problem.max_switches if problem.n_kinks else 0, dtype=np.int64),
         sample=x0.copy(),
         rows=np.empty((rows, n)),
         row_samples=np.empty((sampled_rows, n)),

@@ -142,6 +142,7 @@ class Stick:
         memory.window[1] = -1.0  # the right-hand side is another function
         if progress.holds < self.problem.max_switches:
             memory.hold_times[progress.holds] = progress.t
+            memory.hold_kinks[progress.holds] = kink
             progress.holds += 1
         else:
             progress.status = Status.TOO_MANY_SWITCHES

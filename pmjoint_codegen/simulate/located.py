@@ -2,6 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+import numpy.typing as npt
+
+from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.loops.modes import Actuator
 from pmjoint_codegen.loops.problem import Memory, Progress
 
@@ -18,7 +25,45 @@ def switches_of(actuator: Actuator, memory: Memory, state: Progress) -> tuple[tu
     return tuple(found)
 
 
-def sticks_of(memory: Memory, state: Progress) -> tuple[tuple[float, float], ...]:
-    """The intervals in which a kink held the plant, s; the last may still go on where the run ends."""
-    times = [*memory.hold_times[: state.holds].tolist(), state.t]
-    return tuple(zip(times[::2], times[1::2], strict=False))
+@dataclass(frozen=True)
+class Holds:
+    """When which kink held the plant.
+
+    Attributes:
+        begins: s.
+        ends: s, of the same shape; the last may be where the run ends.
+        kinks: which, of the same shape.
+    """
+
+    begins: Array
+    ends: Array
+    kinks: npt.NDArray[np.int64]
+
+    @classmethod
+    def of(cls, memory: Memory, state: Progress) -> Holds:
+        """Copy what a run has recorded: its memory may serve the next."""
+        if not state.holds:
+            return _none()
+        times = np.append(memory.hold_times[: state.holds], state.t)
+        count = len(times) // 2
+        kinks = memory.hold_kinks[: state.holds : 2].copy()
+        return cls(times[: 2 * count : 2], times[1 : 2 * count : 2], kinks)
+
+    def flags(self, t: Array, n_kinks: int) -> Array:
+        """1 for the kink that holds the plant at each instant, ends included, shape (len(t), n_kinks)."""
+        found = np.zeros((len(t), n_kinks))
+        place = np.searchsorted(self.begins, t, side="right") - 1
+        rows = np.flatnonzero(place >= 0)
+        rows = rows[t[rows] <= self.ends[place[rows]]]
+        found[rows, self.kinks[place[rows]]] = 1.0
+        return found
+
+    def intervals(self) -> tuple[tuple[float, float], ...]:
+        """(from, to) of each, s."""
+        return tuple(zip(self.begins.tolist(), self.ends.tolist(), strict=True))
+
+
+@cache
+def _none() -> Holds:
+    """No kink has held the plant."""
+    return Holds(np.empty(0), np.empty(0), np.empty(0, dtype=np.int64))

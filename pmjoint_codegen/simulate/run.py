@@ -29,7 +29,7 @@ from pmjoint_codegen.loops.select import Advance, CompiledLoop, make_loop
 from pmjoint_codegen.loops.status import Status, sentence
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.reference.segments import inside
-from pmjoint_codegen.simulate.located import sticks_of, switches_of
+from pmjoint_codegen.simulate.located import Holds, switches_of
 from pmjoint_codegen.simulate.record import RATE, Record, reports_rate
 from pmjoint_codegen.simulate.settings import RunOptions, Settings, make_settings
 from pmjoint_codegen.simulate.signals import signals_of
@@ -203,10 +203,11 @@ class Simulator:
         """The immediate fields of a run that reached its horizon, and the source of the rest."""
         rows.flags.writeable = False  # signals are computed from them, perhaps later
         evaluator, problem = self.evaluator, prepared.problem
+        holds = Holds.of(memory, state)
 
         def deferred(name: str) -> dict[str, Any]:
             if name == "signals":
-                return {name: signals_of(evaluator, problem, rows, memory)}
+                return {name: signals_of(evaluator, problem, rows, memory, holds)}
             return _figures(evaluator.manifest, *_integrate(evaluator, start, problem, None))
 
         return {
@@ -216,7 +217,7 @@ class Simulator:
             "states": rows,
             "switches": switches_of(prepared.actuator, memory, state),
             "initial_mode": prepared.actuator.labels[state.first_mode],
-            "sticks": sticks_of(memory, state),
+            "sticks": holds.intervals(),
             "steps": state.steps,
             "_deferred": deferred,
         }
@@ -334,18 +335,6 @@ def _drive(advance: Advance, problem: Problem, state: Progress, tell: Tell | Non
         advance(BUDGET)
         if tell is not None:
             tell(min(state.t / problem.horizon, 1.0))
-
-
-def _switches(actuator: Actuator, memory: Memory, state: Progress) -> tuple[tuple[float, int], ...]:
-    """The switches at which u enters or leaves a limit; those of other channels only are omitted."""
-    found = []
-    before = actuator.labels[state.first_mode]
-    for i in range(state.switches):
-        label = actuator.labels[int(memory.switch_modes[i])]
-        if label != before:
-            found.append((float(memory.switch_times[i]), label))
-        before = label
-    return tuple(found)
 
 
 def _figures(manifest: Manifest, memory: Memory, state: Progress) -> dict[str, Any]:

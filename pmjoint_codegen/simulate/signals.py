@@ -14,6 +14,7 @@ from pmjoint_codegen.loops.chain import ACTING, CLOCK, COMMAND, FILTERED, MEASUR
 from pmjoint_codegen.loops.constants import SAME_INSTANT
 from pmjoint_codegen.loops.problem import Memory, Problem
 from pmjoint_codegen.manifest import Manifest
+from pmjoint_codegen.simulate.located import Holds
 from pmjoint_codegen.values import of_plant
 
 INSTANTANEOUS: Final = ("y", "y_r", "e")  # signals that a sampled controller does not hold constant
@@ -21,7 +22,7 @@ LAGGED: Final = frozenset({"q1", "q2"})  # states of pressures that lag
 ROWS: Final = 4096  # computed at a time where each has its own segment of the reference
 
 
-def signals_of(evaluator: Evaluator, problem: Problem, states: Array, memory: Memory) -> Array:
+def signals_of(evaluator: Evaluator, problem: Problem, states: Array, memory: Memory, holds: Holds) -> Array:
     """The signals of the manifest, shape (rows, signals).
 
     Args:
@@ -29,28 +30,30 @@ def signals_of(evaluator: Evaluator, problem: Problem, states: Array, memory: Me
         problem: constants of the run.
         states: at the output instants, shape (rows, nX).
         memory: of a sampled run: the last sample before each row.
+        holds: when a kink held the plant.
     """
     rows = len(states)
     times = problem.times[:rows, np.newaxis]
     if not problem.sample_time:
-        return _evaluated(evaluator, problem, "signals", times, states)
+        return _reported(evaluator, problem, holds, "signals", times, states)
     if problem.n_history:
-        return _chained_signals(evaluator, problem, states, memory)
+        return _chained_signals(evaluator, problem, states, memory, holds)
     # Constant since the last sample, except for the plant and the reference.
     since, samples = memory.row_sample_times[:rows, np.newaxis], memory.row_samples[:rows]
     signals = _evaluated(evaluator, problem, "signals", since, samples)
     _put_live(evaluator, problem, states, signals)
-    places = _disturbances(evaluator.manifest)
-    if places:
-        v = [item.name for item in evaluator.manifest.signals].index("v")
-        w = _actuated(evaluator, problem, signals[:, v])
-        signals[:, places] = evaluator.call(
-            "disturbance", times, states[:, : evaluator.manifest.nx], w, problem.p
-        )[0]
+    names = [item.name for item in evaluator.manifest.signals]
+    D = [f"D{i}" for i in range(1, evaluator.manifest.n + 1)]
+    if D[0] in names:
+        w = _actuated(evaluator, problem, signals[:, names.index("v")])
+        x = states[:, : evaluator.manifest.nx]
+        signals[:, [*map(names.index, D)]] = _reported(evaluator, problem, holds, "disturbance", times, x, w)
     return signals
 
 
-def _chained_signals(evaluator: Evaluator, problem: Problem, states: Array, memory: Memory) -> Array:
+def _chained_signals(
+    evaluator: Evaluator, problem: Problem, states: Array, memory: Memory, holds: Holds
+) -> Array:
     """The same where the law takes what a sensor reads, and the plant what an actuator delivers."""
     manifest, rows = evaluator.manifest, len(states)
     held = memory.row_held[:rows]
@@ -59,7 +62,7 @@ def _chained_signals(evaluator: Evaluator, problem: Problem, states: Array, memo
     signals = _evaluated(evaluator, problem, "signals", held[:, CLOCK, np.newaxis], seen)
     places = {item.name: i for i, item in enumerate(manifest.signals)}
     w, times = held[:, ACTING:], problem.times[:rows, np.newaxis]
-    (D,) = evaluator.call("disturbance", times, states[:, : manifest.nx], w, problem.p)
+    D = _reported(evaluator, problem, holds, "disturbance", times, states[:, : manifest.nx], w)
     known = {
         "y_m": held[:, MEASURED],
         "y_f": held[:, FILTERED],
@@ -93,6 +96,16 @@ def _put_live(evaluator: Evaluator, problem: Problem, states: Array, signals: Ar
         signals[:, moving] = live[:, moving]
 
 
+def _reported(
+    evaluator: Evaluator, problem: Problem, holds: Holds, kernel: str, times: Array, *others: Array
+) -> Array:
+    """``signals`` or ``disturbance`` at instants, with the side that holds where one does."""
+    if not len(holds.begins):
+        return _evaluated(evaluator, problem, kernel, times, *others)
+    flags = holds.flags(times[:, 0], problem.n_kinks)
+    return _evaluated(evaluator, problem, f"{kernel}_held", times, *others, flags)
+
+
 def _evaluated(evaluator: Evaluator, problem: Problem, kernel: str, times: Array, *others: Array) -> Array:
     """A kernel's first result at instants, shape (rows, size), each in its own segment of the reference."""
     if not problem.n_breaks:
@@ -116,12 +129,6 @@ def _moving(manifest: Manifest) -> list[int]:
     ):  # pressures with their own states; otherwise they are commands, constant between samples
         names |= {"P1", "P2"}
     return [i for i, item in enumerate(manifest.signals) if item.name in names]
-
-
-def _disturbances(manifest: Manifest) -> list[int]:
-    """Places of D1, D2, ... among the signals."""
-    names = [item.name for item in manifest.signals]
-    return [names.index(f"D{i}") for i in range(1, manifest.n + 1) if f"D{i}" in names]
 
 
 def _actuated(evaluator: Evaluator, problem: Problem, v: Array) -> Array:

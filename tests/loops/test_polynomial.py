@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from numpy.polynomial import Chebyshev, Polynomial
 
 from pmjoint_codegen.kernels.compiled import CompiledEvaluator
-from pmjoint_codegen.loops import polynomial, quadrature
+from pmjoint_codegen.loops import constants, polynomial, quadrature
 
 Find = Callable[[Sequence[float], float], float | None]
 EPSILON = np.finfo(float).eps
@@ -265,3 +265,13 @@ def test_the_first_instant_beyond_a_limit_is_found_alike(compiled_paper: Compile
             assert abs(Polynomial(c)(wanted)) == pytest.approx(limit, rel=1e-9)
         ends.append(wanted is not None)
     assert 0.2 < np.mean(ends) < 0.8
+
+
+@pytest.mark.parametrize("outward", [-1, 1])
+def test_a_kink_that_has_let_go_is_left_whatever_rounding_says_of_the_rate(outward: int) -> None:
+    """The rate is 0 there, but for rounding; what grows next decides. On a kink that is met, it does."""
+    q = [0.0, 1e-13 * outward, -1.0 * outward, 0.0]
+    assert polynomial.passes(list(q), 0.0, constants.LET_GO, outward, 0.1) is None
+    assert polynomial.passes(list(q), 0.0, constants.ON_KINK, outward, 0.1) == 0.0
+    back = [0.0, 1e-13 * outward, -1.0 * outward, 20.0 * outward]  # and returns at 0.05
+    assert polynomial.passes(back, 0.0, constants.LET_GO, outward, 0.1) == pytest.approx(0.05)

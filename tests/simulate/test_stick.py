@@ -153,6 +153,19 @@ def test_a_joint_rests_at_every_reversal(evaluator: str, controller: dict[str, A
     assert run.summary["stuck_s"] == pytest.approx(sum(end - begin for begin, end in run.sticks))
 
 
+def test_friction_is_reported_as_what_it_holds_against(evaluator: str, controller: dict[str, Any]) -> None:
+    """At rest D2 is minus the other forces, not 0; in motion it is what the model says."""
+    run = load(AT_REST, evaluator, "0.3*sin(t)").simulate(x0=[0.0, 0.0], horizon=5.0, **controller)
+    assert run.sticks
+    rest = np.any([(run.t > begin) & (run.t < end) for begin, end in run.sticks], axis=0)
+    moving = (run["x2"] != 0.0) & ~rest
+    if controller["controller"] == "continuous":
+        others = 2.0 * run["u"] + 0.2 * run["x1"]
+        np.testing.assert_allclose(run["D2"][rest], -others[rest], atol=1e-12)
+        np.testing.assert_allclose(run["D2"][moving], -SLIDING * np.sign(run["x2"][moving]), atol=1e-12)
+    assert np.any(np.abs(run["D2"][rest]) > SLIDING) and np.all(np.abs(run["D2"]) <= STATIC + 1e-12)
+
+
 @pytest.mark.parametrize(
     "force",
     [

@@ -133,6 +133,7 @@ def _arguments(
         "p": lambda _size: parameter_values(manifest, count, random),
         "t": lambda size: random.uniform(0.0, manifest.simulation.horizon, (count, size)),
         "g": lambda size: _with_sides(_modes(evaluator, count, random), manifest, random, size),
+        "held": lambda _size: _flags(count, len(manifest.kinks), random),
         "R": lambda size: 10.0 ** random.uniform(-4.0, 2.0, (count, size)),
         "P": lambda size: 10.0 ** random.uniform(-4.0, 2.0, (count, size)),
     }
@@ -171,9 +172,14 @@ def _with_sides(actuation: Array, manifest: Manifest, random: np.random.Generato
     kinks = len(manifest.kinks)
     sides = random.choice(np.array([-1.0, 1.0]), (len(actuation), kinks))
     flags = np.empty((len(actuation), 0))
-    if size > actuation.shape[1] + kinks:  # one or none
-        flags = np.eye(kinks + 1, kinks)[random.integers(0, kinks + 1, len(actuation))]
+    if size > actuation.shape[1] + kinks:
+        flags = _flags(len(actuation), kinks, random)
     return np.ascontiguousarray(np.hstack([actuation, sides, flags]))
+
+
+def _flags(count: int, kinks: int, random: np.random.Generator) -> Array:
+    """Which kink holds a run: one or none, shape (count, kinks)."""
+    return np.ascontiguousarray(np.eye(kinks + 1, kinks)[random.integers(0, kinks + 1, count)])
 
 
 def _actuator(evaluator: Evaluator) -> Actuator:

@@ -136,6 +136,7 @@ typedef struct {
     double *sides;            /* [2 nk]: on which side of each kink the run is, +1 or -1; then 1 for the one that holds it */
     double *holds;            /* [nk (2 + nx)]: results of the kernel that says whether a kink holds */
     double *hold_times;       /* [max_switches], or [0] without kinks: when one begins to hold the run, lets go, and so on */
+    long long *hold_kinks;    /* the same: which */
     double *sample;           /* sampled: [nX], X at the last sample */
     double *rows;             /* [n_rows][nX]; the first row is filled in at the start */
     double *row_samples;      /* sampled: [n_rows][nX], X at the last sample before each row */

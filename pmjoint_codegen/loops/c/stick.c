@@ -31,11 +31,12 @@ int pmj_can_hold(const pmj_problem *problem, const pmj_kernels *run, const pmj_m
     return fabs(*side) < 1.0 && memory->holds[n + j] < 0.0;
 }
 
-/* Record that a kink begins to hold the run, or lets go. */
-static void note_change(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory, double t)
+/* Record that kink j begins to hold the run, or lets go. */
+static void note_change(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory, double t, long long j)
 {
     if (progress->holds < problem->max_switches) {
         memory->hold_times[progress->holds] = t;
+        memory->hold_kinks[progress->holds] = j;
         progress->holds += 1;
     } else {
         progress->status = PMJ_TOO_MANY_SWITCHES;
@@ -59,7 +60,7 @@ void pmj_hold_on(const pmj_problem *problem, pmj_progress *progress, const pmj_m
     progress->held = j;
     progress->touching = -1;
     flag(problem, memory, j, 1.0);
-    note_change(problem, progress, memory, t);
+    note_change(problem, progress, memory, t, j);
 }
 
 int pmj_find_rest(const pmj_problem *problem, const pmj_kernels *run, pmj_progress *progress, const pmj_memory *memory,
@@ -87,7 +88,7 @@ void pmj_let_go(const pmj_problem *problem, pmj_progress *progress, const pmj_me
     progress->held = -1;
     progress->touching = first + problem->n_kinks + j;
     flag(problem, memory, j, 0.0);
-    note_change(problem, progress, memory, t);
+    note_change(problem, progress, memory, t, j);
 }
 
 void pmj_meet(const pmj_problem *problem, const pmj_kernels *run, pmj_progress *progress, const pmj_memory *memory,

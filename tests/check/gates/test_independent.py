@@ -26,6 +26,7 @@ from pmjoint_codegen.check.subject import Subject, load_subject
 from pmjoint_codegen.loops import continuous, polynomial
 from pmjoint_codegen.loops.guard import Discs
 from pmjoint_codegen.loops.modes import Actuator, make_actuator
+from pmjoint_codegen.loops.stepper import Stepper
 from pmjoint_codegen.modelfile import model_of
 from pmjoint_codegen.provision import provide
 from pmjoint_codegen.simulate import run as simulate_run
@@ -243,6 +244,8 @@ KINKED = {
     "one inside another": "0.2*abs(abs(x1) - 0.5) - max(0, x2 - 1)",
     "over time": "sign(t-0.7305) - abs(t-2)/10 + min(max(5*(t-1.01), 0), 1)",
     "a jump of an argument": "0.2*sign(x1 + 0.3*sign(x2))",
+    "stick": "-(1 + 0.5*exp(-(x2/0.1)**2) + 0.5*(1 - sign(x2)**2))*sign(x2) - 0.1*x2*abs(x2) + sign(t-4)/5",
+    "stick to a belt": "-0.6*sign(x2 - 0.3*sin(t))",
 }
 
 
@@ -274,6 +277,25 @@ def test_a_kernel_that_ignores_a_side_fails(paper: Subject, monkeypatch: pytest.
 
 
 @pytest.mark.usefixtures("heyoka")
+def test_friction_that_holds_one_percent_too_much_fails(
+    paper: Subject, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def late(self: Stepper, c: Any, term_sums: Any, channel: int, h: float, tau: float) -> tuple[bool, float]:
+        scaled = c.copy()
+        scaled[:, channel] /= 1.01
+        return lets_go(self, scaled, np.full_like(term_sums, np.inf), channel, h, tau)
+
+    lets_go = Stepper.lets_go
+    subject = interpreted_of(changed(paper, "sin(t)", ("0", KINKED["stick"])))
+    monkeypatch.setattr(independent, "RUNS", (0, 0))
+    result = independent.check(subject)
+    assert result.verdict is Verdict.PASSED, (result.detail, result.difference)
+    assert run(subject.interpreted, make_settings(subject.manifest)).sticks
+    monkeypatch.setattr(Stepper, "lets_go", late)
+    assert independent.check(subject).verdict is Verdict.FAILED
+
+
+@pytest.mark.usefixtures("heyoka")
 def test_a_step_over_a_narrow_feature_fails(paper: Subject, monkeypatch: pytest.MonkeyPatch) -> None:
     """A disturbance of a few milliseconds, at rest: without a guard one step covers the horizon."""
     pulse = ("0", "9*exp(-((t-3.3)/0.002)**2)")
@@ -290,7 +312,8 @@ def test_where_both_are_stuck_nothing_is_held_and_nothing_passes(
     heyoka: Any, paper: Subject, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The reference stops: friction then holds the joint, in both, at one instant."""
-    subject = interpreted_of(changed(paper, "0.5", ("0", "-3*sign(x2)"), [0.0, 0.3]))
+    product = "-1.5*sign(x2)*(1 + sign(x2)*sign(x1 - 50))"  # of two sides: neither can be solved for
+    subject = interpreted_of(changed(paper, "0.5", ("0", product), [0.0, 0.3]))
     settings = make_settings(subject.manifest, horizon=8.0, tolerance=trajectory.TOLERANCE)
     done = run(subject.interpreted, settings)
     loop = Loop(heyoka, subject, settings.parameters)
