@@ -137,8 +137,8 @@ def _as_built(derivation: Derivation, F: sp.MatrixBase, G: sp.MatrixBase) -> Ide
         known.append(stage_slopes(lambda place: g.xreplace({r1: place}), r1, at, G[0, 0], padded)[i])
     whole = combined(r1, G[0, 0], known).xreplace({drive: rate})
     found = equations.expand(equations[f"{r1}_next"].expression, keep)
-    rest = sp.Integer(0) if found == whole else sp.expand(found - whole)
-    return Identity(f"{r1}_next", f"{r1} one sample later is one step of Runge and Kutta", rest)
+    # Not expanded: both are written alike, and powers of nested sums would take minutes.
+    return Identity(f"{r1}_next", f"{r1} one sample later is one step of Runge and Kutta", found - whole)
 
 
 def _order_identities() -> list[Identity]:
