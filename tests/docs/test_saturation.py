@@ -9,8 +9,8 @@ import pytest
 
 from docs import saturation
 
-# By another program: a linear 6-state model of the same joint, integrated in C with fixed steps. It prints
-# 7.2 where 7.27 stands below, which the law written out by hand for y_r = 0 gives with SciPy's LSODA, too.
+# By another program: a linear 6-state model of the same joint, integrated in C with fixed steps. It has 7.2
+# where 7.27 stands below, which the law written out by hand for y_r = 0 gives with SciPy's LSODA, too.
 KNOWN = {
     "paper, ck = 1 (zero)": ("9.42/7.46/226", "6.9, 8.6, lost; 70.17", "2.69 3.59 6.05", "6.95; 6.8", "17.5"),
     "clip (zero)": (".423/1.60/226", "4.7, 19.6, 30.2; 100", "117 1.41 .68", "2.31; lost", "1.03"),
