@@ -8,7 +8,8 @@ from pmjoint_derive.design import Design
 from pmjoint_derive.equation import Equation
 from pmjoint_derive.filters import shift_matrix
 from pmjoint_derive.model import Model, Plant, real_symbol
-from pmjoint_derive.signals import derivative_name
+from pmjoint_derive.segment import segment_reference, segment_sizes
+from pmjoint_derive.signals import Signals, derivative_name
 from pmjoint_derive.units import SECOND, parse_unit
 
 # the disturbance that the paper simulates, (37); any other is the D of (12)
@@ -78,7 +79,7 @@ def reference_equations(model: Model, design: Design) -> list[Equation]:
     return [
         Equation(
             symbol,
-            sp.diff(model.reference, signals.t, i),
+            _reference_derivative(model, signals, i),
             "Reference",
             "",
             meanings[i],
@@ -86,6 +87,12 @@ def reference_equations(model: Model, design: Design) -> list[Equation]:
         )
         for i, symbol in enumerate(signals.y_r)
     ]
+
+
+def _reference_derivative(model: Model, signals: Signals, order: int) -> sp.Expr:
+    if model.segment:
+        return segment_reference(*segment_sizes(model.segment, model.plant.rho), order)
+    return sp.diff(model.reference, signals.t, order)
 
 
 def actuator_equations(model: Model, design: Design) -> list[Equation]:

@@ -22,10 +22,22 @@ def segment_symbols(p: int, q: int) -> tuple[sp.Symbol, ...]:
     return tuple(real_symbol(f"ref_{end}") for end in ends)
 
 
-def segment_reference(p: int, q: int) -> sp.Expr:
-    """The reference as a function of t and of `segment_symbols`."""
+def segment_sizes(symbols: tuple[sp.Symbol, ...], rho: int) -> tuple[int, int]:
+    """Degrees of P and of Q, from the parameters of a segment; Q's is rho."""
+    return len(symbols) - rho - 4, rho
+
+
+def segment_reference(p: int, q: int, order: int = 0) -> sp.Expr:
+    """The reference as a function of t and of `segment_symbols`, or a derivative of it.
+
+    By Leibniz's rule, so that the page keeps one exponential and the derivatives of Q.
+    """
     start, a, *coefficients = segment_symbols(p, q)
-    tau = real_symbol("t") - start
+    tau = sp.Dummy("tau", real=True)
     polynomial = sum(c * tau**i for i, c in enumerate(coefficients[: p + 1]))
     fading = sum(c * tau**i for i, c in enumerate(coefficients[p + 1 :]))
-    return polynomial + sp.exp(-a * tau) * fading
+    rest = sum(
+        sp.binomial(order, k) * (-a) ** (order - k) * sp.diff(fading, tau, k) for k in range(order + 1)
+    )
+    whole = sp.diff(polynomial, tau, order) + sp.exp(-a * tau) * rest
+    return whole.xreplace({tau: real_symbol("t") - start})
