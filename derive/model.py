@@ -313,6 +313,7 @@ class Model:
         reported: further named signals of the plant, such as muscle pressures.
         demands: what the physics presumes of its parameters, the controller's and the plant's own.
         start: the physical states that a run starts from; None: those of the plant class.
+        chosen: what keys of the design came to, one line each.
         design: row of `pmjoint_derive.derivation.DESIGNS`.
     """
 
@@ -335,6 +336,7 @@ class Model:
     reported: tuple[Equation, ...] = ()
     demands: tuple[Demand, ...] = ()
     start: Start | None = None
+    chosen: tuple[str, ...] = ()
     design: str = "backstepping"
 
     @property

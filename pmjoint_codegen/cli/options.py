@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -14,6 +14,7 @@ from pmjoint_codegen.cli.terminal import message
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
 
+    from pmjoint_codegen.manifest import Manifest
     from pmjoint_codegen.simulate.settings import RunOptions
 
     _Kind = click.ParamType[Any]  # generic in newer releases of click, for the type checker only
@@ -116,6 +117,25 @@ def tell_idle_sample_time(asked: RunOptions) -> None:
     """Warn that a sample time was given to a controller that has none."""
     if asked["sample_time"] is not None and asked["controller"] != "sampled":
         message("pmjoint: --sample-time has no effect without --controller sampled")
+
+
+def tell_design(manifest: Manifest, controller: str, p: Iterable[float], sample_time: float) -> None:
+    """Say what keys of the design came to, and whether the law is too fast for a sampled controller.
+
+    Args:
+        manifest: the model.
+        controller: ``continuous`` or ``sampled``.
+        p: every parameter, as the kernels take it; of a sweep, those of a run in which nothing varies.
+        sample_time: T, s.
+    """
+    from pmjoint_codegen.simulate.pace import too_fast
+
+    lines = list(manifest.chosen)
+    if controller == "sampled":
+        values = dict(zip(manifest.parameter_names, map(float, p), strict=True))
+        lines.append(too_fast(manifest, values, sample_time) or "")
+    for line in filter(None, lines):
+        message(f"pmjoint: {line}")
 
 
 def processors() -> int:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Unpack, cast
 import click
 
 from pmjoint_codegen.cli.drawing import ready_matplotlib
-from pmjoint_codegen.cli.options import ModelName, Place, run_options, tell_idle_sample_time
+from pmjoint_codegen.cli.options import ModelName, Place, run_options, tell_design, tell_idle_sample_time
 from pmjoint_codegen.cli.summary_table import summary_table
 from pmjoint_codegen.cli.terminal import activity, as_json, document, message, result
 from pmjoint_codegen.errors import SimulationError
@@ -86,6 +86,7 @@ def command(
     folder = out or Path("runs") / loop.manifest.name
     ensure_folder(folder)
     run, failure = _run(loop, asked)
+    tell_design(run.manifest, run.settings.controller, run.settings.p, run.settings.sample_time)
     notes = (f"disturbance = ({', '.join(disturbance)})",) if disturbance else ()
     files = write_results(run, folder)
     try:

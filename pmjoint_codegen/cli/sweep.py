@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING, Any, Unpack
 import click
 
 from pmjoint_codegen.cli.drawing import ready_matplotlib
-from pmjoint_codegen.cli.options import ModelName, Place, processors, run_options, tell_idle_sample_time
+from pmjoint_codegen.cli.options import (
+    ModelName,
+    Place,
+    processors,
+    run_options,
+    tell_design,
+    tell_idle_sample_time,
+)
 from pmjoint_codegen.cli.terminal import activity, document, message, result, table
 
 if TYPE_CHECKING:
@@ -138,6 +145,7 @@ def command(
         lanes=True,
     )
     request = make_request(provided.manifest, plan, **asked)
+    tell_design(provided.manifest, request.controller, request.p, request.sample_time)
     folder = out or Path("runs") / f"{provided.manifest.name}-sweep"
     store = Store(folder, request, provided.manifest.nX)
     with store.alone():

@@ -13,7 +13,7 @@ from typing import Any
 import sympy as sp
 
 from pmjoint_codegen.errors import ModelError
-from pmjoint_codegen.modelfile.design import gains_of
+from pmjoint_codegen.modelfile.design import chosen, gains_of
 from pmjoint_codegen.modelfile.expressions import parse
 from pmjoint_codegen.modelfile.joint import (
     COLUMNS,
@@ -57,6 +57,7 @@ def to_derive(spec: ModelSpec, where: str = "") -> Model:
             limit=known[spec.actuator.limit],
             reference=parse(spec.simulation.reference, _with(known, "t"), f"{where}: simulation.reference"),
             gains=gains,
+            chosen=chosen(spec.design, gains),
             simulation=Simulation(**spec.simulation.model_dump(exclude={"reference"})),
             y_unit=spec.units.y,
             u_unit=spec.units.u,

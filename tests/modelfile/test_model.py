@@ -34,7 +34,7 @@ def test_gains_are_one_table(paper: dict[str, Any]) -> None:
     kinds = [kind.name for kind in GAINS]
     model = model_of(paper, "m.toml")
     signals = Signals.of(model.plant)
-    assert [*DesignSpec.model_fields] == [*kinds, "compensator", INPUT_SCALE]
+    assert [*DesignSpec.model_fields] == [*kinds, "compensator", INPUT_SCALE, "poles", "bandwidth"]
     assert [*model.gains.by_kind] == [*signals.gains_by_kind] == kinds
     named = [name for kind in GAINS for name in kind.names(model.plant.order, model.plant.rho)]
     assert [str(gain) for gain in signals.gains] == [*named, COMPENSATOR, INPUT_SCALE]
