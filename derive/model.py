@@ -331,6 +331,7 @@ class Model:
         reported: further named signals of the plant, such as muscle pressures.
         demands: what the physics presumes of its parameters, the controller's and the plant's own.
         start: the physical states that a run starts from; None: those of the plant class.
+        chosen: what keys of the design came to, one line each.
         design: row of `pmjoint_derive.derivation.DESIGNS`.
         segment: parameters of ``reference`` that change from break point to break point; see `segment`.
         chain: key of the actuator, the sensor or the clock -> its parameter, such as ``lower``, ``upper``,
@@ -356,6 +357,7 @@ class Model:
     reported: tuple[Equation, ...] = ()
     demands: tuple[Demand, ...] = ()
     start: Start | None = None
+    chosen: tuple[str, ...] = ()
     design: str = "backstepping"
     segment: tuple[sp.Symbol, ...] = ()
     chain: Mapping[str, sp.Symbol] = field(default_factory=dict)

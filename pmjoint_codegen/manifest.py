@@ -205,6 +205,7 @@ class Manifest:
         start: the meaning of x0, and the plant's states there.
         blocks: index range of x, xi, Xi, lambda, r in X.
         parameters: entries of p.
+        chosen: what keys of the design, such as a bandwidth, came to, one line each.
         rules: constraints on the parameters beyond those of every design.
         signals: entries of the ``signals`` kernel.
         partials: names of the ``partials`` kernel's entries.
@@ -236,6 +237,7 @@ class Manifest:
     start: Start
     blocks: Mapping[str, tuple[int, int]]
     parameters: tuple[Parameter, ...]
+    chosen: tuple[str, ...]
     rules: tuple[Rule, ...]
     signals: tuple[Variable, ...]
     partials: tuple[str, ...]
@@ -384,7 +386,7 @@ class Manifest:
         )
         contents["functions"] = tuple(_function(item) for item in contents["functions"])
         contents["blocks"] = {key: tuple(value) for key, value in contents["blocks"].items()}
-        contents = _with_tuples(contents, "partials", "kinks")
+        contents = _with_tuples(contents, "partials", "kinks", "chosen")
         guards = contents["guards"].items()
         contents["guards"] = {key: GuardRule(**_with_tuples(item, "inside")) for key, item in guards}
         contents["simulation"] = Simulation(**_with_tuples(contents["simulation"], "x0", "disturbance"))

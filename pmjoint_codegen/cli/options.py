@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -130,6 +130,25 @@ def check_saturation(saturation: str | None, asked: CommandOptions) -> None:
     """Refuse two options that contradict each other."""
     if saturation not in (None, "clip") and asked["compensator"] is False:
         raise click.UsageError(f"--no-compensator contradicts --saturation {saturation}")
+
+
+def tell_design(manifest: Manifest, controller: str, p: Iterable[float], sample_time: float) -> None:
+    """Say what keys of the design came to, and whether the law is too fast for a sampled controller.
+
+    Args:
+        manifest: the model.
+        controller: ``continuous`` or ``sampled``.
+        p: every parameter, as the kernels take it; of a sweep, those of a run in which nothing varies.
+        sample_time: T, s.
+    """
+    from pmjoint_codegen.simulate.pace import too_fast
+
+    lines = list(manifest.chosen)
+    if controller == "sampled":
+        values = dict(zip(manifest.parameter_names, map(float, p), strict=True))
+        lines.append(too_fast(manifest, values, sample_time) or "")
+    for line in filter(None, lines):
+        message(f"pmjoint: {line}")
 
 
 def processors() -> int:

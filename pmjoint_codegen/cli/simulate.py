@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, Unpack, cast
 import click
 
 from pmjoint_codegen.cli.drawing import ready_matplotlib
-from pmjoint_codegen.cli.options import ModelName, Place, check_saturation, run_options, tell_clock
+from pmjoint_codegen.cli.options import (
+    ModelName,
+    Place,
+    check_saturation,
+    run_options,
+    tell_clock,
+    tell_design,
+)
 from pmjoint_codegen.cli.summary_table import summary_table
 from pmjoint_codegen.cli.terminal import activity, as_json, document, message, result
 from pmjoint_codegen.errors import SimulationError, UsageError
@@ -110,6 +117,7 @@ def command(
     folder = out or Path("runs") / loop.manifest.name
     ensure_folder(folder)
     run, failure = _run(loop, asked)
+    tell_design(run.manifest, run.settings.controller, run.settings.p, run.settings.sample_time)
     notes = (f"disturbance = ({', '.join(disturbance)})",) if disturbance else ()
     log = _compared(run, against, against_column)
     files = write_results(run, folder)

@@ -18,6 +18,7 @@ from pmjoint_codegen.cli.options import (
     processors,
     run_options,
     tell_clock,
+    tell_design,
 )
 from pmjoint_codegen.cli.terminal import activity, document, message, result, table
 
@@ -151,6 +152,7 @@ def command(
     )
     tell_clock(asked, provided.manifest)
     request = make_request(provided.manifest, plan, **asked)
+    tell_design(provided.manifest, request.controller, request.p, request.sample_time)
     folder = out or Path("runs") / f"{provided.manifest.name}-sweep"
     store = Store(folder, request, provided.manifest.nX)
     with store.alone():

@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING, Any, Unpack
 import click
 
 from pmjoint_codegen.cli.drawing import ready_matplotlib
-from pmjoint_codegen.cli.options import ModelName, Place, processors, run_options, tell_clock
+from pmjoint_codegen.cli.options import (
+    ModelName,
+    Place,
+    processors,
+    run_options,
+    tell_clock,
+    tell_design,
+)
 from pmjoint_codegen.cli.terminal import activity, document, message, result, table
 from pmjoint_codegen.loops.metrics import REPORTED
 
@@ -115,12 +122,14 @@ def command(
     provided = provide(source, environment=os.environ, notify=_notify, lanes=True)
     tell_clock(asked, provided.manifest)
     request = make_request(provided.manifest, **asked)
+    runs = request.runs
+    tell_design(provided.manifest, runs.controller, runs.p, runs.sample_time)
     text = _text_of(source, file, request)
     ensure_folder(file.parent)
     costing = _costing(provided, request, threads or processors())
     found = _search(costing)
     comparison = compare(costing, found)
-    _write_model(text, file, comparison, str(source))
+    _write_model(text, file, comparison, str(source), request.own)
     files = [file]
     try:
         if not no_figure:
@@ -185,17 +194,24 @@ def _text_of(source: Path, file: Path, request: Request) -> str:
     from pmjoint_codegen.tune.rewrite import rewrite
 
     text = source.read_bytes().decode("utf-8-sig")
-    rewrite(text, file.stem, {name: 1.5 * request.own[name] for name in request.space.gains}, "", str(source))
+    rewrite(
+        text,
+        file.stem,
+        {name: 1.5 * request.own[name] for name in request.space.gains},
+        "",
+        str(source),
+        request.own,
+    )
     return text
 
 
-def _write_model(text: str, file: Path, comparison: Comparison, where: str) -> None:
+def _write_model(text: str, file: Path, comparison: Comparison, where: str, own: Mapping[str, float]) -> None:
     """Write the model with the gains found, after validating it; whole or not at all."""
     from pmjoint_codegen.modelfile.reader import parse_document
     from pmjoint_codegen.storage import write_bytes
     from pmjoint_codegen.tune.rewrite import rewrite
 
-    edited = rewrite(text, file.stem, comparison.found.gains, _note(comparison), where)
+    edited = rewrite(text, file.stem, comparison.found.gains, _note(comparison), where, own)
     found = parse_document(edited, str(file))
     try:
         from pmjoint_codegen.modelfile import model_of

@@ -117,6 +117,7 @@ def describe(
         start=start_of(derivation, words),
         blocks=_blocks(words),
         parameters=_parameters(derivation),
+        chosen=model.chosen,
         rules=rules_of(derivation),
         signals=tuple(_signal(derivation, symbol) for symbol in words.signals),
         partials=tuple(symbol.name for symbol in words.partials),

@@ -15,7 +15,7 @@ import sympy as sp
 from pmjoint_codegen.chain import LIMIT, LINKS
 from pmjoint_codegen.errors import ModelError
 from pmjoint_codegen.modelfile.bench import chain_names, chain_numbers
-from pmjoint_codegen.modelfile.design import gains_of
+from pmjoint_codegen.modelfile.design import chosen, gains_of
 from pmjoint_codegen.modelfile.expressions import parse
 from pmjoint_codegen.modelfile.joint import (
     check_columns,
@@ -64,6 +64,7 @@ def to_derive(spec: ModelSpec, where: str = "") -> Model:
             chain={key: known[name] for key, name in chain_names(spec).items() if key != LIMIT},
             **_reference(spec, known, where),
             gains=gains,
+            chosen=chosen(spec.design, gains),
             simulation=Simulation(
                 **spec.simulation.model_dump(exclude={"reference", "delay_samples", "jitter"})
             ),

@@ -22,6 +22,8 @@ from pmjoint_codegen.modelfile.tables import (
     Line,
     Numbers,
     ParameterSpec,
+    Poles,
+    PolesEntry,
     Positive,
     Range,
     Table,
@@ -63,14 +65,19 @@ class PlantSpec(Table):
 
 
 class DesignSpec(Table):
-    """``[design]``: gains, checked by `pmjoint_codegen.values`."""
+    """``[design]``: gains, checked by `pmjoint_codegen.values`; `gains_of` has those left out."""
 
-    c: Numbers = Field(description="a list of finite numbers greater than 0")
-    e: Numbers = Field(description="a list of finite numbers greater than 0")
-    ck: Numbers = Field(description="a list of finite numbers greater than 0")
-    k: Numbers = Field(description="a list of finite numbers")
+    c: Numbers | None = Field(default=None, description="a list of finite numbers greater than 0")
+    e: Numbers | None = Field(default=None, description="a list of finite numbers greater than 0")
+    ck: Numbers | None = Field(default=None, description="a list of finite numbers greater than 0")
+    k: Numbers | None = Field(default=None, description="a list of finite numbers")
     compensator: bool | None = Field(default=None, description="true or false")
     input_scale: InputScale = Field(default=1.0, description='a finite number greater than 0, or "auto"')
+    poles: PolesEntry = Field(
+        default=None,
+        description="a number p > 0 for poles at -p, or a list of such and of pairs [re, im], a pole a state",
+    )
+    bandwidth: Positive | None = Field(default=None, description="a finite number of 1/s greater than 0")
     saturation: Literal["compensator", "clip", "braking"] | None = Field(
         default=None, description='"compensator", "clip" or "braking"'
     )
@@ -178,6 +185,7 @@ def validate(document: Mapping[str, Any], where: str) -> ModelSpec:
             where=f"{where}: {'plant' if spec.plant else 'joint'}.range",
             remedy="allowed: [least y, greatest y]",
         )
+    _check_design(spec.design, where)
     _check_lengths(spec, where)
     _check_saturation(spec.design, spec.relative_degree, where)
     return spec
@@ -256,10 +264,40 @@ def _check_plant(plant: PlantSpec, where: str) -> None:
             raise _wrong_length(where, f"plant.Phi, entry {i}", len(row), f"{p} (as long as theta)")
 
 
+def _check_design(design: DesignSpec, where: str) -> None:
+    """Check that each list of gains is given once, or follows from another key."""
+    if design.k is not None and design.poles is not None:
+        raise ModelError(
+            "k and poles are both given", where=f"{where}: design.poles", remedy="give one of them"
+        )
+    if design.bandwidth is not None:
+        return
+    for kind in GAINS:
+        follows = kind.of_filters and design.poles is not None
+        if getattr(design, kind.name) is None and not follows:
+            instead = "poles or bandwidth" if kind.of_filters else "bandwidth"
+            allowed = DesignSpec.model_fields[kind.name].description
+            raise ModelError(
+                "is missing",
+                where=f"{where}: design.{kind.name}",
+                remedy=f"allowed: {allowed}; or give {instead}",
+            )
+
+
+def _check_poles(poles: Poles, n: int, where: str) -> None:
+    """Compare the number of poles with the order; a pair is two."""
+    if isinstance(poles, tuple):
+        count = sum(2 if isinstance(entry, tuple) else 1 for entry in poles)
+        if count != n:
+            raise _wrong_length(where, "design.poles", count, f"{n} (order of the plant; a pair is two)")
+
+
 def _check_lengths(spec: ModelSpec, where: str) -> None:
     """Compare gains and initial state with the order n and the relative degree rho."""
     design, n, rho = spec.design, spec.order, spec.relative_degree
-    lists = {f"design.{kind.name}": (kind, getattr(design, kind.name)) for kind in GAINS}
+    given = {kind: getattr(design, kind.name) for kind in GAINS}
+    lists = {f"design.{kind.name}": (kind, entries) for kind, entries in given.items() if entries is not None}
+    _check_poles(design.poles, n, where)
     of_order = {key: entries for key, (kind, entries) in lists.items() if kind.of_filters}
     if spec.joint is None:
         of_order["simulation.x0"] = spec.simulation.x0

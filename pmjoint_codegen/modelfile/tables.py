@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+import math
+from typing import Annotated, Any, TypeAlias
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 
@@ -19,12 +20,38 @@ def _printable(text: str) -> str:
     return text
 
 
+def _positive(value: object) -> float:
+    """Take a finite number greater than 0."""
+    if not isinstance(value, int | float) or isinstance(value, bool) or not 0 < value < math.inf:
+        raise ValueError
+    return float(value)
+
+
+def _scale(value: object) -> float | str:
+    """Take a positive number or ``auto``."""
+    return "auto" if value == "auto" else _positive(value)
+
+
+def _poles(value: object) -> Poles:
+    """Take one number, or a list of numbers and of pairs ``[re, im]``."""
+    if not isinstance(value, tuple):
+        return _positive(value)
+    return tuple(_pair(entry) if isinstance(entry, tuple) else _positive(entry) for entry in value)
+
+
+def _pair(value: tuple[object, ...]) -> tuple[float, float]:
+    re, im = value  # ValueError if it is not two
+    return _positive(re), _positive(im)
+
+
 Expression = Annotated[str, BeforeValidator(_as_text)]
 Expressions = tuple[Expression, ...]
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Numbers = tuple[Number, ...]
-InputScale = Annotated[Literal["auto"] | Positive, Field(union_mode="left_to_right")]
+Poles: TypeAlias = "float | tuple[float | tuple[float, float], ...]"
+PolesEntry = Annotated[Any, AfterValidator(_poles)]
+InputScale = Annotated[Any, AfterValidator(_scale)]
 Range = Annotated[tuple[Number, Number], Field(description="a list of two finite numbers, least y first")]
 Line = Annotated[str, Field(max_length=400), AfterValidator(_printable)]
 Unit = Annotated[str, Field(max_length=60), AfterValidator(_printable)]

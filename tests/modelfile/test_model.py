@@ -34,7 +34,7 @@ def test_gains_are_one_table(paper: dict[str, Any]) -> None:
     kinds = [kind.name for kind in GAINS]
     model = model_of(paper, "m.toml")
     signals = Signals.of(model.plant)
-    others = ["compensator", INPUT_SCALE, "saturation", "braking", "start"]
+    others = ["compensator", INPUT_SCALE, "poles", "bandwidth", "saturation", "braking", "start"]
     assert [*DesignSpec.model_fields] == [*kinds, *others]
     assert [*model.gains.by_kind] == [*signals.gains_by_kind] == kinds
     named = [name for kind in GAINS for name in kind.names(model.plant.order, model.plant.rho)]

@@ -218,6 +218,7 @@ def polynomial_manifest() -> Manifest:
         start=Start((Variable("x1", "", ""),), 1, ("x1",)),
         blocks={"x": (0, 1)},
         parameters=tuple(Parameter(name, 1.0, "", "", "plant") for name in names),
+        chosen=(),
         rules=(),
         signals=tuple(Variable(name, "", "") for name in ("y", "y_r", "e", "v", "u")),
         partials=(),

@@ -49,3 +49,21 @@ def test_a_comment_stays_behind_the_value_it_speaks_of() -> None:
 def test_what_cannot_be_edited_in_place_is_refused(text: str) -> None:
     with pytest.raises(ModelError, match="cannot be edited in place"):
         rewrite(text, "b", {"k1": 30.0}, "note", "a.toml")
+
+
+def test_lists_that_follow_from_other_keys_are_written_out() -> None:
+    text = """name = "m"
+[design]
+bandwidth = 10 # 1/s
+poles = [[3, 1], 2] # of A0
+c = [1, 2]
+"""
+    own = {"c1": 1.0, "c2": 2.0, "e1": 0.1, "e2": 0.02, "k0": 7.0, "k1": 8.0, "k2": 22.0, "k3": 20.0}
+    edited = rewrite(text, "m2", {"e2": 0.5, "k1": 9.0, "c1": 4.0}, "tuned", "m", own)
+    assert tomllib.loads(edited)["design"] == {
+        "bandwidth": 10,
+        "c": [4, 2],
+        "e": [0.1, 0.5],
+        "k": [9, 22, 20],
+    }
+    assert "k = [9, 22, 20] # was poles = [[3, 1], 2]: of A0" in edited
