@@ -145,7 +145,7 @@ def tell_design(manifest: Manifest, controller: str, p: Iterable[float], sample_
 
     lines = list(manifest.chosen)
     if controller == "sampled":
-        values = dict(zip(manifest.parameter_names, map(float, p), strict=True))
+        values = dict(zip(manifest.parameter_names, map(float, p), strict=False))
         lines.append(too_fast(manifest, values, sample_time) or "")
     for line in filter(None, lines):
         message(f"pmjoint: {line}")
