@@ -54,7 +54,7 @@ def compensator_equations(design: Design) -> list[Equation]:
             symbol=real_symbol(derivative_name(state)),
             expression=rate.xreplace({signals.du: signals.compensator * signals.du}),
             section=SECTION,
-            number="(23)",
+            number="" if signals.braking and i == 1 else "(23)",
             meaning="compensator state" if i < design.plant.rho else "compensator state, driven by du",
             unit=units.of(state) / SECOND,
         )

@@ -51,6 +51,12 @@ class Hold:
         return tuple(entry for matrix in (self.F0, self.G0, self.Fr, self.Gr) for entry in matrix)
 
 
+def _number(signals: Signals, state: sp.Symbol) -> str:
+    if state not in signals.r:
+        return "(14)"
+    return "" if signals.braking and state == signals.r[0] else "(23)"
+
+
 def _matrix(stem: str, size: int) -> sp.ImmutableMatrix:
     return sp.ImmutableMatrix(size, size, lambda i, j: real_symbol(f"{stem}_{i + 1}{j + 1}"))
 
@@ -83,7 +89,7 @@ def sampling_equations(design: Design, equations: Equations) -> list[Equation]:
             real_symbol(f"{state.name}_next"),
             update[state],
             SECTION,
-            "(23)" if state in signals.r else "(14)",
+            _number(signals, state),
             f"{state} one sample later",
             design.units.of(state),
         )

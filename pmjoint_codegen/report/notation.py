@@ -30,6 +30,7 @@ _WORDS = {
     "braking": r"\alpha_b",
     "braking_range": r"\ell",
     "braking_rate": "g(r_1)",
+    "braking_rate_start": "g(r_1(0))",
     "dbraking_rate_dr1": "g'(r_1)",
     "f_minus": "f_-",
     "f_plus": "f_+",
