@@ -15,8 +15,10 @@ from pmjoint_codegen import ClosedLoop
 from pmjoint_codegen.compile import library
 from pmjoint_codegen.compile.compiler import find_compiler
 from pmjoint_codegen.errors import ModelError, UsageError
+from pmjoint_codegen.identity import model_hash
 from pmjoint_codegen.loops.hold import hold_matrices
 from pmjoint_codegen.simulate.run import Run
+from pmjoint_codegen.simulate.sheets import output_panel
 
 pytest.importorskip("sympy")
 pytest.importorskip("casadi")
@@ -215,3 +217,18 @@ def test_kernels_of_an_expression_refuse_data(root: Path) -> None:
 
     with pytest.raises(UsageError, match="these kernels contain an expression of t"):
         make_settings(ClosedLoop.load("paper").manifest, reference=JUMPS)
+
+
+def test_the_hash_of_a_model_leaves_the_numbers_out() -> None:
+    one, other, text = (
+        model_hash({"simulation": {"reference": given}}) for given in (JUMPS, TABLE, "sin(t)")
+    )
+    assert one == other != text
+
+
+def test_the_unfiltered_command_is_drawn(loop: ClosedLoop) -> None:
+    panels = (output_panel(loop.simulate(horizon=0.5, reference=given)) for given in (SMOOTH, JUMPS))
+    assert [[line.column for line in panel.lines] for panel in panels] == [
+        ["y_cmd", "y_r", "y"],
+        ["y_r", "y"],
+    ]

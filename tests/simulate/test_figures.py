@@ -96,7 +96,7 @@ def test_the_papers_figures_have_the_papers_numbers(run: Run) -> None:
 def test_other_orders_have_a_figure_for_each_state(manifest: Manifest) -> None:
     run = SimpleNamespace(
         manifest=third_order(manifest),
-        settings=SimpleNamespace(parameters={"u_max": LIMIT}),
+        settings=SimpleNamespace(parameters={"u_max": LIMIT}, reference=None),
         switches=(),
         initial_mode=0,
         t=np.array([0.0, 1.0]),

@@ -171,13 +171,24 @@ static RARE int note_sample(const pmj_problem *problem, const pmj_memory *memory
     return 1;
 }
 
-/* Advance the sampled loop by at most `budget` samples; `progress->status` records whether and how it ended.
- * `memory->state` and `memory->sample` start as X(0).
+/* At a sample with which the reference's next segment begins: the sample there. */
+static RARE void enter(const pmj_problem *problem, pmj_progress *progress, const pmj_memory *memory, double t, double until,
+                       double *v, double *next)
+{
+    if (pmj_enter_segments(problem, progress, memory, until)) {
+        memory->window[1] = -1.0; /* the guard of e is known for the segment before */
+        pmj_sample(&t, memory->sample, problem->hold, problem->p, v, memory->w, memory->coefficients, next);
+        pmj_note_value(memory->coefficients[E], t, memory->peaks + PEAK_E, memory->peak_times + PEAK_E);
+    }
+}
+
+/* At most `budget` samples, up to one in which a segment of the reference begins: within a segment p is constant, and the
+ * compiler computes terms of p alone once. Gives their number.
  *
  ** The ordinary sample is handled here, on values that the compiler keeps in registers. If anything else may happen (a
  * switch, an output row, a second step, an end), `whole_sample` handles all of it, with the same arithmetic. */
-void pmj_sampled(const pmj_problem *problem, const pmj_kernels *plant, pmj_progress *progress, pmj_memory *memory,
-                 long long budget)
+static long long samples(const pmj_problem *problem, const pmj_kernels *plant, pmj_progress *progress, pmj_memory *memory,
+                         long long budget)
 {
     const double R = problem->hold_ratios[0] * problem->sample_time;
     const int whole = problem->sample_time <= problem->max_step;
@@ -187,6 +198,7 @@ void pmj_sampled(const pmj_problem *problem, const pmj_kernels *plant, pmj_progr
     double X[PMJ_NS];
     double p[PMJ_NP];
     double h[PMJ_NH];
+    const long long segment = progress->segment;
     ordinary now = ordinary_of(problem, progress);
     memcpy(X, memory->sample, sizeof X);
     memcpy(p, problem->p, sizeof p);
@@ -215,27 +227,28 @@ void pmj_sampled(const pmj_problem *problem, const pmj_kernels *plant, pmj_progr
         calm = calm && (!problem->notes_rate || steepest(c, period) <= memory->peaks[PEAK_RATE]);
         if (SELDOM(!(usual && calm))) {
             double kept[N_CONTROLLER];
-            if (pmj_enter_segments(problem, progress, memory, t + slack)) { /* then it is not usual */
-                memcpy(p, problem->p, sizeof p);
-                memory->window[1] = -1.0; /* the guard of e is known for the segment before */
-                pmj_sample(&t, X, h, p, &v, w, c, next);
-                pmj_note_value(c[E], t, memory->peaks + PEAK_E, memory->peak_times + PEAK_E);
-            }
+            double kept_v = v;
             memcpy(kept, next, sizeof kept);
             memcpy(memory->coefficients, c, sizeof c);
+            memcpy(memory->w, w, sizeof w);
+            if (now.row <= t + slack) { /* then it is not usual */
+                memcpy(memory->sample, X, sizeof X);
+                enter(problem, progress, memory, t, t + slack, &kept_v, kept);
+            }
             if (!usual || !note_sample(problem, memory, t, end, v, kept)) {
                 memcpy(memory->sample, X, sizeof X);
                 memcpy(memory->state, X, sizeof X);
-                memcpy(memory->w, w, sizeof w);
                 if (progress->sample == 0) {
                     note_start(problem, progress, memory, memory->coefficients);
                 }
                 progress->t = t;
-                whole_sample(problem, plant, progress, memory, t, v, kept);
+                whole_sample(problem, plant, progress, memory, t, kept_v, kept);
                 memcpy(X, memory->sample, sizeof X);
                 memcpy(window, memory->window, sizeof window);
-                memcpy(p, problem->p, sizeof p);
                 now = ordinary_of(problem, progress);
+                if (progress->segment != segment) {
+                    return i + 1;
+                }
                 continue;
             }
         }
@@ -258,4 +271,15 @@ void pmj_sampled(const pmj_problem *problem, const pmj_kernels *plant, pmj_progr
         progress->sample += 1;
     }
     memcpy(memory->sample, X, sizeof X);
+    return budget;
+}
+
+/* Advance the sampled loop by at most `budget` samples; `progress->status` records whether and how it ended.
+ * `memory->state` and `memory->sample` start as X(0). */
+void pmj_sampled(const pmj_problem *problem, const pmj_kernels *plant, pmj_progress *progress, pmj_memory *memory,
+                 long long budget)
+{
+    while (budget > 0 && progress->status == PMJ_RUNNING) {
+        budget -= samples(problem, plant, progress, memory, budget);
+    }
 }
