@@ -35,6 +35,7 @@ class Link:
 
 
 SAMPLE_TIME: Final = "sample_time"  # the clock's own key, which a sweep may vary too
+MOST_WAITING: Final = 1_000_000  # commands that may wait for a delay: each takes memory
 LIMIT, LOWER, UPPER, DEAD_ZONE, LAG = "limit", "lower", "upper", "dead_zone", "lag"
 LINKS: Final = (
     Link(LIMIT, "actuator", "u", "positive", "actuator limit", clocked=False),

@@ -192,7 +192,7 @@ def _name_limits(axes: Axes, run: Record, until: float) -> None:
     text: dict[str, Any] = {"ha": "center", "va": "bottom", "fontsize": 8, "color": GREY}
     for start, stop, mode in saturated_intervals(run):
         if stop - start > 0.08 * until:
-            axes.text((start + stop) / 2, 1.02, limit_name(mode), transform=above, **text)
+            axes.text((start + stop) / 2, 1.02, limit_name(run, mode), transform=above, **text)
 
 
 def _legend(axes: Axes, panel: Panel) -> None:

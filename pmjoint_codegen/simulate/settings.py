@@ -10,7 +10,7 @@ from typing import Any, Final, Literal, TypedDict, Unpack
 
 import numpy as np
 
-from pmjoint_codegen.chain import clocked
+from pmjoint_codegen.chain import MOST_WAITING, clocked
 from pmjoint_codegen.errors import UsageError, did_you_mean, quoted
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
@@ -155,7 +155,7 @@ def make_settings(
     period = simulation.sample_time if sample_time is None else _positive("sample time", sample_time, "s")
     if controller == "sampled":  # without a second sample, a sampled controller shows nothing
         _at_most("sample time", period, length, "the horizon")
-        _check_jitter(manifest, values, period)
+        _check_clock(manifest, values, period)
     initial = own.x0 if own and x0 is None else _initial(manifest, x0)
     start = simulation.start if asked.get("start") is None else _start(asked["start"])
     tolerance = _tolerance(asked.get("tolerance", DEFAULT_TOLERANCE))
@@ -355,8 +355,8 @@ def left_out(manifest: Manifest, controller: str) -> tuple[str, ...]:
     return clocked(manifest.chain) if controller == "continuous" else ()
 
 
-def _check_jitter(manifest: Manifest, values: Mapping[str, float], period: float) -> None:
-    """Samples stay in order only if none is later than the next."""
+def _check_clock(manifest: Manifest, values: Mapping[str, float], period: float) -> None:
+    """Samples stay in order only if none is later than the next; commands that wait are kept in memory."""
     name = manifest.chain.get("jitter")
     if name is not None and values[name] >= period:
         raise UsageError(
@@ -364,6 +364,14 @@ def _check_jitter(manifest: Manifest, values: Mapping[str, float], period: float
             where=name,
             remedy="allowed: less than the sample time",
         )
+    for key, unit in (("delay", period), ("delay_samples", 1.0)):
+        name = manifest.chain.get(key)
+        if name is not None and values[name] > MOST_WAITING * unit:
+            raise UsageError(
+                f"is {values[name]:g}, more than {MOST_WAITING} samples",
+                where=name,
+                remedy=f"allowed: at most {MOST_WAITING * unit:g}",
+            )
 
 
 def _controller(name: str) -> Controller:

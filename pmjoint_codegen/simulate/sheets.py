@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 PASCALS_IN_BAR = 1e5
 _COLOURS = (BLACK, BLUE, RED, GREY)
+_BOUNDS = {-1: "lower limit", 1: "upper limit"}
 _LIMITS = {-1: "$-u_{\\max}$", 1: "$u_{\\max}$"}
 
 
@@ -150,9 +151,9 @@ def transient_window(run: Record) -> float | None:
     return window if 0.0 < window < 0.3 * float(run.t[-1]) else None
 
 
-def limit_name(mode: int) -> str:
+def limit_name(run: Record, mode: int) -> str:
     """Name the limit of a saturated mode."""
-    return _LIMITS[mode]
+    return _LIMITS[mode] if len(run.manifest.limit_parameters) == 1 else _BOUNDS[mode]
 
 
 def unit_text(manifest: Manifest, name: str) -> str:
@@ -279,7 +280,9 @@ def _saturation_text(run: Record) -> str:
     intervals = saturated_intervals(run)
     if not intervals or len(intervals) > 4:
         return "."
-    spans = ", ".join(f"at {_LIMITS[mode]} for {start:.4g}$-${stop:.4g} s" for start, stop, mode in intervals)
+    spans = ", ".join(
+        f"at {limit_name(run, mode)} for {start:.4g}$-${stop:.4g} s" for start, stop, mode in intervals
+    )
     return f", {spans}."
 
 

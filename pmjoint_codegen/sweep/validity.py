@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from pmjoint_codegen.chain import MOST_WAITING
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.sweep.request import Request
@@ -51,13 +52,18 @@ def valid_rows(manifest: Manifest, p: Array, x0: Array) -> Mask:
 
 
 def valid_periods(manifest: Manifest, request: Request, p: Array, periods: Array) -> Mask:
-    """Which runs have a clock that a run may have: no longer than the horizon, and longer than its jitter."""
+    """Which runs have a clock that a run may have: see `make_settings` for the rules."""
     if not request.sample_time:
         return np.ones(len(p), dtype=bool)
     good: Mask = np.isfinite(periods) & (periods > 0) & (periods <= request.horizon)
-    if "jitter" in manifest.chain:
-        good &= p[:, manifest.parameter_names.index(manifest.chain["jitter"])] < periods
-    return good
+
+    def column(key: str) -> Array:
+        name = manifest.chain.get(key)
+        return np.zeros(len(p)) if name is None else p[:, manifest.parameter_names.index(name)]
+
+    good &= ("jitter" not in manifest.chain) | (column("jitter") < periods)
+    good &= column("delay") <= MOST_WAITING * periods
+    return good & (column("delay_samples") <= MOST_WAITING)
 
 
 def _hurwitz(k: Array, among: Mask) -> Mask:

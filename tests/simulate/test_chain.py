@@ -325,6 +325,8 @@ def test_the_continuous_controller_leaves_out_what_needs_a_clock_and_says_so(
         ({"upper": -4.0}, "upper: no room is left for u: upper - lower = -1; allowed: lower below upper"),
         ({"lower": 1.0}, "lower: a dead zone lies around 0: -lower = -1"),
         ({"jitter": 0.005}, "jitter: is 0.005 s, and the sample time 0.005 s"),
+        ({"delay": 6000.0}, "delay: is 6000, more than 1000000 samples; allowed: at most 5000"),
+        ({"delay_samples": 2e6}, "delay_samples: is 2e+06, more than 1000000 samples"),
     ],
 )
 def test_a_bad_value_is_one_line(

@@ -210,7 +210,7 @@ def test_a_run_that_failed_is_drawn_as_far_as_it_went(run: Run, rows: int) -> No
 
 def test_the_actuators_limit_is_marked_and_v_is_clipped_beside_its_transient(run: Run) -> None:
     sheet = sheets(run)[4]
-    assert sheet.panels[0].levels == (LIMIT,)
+    assert sheet.panels[0].levels == (-LIMIT, LIMIT)
     figure = draw(run, sheet)
     assert figure.axes[1].get_ylim() == (-1.35 * LIMIT, 1.35 * LIMIT)
     assert "0.055 s" in sheet.caption
