@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 import numpy.typing as npt
@@ -43,7 +42,7 @@ class Holds:
     def of(cls, memory: Memory, state: Progress) -> Holds:
         """Copy what a run has recorded: its memory may serve the next."""
         if not state.holds:
-            return _none()
+            return cls(np.empty(0), np.empty(0), np.empty(0, dtype=np.int64))
         times = np.append(memory.hold_times[: state.holds], state.t)
         count = len(times) // 2
         kinks = memory.hold_kinks[: state.holds : 2].copy()
@@ -61,9 +60,3 @@ class Holds:
     def intervals(self) -> tuple[tuple[float, float], ...]:
         """(from, to) of each, s."""
         return tuple(zip(self.begins.tolist(), self.ends.tolist(), strict=True))
-
-
-@cache
-def _none() -> Holds:
-    """No kink has held the plant."""
-    return Holds(np.empty(0), np.empty(0), np.empty(0, dtype=np.int64))

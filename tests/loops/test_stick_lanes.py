@@ -29,11 +29,11 @@ STARTS = [(0.0, 0.0), (0.3, -0.4), (0.0, 1.5), (-0.5, 0.0), (0.1, 0.0), (0.7, 0.
 PERIODS = [0.0, 0.01]
 
 
-def lanes(cache: Path, level: str = "") -> BatchLibrary:
+def lanes(cache: Path, level: str = "", force: tuple[str, str] = FORCE) -> BatchLibrary:
     provided = provide(
         "paper",
         reference=REFERENCE,
-        disturbance=FORCE,
+        disturbance=force,
         environment=os.environ,
         notify=lambda line: None,
         lanes=True,
@@ -105,3 +105,15 @@ def test_every_vector_width_gives_the_same_bits(cache: Path, period: float) -> N
         for lib in (lanes(cache, level.name) for level in usable_levels({}))
     )
     assert all(same(first, other) for other in others)
+
+
+@pytest.mark.parametrize("period", PERIODS)
+def test_more_friction_at_rest_holds_a_start_at_rest(cache: Path, period: float) -> None:
+    """A force of 0.4 between 0.2 in motion and 0.5 at rest; without input nothing else acts."""
+    one = lanes(cache, force=("0", "0.4 - (0.2 + 0.3*(1 - sign(x2)**2))*sign(x2)"))
+    runs = runs_of(one, [(0.1, 0.0), (0.1, 1e-3)], period)
+    names = list(one.manifest.parameter_names)
+    runs.p[:, names.index("b0_plant")], runs.p[:, names.index("d1_plant")] = 1e-12, 0.0
+    rests, slides = one.simulate(runs).trajectories[:, :, :2]
+    assert np.all(rests == [0.1, 0.0])
+    assert slides[-1, 1] == pytest.approx(1e-3 + 0.2 * 3.0, abs=1e-7)

@@ -186,3 +186,17 @@ def test_both_evaluators_do_the_same(force: str, controller: dict[str, Any]) -> 
 def test_a_model_that_cannot_stick_says_nothing_of_it() -> None:
     run = load("0").simulate(horizon=0.1)
     assert "stuck_s" not in run.summary and run.sticks == ()
+
+
+@pytest.mark.parametrize("force", [0.4, -0.4])
+def test_a_force_between_both_frictions_does_not_start_a_mass_at_rest(
+    force: float, evaluator: str, controller: dict[str, Any]
+) -> None:
+    """More than friction in motion, less than at rest: from a start at rest nothing moves."""
+    run = free(load(f"{force} {AT_REST}", evaluator), 0.0, [0.1, 0.0], 1.0, controller)
+    assert run.sticks == ((0.0, 1.0),)
+    assert np.all(run["x1"] == 0.1) and np.all(run["x2"] == 0.0)
+    pushed = free(
+        load(f"{force} {AT_REST}", evaluator), 0.0, [0.1, math.copysign(1e-3, force)], 1.0, controller
+    )
+    assert pushed.sticks == () and abs(pushed["x2"][-1]) == pytest.approx(0.201, abs=1e-9)
