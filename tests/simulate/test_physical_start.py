@@ -29,7 +29,7 @@ def test_the_start_speed_is_the_one_given(evaluator: str, J_plant: float) -> Non
 @pytest.mark.parametrize("controller", ["continuous", "sampled"])
 def test_theta_dot_is_the_rate_of_theta(model: str, controller: str) -> None:
     """Central differences, in a plant that the controller does not know: theta_dot has no other source."""
-    loop, step = ClosedLoop.load(model), 1e-4
+    loop, step = ClosedLoop.load(model), 5e-5
     run = loop.simulate(
         horizon=0.2,
         output_step=step,
