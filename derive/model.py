@@ -366,7 +366,7 @@ class Model:
     def least_limit(self) -> sp.Expr:
         """The least |u| of the actuator's two limits."""
         u = self.actuator[0]
-        return u.upper if u.upper == -u.lower else sp.Min(sp.Abs(u.lower), sp.Abs(u.upper))
+        return u.upper if u.upper == -u.lower else sp.Min(-u.lower, u.upper)
 
     @property
     def limits(self) -> tuple[sp.Expr, sp.Expr]:

@@ -183,9 +183,11 @@ def _replaced(item: Any, known: Mapping[sp.Symbol, sp.Expr]) -> Any:
 
 
 def derived_text(context: Context, *names: str) -> tuple[str, ...]:
-    """Equations of the derivation as text."""
-    equations = context.derivation.equations
-    return tuple(f"{name} = {text_expression(equations[name].expression)}" for name in names)
+    """Equations of the derivation as text, without the input scale, which the paper does not have."""
+    equations, unscaled = context.derivation.equations, {context.signals.input_scale: sp.Integer(1)}
+    return tuple(
+        f"{name} = {text_expression(equations[name].expression.xreplace(unscaled))}" for name in names
+    )
 
 
 def undefined(context: Context, name: str, shown: str) -> tuple[Evidence, ...]:

@@ -227,6 +227,11 @@ def rules_of(derivation: Derivation) -> tuple[Rule, ...]:
     ]
     braking = (symbol.name for symbol in derivation.signals.braking)
     found += [Rule(name, "positive", (name,), "", "a number greater than 0") for name in braking]
+    if derivation.signals.braking and LOWER in model.chain:
+        lower, upper = (item.name for item in model.limits)
+        what, allowed = "braking needs room to both sides of 0", f"{lower} below 0, {upper} above 0"
+        found += [Rule(lower, "positive", (f"-{lower}",), what, allowed)]
+        found += [Rule(upper, "positive", (upper,), what, allowed)]
     found += _chain_rules(model, own)
     found += _reference_rule(model, derivation.plant.rho)
     constants = {item.symbol: item.expression for item in model.constants}

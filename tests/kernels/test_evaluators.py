@@ -64,7 +64,7 @@ def test_one_point_and_rows_and_broadcasting_agree(kind: str, request: pytest.Fi
     evaluator: Evaluator = request.getfixturevalue(kind)
     draw = np.random.default_rng(3)
     y, s = draw.normal(size=(4, 1, 1)), draw.normal(size=(5, 8))
-    y_r, p = draw.normal(size=3), draw.uniform(1.0, 2.0, size=14)
+    y_r, p = draw.normal(size=3), draw.uniform(1.0, 2.0, size=15)
     z, alpha, v = evaluator.call("law", y, s, y_r, p)
     assert (z.shape, alpha.shape, v.shape) == ((4, 5, 2), (4, 5, 1), (4, 5, 1))
     point = evaluator.kernel("law")
@@ -128,7 +128,7 @@ def test_a_prepared_kernel_that_fails_says_so(fast: compiled.CompiledEvaluator) 
 def test_results_of_two_calls_do_not_share_memory(kind: str, request: pytest.FixtureRequest) -> None:
     evaluator: Evaluator = request.getfixturevalue(kind)
     point = evaluator.kernel("filter_matrix")
-    p = np.ones(14)
+    p = np.ones(15)
     (first,) = point(p)
     kept = first.copy()
     point(p * 5.0)
@@ -141,9 +141,9 @@ def test_results_of_two_calls_do_not_share_memory(kind: str, request: pytest.Fix
     [
         ("lew", [], "law"),
         ("reference", [(1,)], "2 arguments"),
-        ("reference", [(1,), (11,)], "(..., 14)"),
-        ("reference", [(), (14,)], "(..., 1)"),
-        ("reference", [(3, 1), (4, 14)], "broadcast"),
+        ("reference", [(1,), (11,)], "(..., 15)"),
+        ("reference", [(), (15,)], "(..., 1)"),
+        ("reference", [(3, 1), (4, 15)], "broadcast"),
     ],
 )
 def test_misuse_is_refused(

@@ -175,7 +175,7 @@ class Loop:
             rows = (t >= time) & (t <= reached)
             if output is not None and np.any(rows):
                 states[rows] = output(np.ascontiguousarray(t[rows]))
-            arrived = reached == ends[0] and np.all(np.isfinite(solver.state))
+            arrived = reached >= ends[0] and np.all(np.isfinite(solver.state))
             if not arrived and crossings.rest is None:
                 break
             if output is not None:
