@@ -6,7 +6,6 @@ the order of the kernels' input and output vectors.
 
 from __future__ import annotations
 
-import ast
 import json
 from collections.abc import Mapping
 from contextlib import suppress
@@ -15,34 +14,18 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
-
 from pmjoint_codegen.chain import LOWER, UPPER
 from pmjoint_codegen.errors import OtherVersionError, StaleError
+from pmjoint_codegen.initial import Start, Variable
 from pmjoint_codegen.reference.command import Command
 from pmjoint_codegen.storage import sha256
-from pmjoint_codegen.values import OWN_SUFFIX, SI, Numbers, Rule, evaluate, from_si
+from pmjoint_codegen.values import OWN_SUFFIX, SI, Rule, from_si
 
 FILE_NAME: Final = "model.json"
 LANES: Final = "lanes.c"
 SCHEMA: Final = 3
 SEGMENT: Final = "reference"  # kind of the parameters of a reference's present segment, at the end of p
 _REMEDY: Final = "run pmjoint regenerate"
-
-
-@dataclass(frozen=True)
-class Variable:
-    """A state or reported signal.
-
-    Attributes:
-        name: column name.
-        unit: physical unit.
-        about: one line for the reader.
-    """
-
-    name: str
-    unit: str
-    about: str
 
 
 @dataclass(frozen=True)
@@ -136,45 +119,6 @@ class Simulation:
     def reference_text(self) -> str:
         """The reference in one line."""
         return self.reference if self.command is None else self.command.text
-
-
-@dataclass(frozen=True)
-class Start:
-    """The initial values of a run, and the plant's states there.
-
-    Attributes:
-        variables: the states in x0, in order: those of the plant or, for a joint, the physical ones.
-        required: how many of them must be given; the others start at 0.
-        terms: the plant's states, each an expression of the variables and of parameters, in Python's
-            notation. They use the plant's own parameters, so x0 means the same for all of their values.
-    """
-
-    variables: tuple[Variable, ...]
-    required: int
-    terms: tuple[str, ...]
-
-    @cached_property
-    def names(self) -> tuple[str, ...]:
-        """Names of the variables, in order."""
-        return tuple(item.name for item in self.variables)
-
-    @cached_property
-    def _trees(self) -> tuple[ast.expr, ...]:
-        return tuple(ast.parse(term, mode="eval").body for term in self.terms)
-
-    def states(self, x0: Numbers, parameters: Mapping[str, Numbers]) -> Numbers:
-        """The plant's states at t = 0, shape (runs, nx).
-
-        Args:
-            x0: of the variables, shape (runs, nx), in the units of `variables`.
-            parameters: name -> values, shape (runs,).
-        """
-        if self.terms == self.names:
-            return x0
-        columns = {**parameters, **dict(zip(self.names, x0.T, strict=True))}
-        with np.errstate(all="ignore"):  # the caller refuses or marks non-finite values
-            found = (np.asarray(evaluate(tree, columns), dtype=np.float64) for tree in self._trees)
-            return np.column_stack([np.broadcast_to(values, len(x0)) for values in found])
 
 
 @dataclass(frozen=True)

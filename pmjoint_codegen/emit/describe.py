@@ -15,6 +15,7 @@ from pmjoint_codegen.chain import DEAD_ZONE, LINKS, LOWER
 from pmjoint_codegen.emit.table import Kernel, Made, kernel_table, loop_rows
 from pmjoint_codegen.emit.vocabulary import Vocabulary, vocabulary
 from pmjoint_codegen.identity import Document, model_hash
+from pmjoint_codegen.initial import Start, Variable
 from pmjoint_codegen.manifest import (
     SEGMENT,
     Function,
@@ -22,8 +23,6 @@ from pmjoint_codegen.manifest import (
     Manifest,
     Parameter,
     Simulation,
-    Start,
-    Variable,
 )
 from pmjoint_codegen.reference.command import DATA
 from pmjoint_codegen.report.notation import plain_text

@@ -11,9 +11,10 @@ import numpy.typing as npt
 import pytest
 
 from pmjoint_codegen.compile.compiler import find_compiler
+from pmjoint_codegen.initial import Start, Variable
 from pmjoint_codegen.kernels import compiled, interpreted
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator, Kernel, Kind
-from pmjoint_codegen.manifest import Function, GuardRule, Manifest, Parameter, Simulation, Start, Variable
+from pmjoint_codegen.manifest import Function, GuardRule, Manifest, Parameter, Simulation
 
 ORDER = 8
 KERNELS_H = """

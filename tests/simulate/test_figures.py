@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 from pmjoint_codegen import ClosedLoop
+from pmjoint_codegen.initial import Variable
 from pmjoint_codegen.loops.status import Status
-from pmjoint_codegen.manifest import Manifest, Variable
+from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.assumptions import changes, sentence
 from pmjoint_codegen.simulate.figures import STYLE, draw, overview, write_figures
 from pmjoint_codegen.simulate.run import Run
