@@ -63,16 +63,20 @@ class _Start:
         s = self._design.signals
         for state, value in filter_starts(self._design).items():
             self._values[state] = self._name(state, value, f"matched start of {state}")
-        for z, r in zip(s.z, s.r, strict=True):
+        for z, r in zip(s.z, s.r, strict=False):
             meaning = f"matched start of {r}: {z} = 0 there; 0 without compensator"
             self._values[r] = self._name(r, self._solved(z, r), meaning)
             self._values[z] = sp.Integer(0)
+        for r in s.r[len(s.z) :]:  # of a design with fewer errors
+            self._values[r] = self._name(r, sp.Integer(0), f"matched start of {r}")
         return self._named
 
     def _solved(self, z: sp.Symbol, r: sp.Symbol) -> sp.Expr:
         """The value of r at which an error vanishes; the error is linear in it."""
         error = self._law[z.name].expression
         slope = sp.diff(error, r)
+        if slope == 0:  # of a design whose error does not hold it
+            return sp.Integer(0)
         rest = self._at_start(error.xreplace({r: sp.Integer(0)}))
         return multiplied_out(-rest / slope, (self._design.signals.y,))
 

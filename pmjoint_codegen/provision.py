@@ -31,7 +31,14 @@ from pmjoint_codegen.storage import drop_link, replace_folder, sha256_file
 from pmjoint_codegen.values import BRAKING, CLIP, COMPENSATOR, SATURATIONS
 from pmjoint_codegen.workspace import cache_dir, called, find_model, generated_root
 
-SHAPING: Final = ("modelfile", "emit", "report", "kernels", "loops")  # folders of what `generate` imports
+SHAPING: Final = (
+    "modelfile",
+    "emit",
+    "report",
+    "kernels",
+    "loops",
+    "reference",
+)  # folders of what `generate` imports
 
 Notify = Callable[[str], None]
 Stage = Callable[[str, float], None]  # name, part done

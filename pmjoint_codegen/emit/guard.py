@@ -64,6 +64,9 @@ def guard_function(name: str, function: ca.Function, *, time: str = "t", state: 
 
 
 def _operation(operation: Operation, operands: list[Ball]) -> Ball:
+    constant = all(operand.constant for operand in operands)
+    if operation.ball is None and constant:  # such as the lesser of two limits
+        return fixed(operation.of(ca)(*(operand.centre for operand in operands)))
     if operation.ball is None:
         raise ModelError(
             what=f"operation {operation.name} of the right-hand side has no bound on a disc",
@@ -71,7 +74,7 @@ def _operation(operation: Operation, operands: list[Ball]) -> Ball:
             remedy=f"{remedy()}: they are analytic",
         )
     result: Ball = operation.ball(balls)(*operands)
-    return fixed(result.centre) if all(operand.constant for operand in operands) else result
+    return fixed(result.centre) if constant else result
 
 
 def bent(guard: ca.Function) -> tuple[list[int], list[int]]:

@@ -21,6 +21,7 @@ import casadi as ca
 
 from pmjoint_codegen.emit.affine import Factor
 from pmjoint_codegen.emit.terms import Term, number, total
+from pmjoint_codegen.operations import by_name
 
 
 class Kind(Enum):
@@ -69,7 +70,10 @@ class Node:
         return self.series[k] if k < len(self.series) else number(0.0)
 
     def begin(self) -> None:
-        """Compute coefficient 0."""
+        """Compute coefficient 0; a constant such as the lesser of two limits has no other."""
+        if self.recurrence is None and self.operands:
+            value = by_name()[self.operation].of(ca)(*(operand[0].value for operand in self.operands))
+            self.series.append(Term(value))
         if self.recurrence is not None:
             self.series.append(self.recurrence.start(self))
             if self.recurrence.companion_start is not None:

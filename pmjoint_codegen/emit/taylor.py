@@ -79,7 +79,8 @@ def build_graph(tape: Tape, leaves: Mapping[tuple[int, int], Node]) -> Graph:
 
 
 def _operation(operation: Operation, operands: list[Node]) -> Node:
-    if operation.recurrence is None:
+    constant = all(node.constant for node in operands)
+    if operation.recurrence is None and not constant:
         raise ModelError(
             what=f"operation {operation.name} of the right-hand side has no Taylor recurrence",
             where="continuous integrator",
@@ -89,9 +90,9 @@ def _operation(operation: Operation, operands: list[Node]) -> Node:
     if operation.name == "pow":
         operands, exponent = operands[:1], float(operands[1][0].value)
     node = Node(
-        operation.recurrence(recurrences),
+        operation.recurrence and operation.recurrence(recurrences),
         tuple(operands),
-        constant=all(node.constant for node in operands),
+        constant=constant,
         exponent=exponent,
         operation=operation.name,
     )

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from typing import TYPE_CHECKING, Annotated
 
 from pydantic import BeforeValidator, Field
@@ -126,10 +128,10 @@ def _check_limits(keys: set[str], where: str) -> None:
 
 
 def _number(text: str) -> float | None:
-    try:
-        return float(text)
-    except ValueError:
-        return None
+    with suppress(ValueError):
+        number = float(text)
+        return number if math.isfinite(number) else None  # inf and nan are no parameter's name either
+    return None
 
 
 def _unit(pattern: str, units: Mapping[str, str]) -> str:

@@ -63,7 +63,13 @@ def gains_of(
         assert design.c and design.e and design.ck and k  # `validate` demands them
         return Gains(design.c, design.e, design.ck, k, input_scale=scale, **others)
     point = _point(physics, parameters)
-    b_m = _leading(plant, point, design, where)
+    b_m = _size(plant, point)
+    if not b_m and spec.joint is not None:  # the checks of a joint name the constant at fault
+        ones = (1.0,) * plant.rho
+        given = (design.c or ones, design.e or ones, design.ck or ones, k or polynomial(1.0, plant.order))
+        return Gains(*given, **others)
+    if not b_m:
+        raise _unscaled(design, where)
     if design.input_scale == "auto":
         scale = b_m
     w = design.bandwidth
@@ -158,17 +164,18 @@ def _point(physics: Mapping[str, Any], parameters: tuple[Parameter, ...]) -> dic
     return point
 
 
-def _leading(plant: Plant, point: Point, design: DesignSpec, where: str) -> float:
-    """|b_m| at the file's values."""
+def _size(plant: Plant, point: Point) -> float:
+    """|b_m| at the file's values; 0 where it is not finite, too."""
     try:
-        size = abs(value_at(plant.b[0], point))
+        return abs(value_at(plant.b[0], point))
     except (NotFiniteError, KeyError):
-        size = 0.0
-    if size == 0:
-        key = "input_scale" if design.input_scale == "auto" else "bandwidth"
-        raise ModelError(
-            "b_m is 0 or not finite at the given parameters, so it follows from nothing",
-            where=f"{where}: design.{key}",
-            remedy="allowed: parameters for which b_m is a number other than 0",
-        )
-    return size
+        return 0.0
+
+
+def _unscaled(design: DesignSpec, where: str) -> ModelError:
+    key = "input_scale" if design.input_scale == "auto" else "bandwidth"
+    return ModelError(
+        "b_m is 0 or not finite at the given parameters, so it follows from nothing",
+        where=f"{where}: design.{key}",
+        remedy="allowed: parameters for which b_m is a number other than 0",
+    )

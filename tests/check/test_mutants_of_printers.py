@@ -204,6 +204,14 @@ def test_every_fault_of_the_printer_of_lanes_is_caught(
         tally("lanes", what, library.judge(i))
 
 
+def of_a_positive(line: str, lines: list[str]) -> bool:
+    """Whether a line takes the magnitude of the inverse of a square, whose sign says nothing."""
+    found = re.search(r"pmj_max\((a\d+), -\1\)", line)
+    inverse = found and re.search(rf"pmj_lanes {found[1]} = 1\.0 / (a\d+);", "\n".join(lines))
+    square = inverse and re.search(rf"pmj_lanes {inverse[1]} = (\S+) \* \1;", "\n".join(lines))
+    return bool(square)
+
+
 @pytest.mark.parametrize(
     "name",
     [
@@ -227,7 +235,7 @@ def test_changes_of_the_functions_over_lanes_are_caught(
     mutants = [
         (f"{name}: {what.strip()}", [*lines[:place], wrong, *lines[place + 1 :]])
         for place, line in enumerate(lines)
-        if " = " in line
+        if " = " in line and not of_a_positive(line, lines)
         for what, wrong in (*changed(line), *moved(line))
     ][:: max(len(lines) // (400 if "guard" in name else 40), 1)]
     texts = [

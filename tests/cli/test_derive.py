@@ -19,9 +19,9 @@ def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_law_is_printed_in_named_steps(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["derive", "paper"]) == 0
     out = capsys.readouterr().out
-    law = out[out.index("v = (") : out.index("# Certificate")].splitlines()
+    law = out[out.index("v = (") :].split("\n\n")[0].splitlines()
     assert "    - c2*z2" in law
-    assert "    - dalpha1_dy**2*e2*z2" in law
+    assert "    - dalpha1_dy**2*e2*input_scale**2*z2" in law
     assert max(len(line) for line in law) < 60
     assert "z1 = y - r1 - y_r" in out
     assert "dalpha1_dy = -(c1 + e1)/b0" in out

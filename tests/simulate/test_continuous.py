@@ -19,6 +19,7 @@ from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.simulate import run as run_module
 from pmjoint_codegen.simulate.run import Run, run
 from pmjoint_codegen.simulate.settings import Settings
+from pmjoint_codegen.simulate.summary import saturated_time
 
 from .conftest import PolynomialEvaluator, polynomial_manifest
 
@@ -174,9 +175,9 @@ def test_integral_of_e_squared_and_peaks_come_from_the_dense_output(polynomial_m
 
 def test_saturated_time_adds_up(polynomial_model: Evaluator) -> None:
     found = simulate(polynomial_model, [-4.0, 8.0])
-    assert found.summary["saturated_s"] == pytest.approx(0.5, abs=1e-13)
-    assert found.summary["initial_mode"] == -1
-    assert found.summary["saturation_switches"] == [[pytest.approx(0.25), 0], [pytest.approx(0.75), 1]]
+    assert saturated_time(found) == pytest.approx(0.5, abs=1e-13)
+    assert found.initial_mode == -1
+    assert [*map(list, found.switches)] == [[pytest.approx(0.25), 0], [pytest.approx(0.75), 1]]
 
 
 def test_a_run_with_more_switches_than_there_was_room_for_begins_again(

@@ -77,8 +77,11 @@ def test_a_run_is_the_same_in_any_chunk(root: Path, cache: Path, asked: dict[str
 
 
 def test_new_numbers_derive_and_compile_nothing(
-    root: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
+    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    cache = tmp_path / "cache"  # of this test alone
+    cache.mkdir(mode=0o700)
+    monkeypatch.setenv("PMJOINT_CACHE", str(cache))
     first = swept(provided(root, JUMPS), slice(None))
 
     def refuse(*_: object, **__: object) -> None:

@@ -37,5 +37,9 @@ class Expressions:
         return a ** float(exponent)
 
     def apply(self, function: str, *arguments: Any) -> Any:
-        """A named function."""
+        """A named function; of two constants, the lesser or the greater by their distance."""
+        if function in ("Min", "Max"):
+            a, b = arguments
+            distance = self._heyoka.sqrt((a - b) * (a - b))
+            return 0.5 * (a + b - distance if function == "Min" else a + b + distance)
         return getattr(self._heyoka, function)(*arguments)

@@ -106,6 +106,8 @@ class PowerSeries:
 
         On a kink, which has none, ``abs`` is flat, as in the kernels.
         """
+        if function in ("Min", "Max") and all(len(argument) == 1 for argument in arguments):
+            return [self.numbers.apply(function, *(argument[0] for argument in arguments))]
         (a,) = arguments
         if function in ("Abs", "sign"):
             slope = self.numbers.apply("sign", a[0])
