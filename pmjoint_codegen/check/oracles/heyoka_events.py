@@ -118,7 +118,7 @@ class Crossings:
             except UntrustedError as error:
                 self.ended = error
                 return False
-            given[len(given) - 1 - kinks.count : len(given) - 1] = sides
+            given[kinks.sides] = sides
             return self._go_on(solver, given)
 
         return flipped

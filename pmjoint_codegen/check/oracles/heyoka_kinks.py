@@ -42,10 +42,17 @@ class Kinks:
     Attributes:
         count: number of kinks, k.
         moving: for each, whether its argument can change within a run.
+        sides: their places among the parameters.
     """
 
     def __init__(
-        self, heyoka: Any, arguments: Sequence[Any], variables: Sequence[Any], rates: Rates, operations: int
+        self,
+        heyoka: Any,
+        arguments: Sequence[Any],
+        variables: Sequence[Any],
+        rates: Rates,
+        operations: int,
+        first: int,
     ) -> None:
         """Compile the arguments and their gradients.
 
@@ -55,9 +62,11 @@ class Kinks:
             variables: the states, then time.
             rates: (t, X, parameters) -> X' and its derivatives.
             operations: number of operations in the arguments.
+            first: index of the first side among the parameters.
         """
         self.count: Final = len(arguments)
         self.moving: Final = tuple(bool(heyoka.get_variables(argument)) for argument in arguments)
+        self.sides: Final = slice(first, first + len(arguments))
         self._rates: Final = rates
         self._rounding: Final = UNIT * operations
         self._size: Final = len(variables)
@@ -102,7 +111,7 @@ class Kinks:
             UntrustedError: it stays at 0 to first order, and no event would show when it leaves.
         """
         sides = np.ones(self.count)
-        place = slice(len(given) - 1 - self.count, len(given) - 1)
+        place = self.sides
         for _ in range(2 * self.count + 2):  # an argument depends on the sides before its own
             given[place] = sides
             arguments, rates = (row[0] for row in self.values(*_one(t, start, given))[:2])
@@ -127,7 +136,7 @@ class Kinks:
         Raises:
             SlidingError: the rates beyond point back.
         """
-        place = slice(len(given) - 1 - self.count, len(given) - 1)
+        place = self.sides
         sides = given[place].copy()
         sides[kink] = side
         for _ in range(self.count):
@@ -143,7 +152,7 @@ class Kinks:
     def wrong(self, t: Array, states: Array, given: Array) -> npt.NDArray[np.bool_]:
         """Where an argument is on the wrong side by more than rounding, shape (rows,)."""
         arguments, _, rounding = self.values(t, states, given)
-        sides = given[:, given.shape[1] - 1 - self.count : given.shape[1] - 1]
+        sides = given[:, self.sides]
         off: npt.NDArray[np.bool_] = ~np.all(arguments * sides >= -rounding, axis=1)
         return off
 

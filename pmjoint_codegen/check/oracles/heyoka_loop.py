@@ -102,6 +102,7 @@ class Loop:
                 [*variables, clock],
                 self._of_rates,
                 operation_count(program) + operation_count(arguments),
+                first + self._width - len(kernel.sides),
             )
             if kernel.sides
             else None
