@@ -62,11 +62,11 @@ def sources_of_text() -> list[str]:
     ask = (
         "import sys, pmjoint_codegen.emit.pipeline, pmjoint_codegen.modelfile\n"
         "print(*(module.__file__ for name, module in sys.modules.items() "
-        "if name.startswith('pmjoint_') and module.__file__))"
+        "if name.startswith('pmjoint_') and module.__file__), sep='\\n')"
     )
     found = subprocess.run([sys.executable, "-c", ask], check=True, capture_output=True, text=True, cwd=root)
     folders = {"derive": "pmjoint_derive"}  # as the checkout names it
-    names = (Path(file).resolve().relative_to(root).parts for file in found.stdout.split())
+    names = (Path(file).resolve().relative_to(root).parts for file in found.stdout.splitlines())
     paths = sorted("/".join((folders.get(first, first), *rest)) for first, *rest in names)
     return [path for path in paths if not path.startswith("pmjoint_codegen/compile/")]  # imported, not asked
 
