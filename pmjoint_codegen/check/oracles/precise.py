@@ -6,6 +6,7 @@ about the leading coefficient, evaluated at the rest, which is nilpotent.
 
 from __future__ import annotations
 
+import sys
 from typing import Any
 
 import mpmath
@@ -14,6 +15,8 @@ import sympy as sp
 from pmjoint_codegen.operations import by_sympy
 
 DIGITS = 60
+ANGULAR = frozenset(("sin", "cos", "tan"))
+LARGEST = sys.float_info.max
 
 Number = Any  # mpmath.mpf; mpmath carries no types
 Series = list[Any]
@@ -55,7 +58,13 @@ class Numbers:
         """A named function."""
         if function in ("Min", "Max"):
             return min(arguments) if function == "Min" else max(arguments)
+        if function in ANGULAR:
+            arguments = (self.angle(arguments[0]),)
         return by_sympy()[function].of(self.context)(*arguments)
+
+    def angle(self, a: Number) -> Number:
+        """An angle; NaN beyond all doubles, where kernels have none: pi to as many digits takes hours."""
+        return a if abs(a) <= LARGEST else self.context.nan
 
 
 class PowerSeries:
@@ -126,6 +135,7 @@ class PowerSeries:
         They come from its derivatives in closed form, or else from mpmath's differences of its values.
         """
         m = self.numbers.context
+        at = self.numbers.angle(at) if function in ANGULAR else at
         if function == "log":
             return [m.ln(at), *(-((-1) ** k) / (k * at**k) for k in range(1, terms))]
         sine, cosine = (m.sinh, m.cosh) if function in ("sinh", "cosh") else (m.sin, m.cos)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -47,6 +48,8 @@ def exact_value(tape: Tape, point: Sequence[float]) -> mpmath.mpf | None:
         if item.operation == "input":
             values.append(context.mpf(point[item.operands[1]]))
         elif item.operation != "output":
+            if item.operation in ("sin", "cos", "tan") and abs(values[item.operands[0]]) > sys.float_info.max:
+                return None  # no double has such an angle, and pi to as many digits takes hours
             try:
                 values.append(EXACT[item.operation](context, *(values[i] for i in item.operands)))
             except (ZeroDivisionError, ValueError, OverflowError):

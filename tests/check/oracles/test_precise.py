@@ -59,3 +59,14 @@ def test_given_definitions_go_first() -> None:
     equations = Equations([Equation(b, x + 1, "", "", "", None)])
     (found,) = compile_program([b], [x], equations, {b: 2 * x}).run(Numbers(), {x: Numbers().exactly(3.0)})
     assert found == 6
+
+
+@pytest.mark.parametrize("function", ["sin", "cos", "tan"])
+def test_an_angle_beyond_all_doubles_is_none(function: str) -> None:
+    """Its reduction would take pi to a thousand million digits; such an angle is infinite in a kernel."""
+    numbers = Numbers()
+    large = numbers.context.mpf(10) ** (10**9)
+    assert numbers.context.isnan(numbers.apply(function, large))
+    series = PowerSeries(numbers, 2).apply(function, [large, numbers.context.one])
+    assert all(numbers.context.isnan(entry) for entry in series)
+    assert numbers.context.isfinite(numbers.apply(function, numbers.context.mpf(10) ** 300))
