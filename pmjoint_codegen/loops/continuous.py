@@ -248,10 +248,6 @@ class _Loop:
             progress.mode, progress.touching = mode, -1
             self.note_switch(progress.t, mode)
             self.c = self.expand(progress.t, self.X, mode)
-        side = float(self.c[0, self.e + 1 + progress.held]) if progress.held >= 0 else 0.0
-        if not abs(side) < 1.0:  # u has jumped, and the kink lets go
-            self.stick.let_go(side, self.problem.n_thresholds)
-            self.c = self.expand(progress.t, self.X, mode)
         for i in (self.v, self.e):
             note_value(float(self.c[0, i]), progress.t, i, memory.peaks, memory.peak_times)
 

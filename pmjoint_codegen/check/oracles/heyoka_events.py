@@ -63,7 +63,7 @@ class Crossings:
         self.ended: UntrustedError | None = None
         self.rest: tuple[int, float] | None = None
 
-    def begin(self, modes: list[list[float]], mode: int, t: float, given: Array, first: int = 0) -> None:
+    def begin(self, modes: list[list[float]], mode: int, t: float, given: Array, first: int) -> None:
         """Prepare for a run.
 
         Args:

@@ -198,6 +198,9 @@ class Loop:
                 given[self._first : self._sides.start] = coarse.modes[after]
                 found.append((time, after))
                 now = after
+            side = 0.0 if held == FREE else self._rests.pull(held, time, state, given)[0]
+            if not abs(side) < 1.0:  # u has jumped with the reference, and the kink lets go
+                held = self._rest((held, np.copysign(1.0, side)), held, given)
         values = np.hstack([states, self.law(t, states, limit)[:, :1]])
         labels = [(time, coarse.labels[place]) for time, place in found]
         return Trajectory((*self.names, "v"), t, values, _changes(coarse.labels[mode], labels))

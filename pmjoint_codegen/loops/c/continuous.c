@@ -280,11 +280,6 @@ static void enter(const pmj_problem *problem, const pmj_kernels *run, pmj_progre
         pmj_note_switch(problem, progress, memory, progress->t, mode);
         failed |= expand(problem, run, progress, memory, progress->t, memory->state, mode, progress->buffer);
     }
-    if (progress->held >= 0 && !(fabs(c[v + 2 + progress->held]) < 1.0)) { /* u has jumped, and the kink lets go */
-        pmj_deliver(problem, progress, memory, c[v]);
-        pmj_let_go(problem, progress, memory, progress->t, c[v + 2 + progress->held], problem->n_thresholds);
-        failed |= expand(problem, run, progress, memory, progress->t, memory->state, mode, progress->buffer);
-    }
     if (failed) {
         progress->status = PMJ_KERNEL_FAILED;
     }

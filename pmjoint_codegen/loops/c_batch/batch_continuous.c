@@ -180,21 +180,16 @@ static int resume(pmj_group *all, const pmj_lanes *c, int w)
 {
     pmj_lane *one = &all->runs.lanes[w];
     const int mode = pmj_mode_of(&one->actuator, c[V][w]);
-    if (mode != one->mode) { /* it comes here again, with the coefficients in that mode */
-        one->next_mode = mode;
-        pmj_cross(all, w, all->runs.t[w]);
-        pmj_set_mode(all, w, mode);
-        all->touching[w] = 0;
-        all->alert[w] = all->stuck[w];
-        return 0;
-    }
     all->entered[w] = 0;
-    if (one->held >= 0 && !(fabs(c[E + 1 + one->held][w]) < 1.0)) { /* u has jumped, and the kink lets go */
-        one->crossing = one->actuator.thresholds + one->held;
-        cross_kink(all, w, c[V][w], c[E + 1 + one->held][w]);
-        return 0;
+    if (mode == one->mode) {
+        return 1;
     }
-    return 1;
+    one->next_mode = mode;
+    pmj_cross(all, w, all->runs.t[w]);
+    pmj_set_mode(all, w, mode);
+    all->touching[w] = 0;
+    all->alert[w] = all->stuck[w];
+    return 0;
 }
 
 /* Process the trial steps. Gives the lanes whose coefficients `next` are valid for a step. */

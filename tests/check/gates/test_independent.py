@@ -28,7 +28,7 @@ from pmjoint_codegen.loops.guard import Discs
 from pmjoint_codegen.loops.modes import Actuator, make_actuator
 from pmjoint_codegen.loops.stepper import Stepper
 from pmjoint_codegen.modelfile import model_of
-from pmjoint_codegen.provision import provide
+from pmjoint_codegen.provision import provide, provide_document
 from pmjoint_codegen.simulate import run as simulate_run
 from pmjoint_codegen.simulate.run import run
 from pmjoint_codegen.simulate.settings import make_settings
@@ -293,6 +293,30 @@ def test_friction_that_holds_one_percent_too_much_fails(
     assert run(subject.interpreted, make_settings(subject.manifest)).sticks
     monkeypatch.setattr(Stepper, "lets_go", late)
     assert independent.check(subject).verdict is Verdict.FAILED
+
+
+@pytest.mark.usefixtures("heyoka")
+def test_two_limits_stick_and_a_jump_of_the_reference_agree_with_it(
+    tmp_path: Path, paper: Subject, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where the reference jumps, so does u, and with it the side that holds the joint: it breaks away."""
+    document = dict(paper.document)
+    document["parameters"] = {name: document["parameters"][name] for name in ("d1", "b0")}
+    document["actuator"] = {"lower": -4, "upper": 6}
+    document["plant"] = {**document["plant"], "disturbance": ["0", "-3*sign(x2)"]}
+    steps = [[0, 0.5], [2.0, 0.2], [3.5, 0.9]]
+    simulation = {**document["simulation"], "reference": {"steps": steps}, "x0": [0.5, 0.0], "horizon": 5.0}
+    document |= {"name": "jumps", "simulation": simulation}
+    file = tmp_path / "models" / "jumps.toml"
+    provided = provide_document(file, document, environment=os.environ, notify=paper.notify)
+    subject = dataclasses.replace(
+        paper, file=file, document=document, model=model_of(document, "jumps"), folder=provided.folder
+    )
+    found = run(subject.interpreted, make_settings(subject.manifest))
+    assert {2.0, 3.5} & {end for _, end in found.sticks}
+    monkeypatch.setattr(independent, "RUNS", (0, 0))
+    result = independent.check(subject)
+    assert result.verdict is Verdict.PASSED, (result.detail, result.difference)
 
 
 @pytest.mark.usefixtures("heyoka")
