@@ -13,7 +13,7 @@ import numpy as np
 from pmjoint_codegen.errors import UsageError, did_you_mean
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.simulate.settings import RunOptions
+from pmjoint_codegen.simulate.settings import CommandOptions, RunOptions
 from pmjoint_codegen.sweep.chunks import fill_in
 from pmjoint_codegen.sweep.plan import Plan, Sample, read_sample
 from pmjoint_codegen.sweep.request import Request as Runs
@@ -80,7 +80,7 @@ class Request:
         return max(5, self.population * self.space.size)
 
 
-class TuneOptions(RunOptions, total=False):
+class TuneOptions(CommandOptions, total=False):
     """Keywords of a tuning, besides those of its runs; see `make_request`."""
 
     gains: tuple[str, ...]

@@ -37,6 +37,27 @@ def test_a_tuned_model_simulates_at_once_to_what_was_said(
     }
 
 
+def test_start_saturation_and_reference_are_those_of_simulate(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, gait = tmp_path / "mine.toml", tmp_path / "gait.csv"
+    gait.write_text("t,y\n0,1.2\n1,0.4\n2,0.9\n4,0\n", encoding="utf-8")
+    task = ["--reference", str(gait), "--reference-filter", "9"]
+    design = ["--start", "matched", "--saturation", "braking"]
+    assert run(["tune", "paper", *QUICK, *task, *design, "--out", str(file), "--no-figure", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    again = ["--horizon", "4", "--json", "--no-figures", "--out", str(tmp_path / "run")]
+    assert run(["simulate", "paper", *task, *design, *again]) == 0
+    before = json.loads(capsys.readouterr().out)
+    assert run(["simulate", str(file), *task, *again]) == 0  # the file has the design, and not the task
+    after = json.loads(capsys.readouterr().out)
+    assert (after["start"], after["saturation"]) == ("matched", "braking")
+    assert "y_r = gait.csv" in file.read_text(encoding="utf-8").split("\n")[0]
+    for name in ("ise", "max_abs_v"):
+        assert before[name] == pytest.approx(told["nominal"][name]["before"], rel=1e-4)
+        assert after[name] == pytest.approx(told["nominal"][name]["after"], rel=1e-4)
+
+
 def test_the_table_says_before_and_after(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["--gain", "c=3:60", "--no-figure", "--out", str(tmp_path / "x.toml")]
     assert run(["tune", "paper", *QUICK, *arguments]) == 0
