@@ -109,6 +109,10 @@ def test_a_key_passes_through_every_command(
         found = data["ise"].values
         assert found[0] == pytest.approx(told["ise"], rel=1e-6)
         assert found[1] != found[0]
+        for key in {"stuck_s", "sticks"} & told.keys():
+            one = told[key] if key == "stuck_s" else len(told[key])
+            assert data[key].values[0] == pytest.approx(one, abs=1e-7)
+        assert ("stuck_s" in told) is ("stuck_s" in data) is (name in ("friction", "bench"))
     capsys.readouterr()
     gates = [option for gate in GATES for option in ("--gate", gate)]
     assert run(["check", model, *gates, "--json"]) == 0, capsys.readouterr().out[:3000]
