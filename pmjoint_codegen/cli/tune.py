@@ -134,8 +134,7 @@ def command(
     )
     tell_clock(asked, provided.manifest)
     request = make_request(provided.manifest, **asked)
-    runs = request.runs
-    tell_design(provided.manifest, runs.controller, runs.p, runs.sample_time)
+    tell_design(provided.manifest)
     words = _words(saturation, asked.get("start"))
     text = _text_of(source, file, request, words)
     ensure_folder(file.parent)
@@ -146,6 +145,7 @@ def command(
         text, file.stem, found.gains, _note(comparison, reference), str(source), request.own, words
     )
     _write_model(edited, file)
+    _notify_pace(comparison)
     files = [file]
     try:
         if not no_figure:
@@ -156,6 +156,15 @@ def command(
 
 def _notify(line: str) -> None:
     message(f"pmjoint: {line}")
+
+
+def _notify_pace(comparison: Comparison) -> None:
+    """Warn where the gains found are too fast for the clock: those before matter no more."""
+    from pmjoint_codegen.tune.comparison import too_fast_plants
+
+    line = too_fast_plants(comparison)
+    if line:
+        _notify(line)
 
 
 def _default_file(source: Path) -> Path:

@@ -69,6 +69,18 @@ def test_the_table_says_before_and_after(tmp_path: Path, capsys: pytest.CaptureF
     assert not (tmp_path / "x.png").exists()
 
 
+def test_the_gains_found_are_judged_by_the_clock(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    slow = ["--controller", "sampled", "--sample-time", "0.02", "--x0", "0.3,0"]
+    bounds = ["--gain", "c=5:60", "--perturb", "sample_time~uniform(0.001,0.05)", "--plants", "6"]
+    arguments = [*QUICK, *slow, *bounds, "--no-figure", "--json", "--out", str(tmp_path / "x.toml")]
+    assert run(["tune", "paper", *arguments]) == 0
+    printed = capsys.readouterr()
+    gains = json.loads(printed.out)["gains"]
+    fastest = max(gains["c1"]["after"] + 0.1, gains["c2"]["after"])
+    assert fastest * 0.05 > 0.42
+    assert " of 7 runs the law may be too fast; in the worst, the fastest rate of the errors z" in printed.err
+
+
 def test_the_mean_stands_beside_the_worst_where_it_was_asked_for(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
