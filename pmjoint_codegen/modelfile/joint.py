@@ -18,6 +18,7 @@ from pmjoint_codegen.modelfile.tables import Expression, ParameterSpec, Range, T
 from pmjoint_codegen.modelfile.units import Scales, Wanted
 from pmjoint_codegen.values import SI, from_si, to_si
 from pmjoint_derive import OutsideClassError, Parameter, real_symbol
+from pmjoint_derive.balance import Balance
 from pmjoint_derive.joint import KEEP, LAG, POSITIVE, Joint, check_keep, reduce_joint
 
 # name -> SI unit, another common unit, and the meaning if the file states none
@@ -195,4 +196,4 @@ def to_joint(
     """
     symbols = {item.name: item.symbol for item in parameters} | {"t": real_symbol("t")}
     torque = parse(spec.disturbance, symbols, f"{where}: joint.disturbance", kinks=True)
-    return reduce_joint(spec.keep, lagged=spec.tau is not None, vartheta=torque, limits=limits)
+    return reduce_joint(spec.keep, Balance(disturbance=torque), lagged=spec.tau is not None, limits=limits)

@@ -8,7 +8,9 @@ import pytest
 import sympy as sp
 
 from pmjoint_derive import OutsideClassError, real_symbol
-from pmjoint_derive.joint import Joint, coefficients, reduce_joint
+from pmjoint_derive.balance import Balance, coefficients
+from pmjoint_derive.joint import Joint, reduce_joint
+from pmjoint_derive.muscle import paper_pair
 
 S = real_symbol
 NUMBERS = {
@@ -22,9 +24,8 @@ CASES = [
 
 
 def reduced(keep: tuple[str, ...], lagged: bool) -> Joint:
-    return reduce_joint(
-        keep, lagged=lagged, vartheta=sp.Rational(1, 5) * sp.sin(S("t")), limits=(-S("u_max"), S("u_max"))
-    )
+    balance = Balance(disturbance=sp.Rational(1, 5) * sp.sin(S("t")))
+    return reduce_joint(keep, balance, lagged=lagged, limits=(-S("u_max"), S("u_max")))
 
 
 def clip(value: float, lower: float, upper: float) -> float:
@@ -46,13 +47,14 @@ def physics(theta: float, speed: float, P1: float, P2: float, vartheta: float) -
 def test_coefficients_are_those_of_8_corrected() -> None:
     """d1 and b0 as measured benches have them: about -127 1/s^2 and 87 rad/s^2 per bar."""
     values = {
-        name: float(item.subs({S(k): v for k, v in NUMBERS.items()})) for name, item in coefficients().items()
+        name: float(item.subs({S(k): v for k, v in NUMBERS.items()}))
+        for name, item in coefficients(paper_pair()).items()
     }
     assert values["d1"] == pytest.approx(-127, abs=0.5)
     assert values["b0"] == pytest.approx(87.2, abs=0.05)
     k0, u0, k_u, r, J = map(S, ("k0", "u0", "k_u", "r", "J"))
     C1, C2, C3, eps0, l0 = map(S, ("C1", "C2", "C3", "eps0", "l0"))
-    found = coefficients()
+    found = coefficients(paper_pair())
     assert sp.simplify(found["d1"] - 2 * k0 * u0 * r**2 * (2 * C1 * eps0 + C2) / l0 / J) == 0
     assert sp.simplify(found["b0"] - 2 * k_u * r * (C1 * eps0**2 + C2 * eps0 + C3) / J) == 0
     assert sp.simplify(found["b0"] * found["kappa"] - 2 * k_u * r * C1 * (r / l0) ** 2 / J) == 0
@@ -75,7 +77,7 @@ def test_simulated_plant_is_the_full_physics(keep: tuple[str, ...], lagged: bool
 
     a = n["b_v"] / n["J"] if "damping" in keep else 0.0
     values: dict[sp.Symbol, float] = {S(name): value for name, value in n.items()}
-    values |= {S(name): float(item.subs(values)) for name, item in coefficients().items()}
+    values |= {S(name): float(item.subs(values)) for name, item in coefficients(paper_pair()).items()}
     w = ((P[0] - P0) + (P0 - P[1])) / 2 / n["k_u"]
     w_rate = (P_rates[0] - P_rates[1]) / 2 / n["k_u"]
     if "pressure_lag" in keep:  # x2 = theta' + (a + 1/tau) theta, x3 = b0 w + theta'/tau + (a/tau) theta
@@ -118,7 +120,7 @@ def test_only_the_two_constants_of_8_bear_its_number() -> None:
 def test_nothing_is_left_out_when_all_is_kept_and_nothing_clips() -> None:
     joint = reduced(("damping", "quadratic_gain"), lagged=False)
     k_u, u = S("k_u"), S("u")
-    values = {S(name): item for name, item in coefficients().items()}
+    values = {S(name): item for name, item in coefficients(paper_pair()).items()}
     rest = joint.plant.disturbance[1].subs({S("p1"): k_u * u, S("p2"): k_u * u}).subs(values)
     assert joint.plant.disturbance[0] == 0
     assert sp.simplify(rest - sp.sin(S("t")) / 5 / S("J")) == 0
