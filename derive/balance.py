@@ -4,7 +4,7 @@ Held symbolically: ``J theta'' = -b_v theta' + pull_1(P_1) + pull_2(P_2) + torqu
 vartheta(theta, theta', t)``, each pull affine in its pressure. At ``P_{1,2} = P_0 +- k_u u`` the pulls are
 ``J (S(theta) + gain(theta) u)``: stiffness and input gain of the joint.
 
-For the paper's pair S = d1 theta and gain = b0 (1 + kappa theta^2). Their coefficients are (5)-(8), corrected:
+For the paper's pair S = d1 theta and gain = b0 (1 + kappa theta^2). The coefficients are (5)-(8), corrected:
 no second k0 in the input gain, the term in theta^2 u kept, vartheta divided by J.
 """
 
