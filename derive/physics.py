@@ -69,7 +69,7 @@ def split(states: tuple[sp.Symbol, ...], rates: tuple[sp.Expr, ...], output: sp.
         raise OutsideClassError(
             "system.output",
             f"u acts on the output at once, in {output}: a direct feedthrough",
-            "measure a quantity that does not jump with u, or give actuator.lag and design without it",
+            "measure a quantity that does not jump with u, or add the lag of sensor or actuator as a state",
         )
     for i, rate in enumerate(rates, start=1):
         if settled(sp.diff(rate, U, 2), (U, *states)) != 0:
