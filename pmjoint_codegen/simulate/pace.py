@@ -41,7 +41,7 @@ def too_fast(manifest: Manifest, values: Mapping[str, float], sample_time: float
     coupled = found[COUPLING] >= 0.9 * rate
     if coupled:  # the errors are then as fast because of it
         name, rate = COUPLING, found[COUPLING]
-    b_m = abs(float(leading(manifest, columns)[0]))
+    b_m = abs(leading(manifest, values))
     remedy = f'[design] input_scale = "auto", which is {b_m:.4g},' if coupled else "slower gains,"
     return (
         f"{name} is {rate:.3g} 1/s, {rate * sample_time:.2g} over a sample time of {sample_time:g} s, where "
@@ -60,8 +60,13 @@ def deciding(manifest: Manifest) -> frozenset[str]:
     return frozenset({*gains, "e1", INPUT_SCALE, *filter_gains(manifest.n)} | _leading(manifest).names)
 
 
-def leading(manifest: Manifest, columns: Columns) -> Numbers:
-    """b_m at these values, shape (runs,)."""
+def leading(manifest: Manifest, values: Mapping[str, float]) -> float:
+    """b_m at these values, every parameter by name."""
+    return float(_b_m(manifest, {name: np.array([value]) for name, value in values.items()})[0])
+
+
+def _b_m(manifest: Manifest, columns: Columns) -> Numbers:
+    """b_m of every run, shape (runs,)."""
     found = np.asarray(evaluate(_leading(manifest).trees[0], columns), dtype=np.float64)
     return np.broadcast_to(found, columns[INPUT_SCALE].shape)
 
@@ -73,7 +78,7 @@ def _leading(manifest: Manifest) -> Rule:
 
 def _rates(manifest: Manifest, columns: Columns) -> dict[str, Numbers]:
     """The rates that a clock must follow, 1/s, by name, each of shape (runs,); infinite where not finite."""
-    b_m, kappa = leading(manifest, columns), columns[INPUT_SCALE]
+    b_m, kappa = _b_m(manifest, columns), columns[INPUT_SCALE]
     with np.errstate(all="ignore"):
         coupling = np.abs(b_m) / kappa if manifest.rho > 1 else np.zeros_like(kappa)
         rates = {
