@@ -12,8 +12,10 @@ from dataclasses import dataclass
 import sympy as sp
 
 from pmjoint_derive.arm import travel
+from pmjoint_derive.equation import Equation
 from pmjoint_derive.model import OutsideClassError, real_symbol
 from pmjoint_derive.muscle import Pull
+from pmjoint_derive.units import parse_unit
 
 PRESSURE, CONTRACTION = real_symbol("P"), real_symbol("eps")
 REMEDY = "linearise it about the base pressure k0*u0, or take a preset: force = P*g(eps) + h(eps)"
@@ -78,6 +80,27 @@ def attached(force: Force, arm: sp.Expr, rest: sp.Expr, length: sp.Expr, side: i
         OutsideClassError: for an arm whose integral is not known in closed form.
     """
     return Muscle(force, rest + side * travel(arm, key) / length, side * arm)
+
+
+def tensions(muscles: tuple[Muscle, Muscle], source: str = "") -> tuple[Equation, ...]:
+    """The two forces as named equations of theta and the pressures P1 and P2.
+
+    Args:
+        muscles: muscle 1 and muscle 2.
+        source: of the law, where it has a name.
+    """
+    law = f" by {source}" if source else ""
+    return tuple(
+        Equation(
+            real_symbol(f"F{i}"),
+            muscle.tension(real_symbol(f"P{i}")),
+            "Plant",
+            "",
+            f"force of muscle {i}{law}; below 0 the muscle is slack, and the law does not hold",
+            parse_unit("N"),
+        )
+        for i, muscle in enumerate(muscles, start=1)
+    )
 
 
 def split(force: sp.Expr, key: str = "joint.force") -> Force:

@@ -22,11 +22,12 @@ from pmjoint_codegen.modelfile.joint import (
     check_joint,
     converted,
     joint_parameters,
+    own_parameters,
     to_joint,
 )
+from pmjoint_codegen.modelfile.muscle import law_of
 from pmjoint_codegen.modelfile.schema import ModelSpec, PlantSpec
 from pmjoint_codegen.modelfile.soundness import check_model
-from pmjoint_codegen.modelfile.tables import ParameterSpec
 from pmjoint_codegen.modelfile.units import ANY, Scales, Wanted
 from pmjoint_codegen.reference.command import DATA
 from pmjoint_codegen.reference.segments import degrees
@@ -100,31 +101,24 @@ def _limit(spec: ModelSpec, known: Symbols) -> sp.Expr:
 def _parameters(spec: ModelSpec, where: str) -> tuple[Parameter, ...]:
     """All parameters: as written beside ``[plant]``, whose author keeps units consistent; else in SI."""
     if spec.joint is None:
-        return tuple(
-            Parameter(name, line.value, line.unit, line.about) for name, line in _lines(spec).items()
-        )
+        return tuple(Parameter(name, line.value, line.unit, line.about) for name, line in spec.lines.items())
     scales = Scales(where)
     check_columns({"y": spec.units.y, "u": spec.units.u}, scales)
     of_joint = joint_parameters(spec.joint, scales)
     check_joint({item.name: item for item in of_joint}, where)
     names = chain_names(spec)
-    wanted = {
+    wanted = {name: Wanted(item.unit, item.example) for name, item in law_of(spec.joint).constants.items()}
+    wanted |= {
         names[link.key]: Wanted(_UNITS[link.unit], _UNITS[link.unit].replace("V", "mV"))
         for link in LINKS
         if link.key in names
     }
-    return (
-        *of_joint,
-        *(
-            converted(name, line, scales, f"parameters.{name}", wanted.get(name, ANY))
-            for name, line in _lines(spec).items()
-        ),
+    others = (
+        converted(name, line, scales, f"parameters.{name}", wanted.get(name, ANY))
+        for name, line in spec.lines.items()
     )
-
-
-def _lines(spec: ModelSpec) -> dict[str, ParameterSpec]:
-    """Lines of ``[parameters]``, then those that numbers of the bench become."""
-    return {**spec.parameters, **chain_numbers(spec)}
+    shared = (*of_joint, *others)
+    return (*shared, *own_parameters(spec.joint, {item.name: item for item in shared}, scales))
 
 
 def _physics(spec: ModelSpec, parameters: tuple[Parameter, ...], where: str) -> dict[str, Any]:
