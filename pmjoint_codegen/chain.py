@@ -6,9 +6,11 @@ can be set for a run, varied in a sweep, and drawn by the tuner.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Final, Literal
+
+from pmjoint_codegen.values import Rule
 
 Kind = Literal["finite", "positive", "nonnegative", "whole"]
 
@@ -52,6 +54,39 @@ LINKS: Final = (
     Link("delay_samples", "simulation", "1", "whole", "samples until a command acts"),
     Link("jitter", "simulation", "s", "nonnegative", "greatest lateness of a sample"),
 )
+
+_ALLOWED: Final = {
+    "finite": "a finite number",
+    "positive": "a number greater than 0",
+    "nonnegative": "a number, 0 or greater",
+    "whole": "a whole number, 0 or greater",
+}
+
+
+def chain_rules(names: Mapping[str, str], own: Mapping[str, str]) -> list[Rule]:
+    """The rules of the keys that a model gives, also for the plant's own values.
+
+    Args:
+        names: key -> name of its parameter.
+        own: parameter -> the plant's own, where it has one.
+    """
+    found = []
+    for link in LINKS:
+        name = names.get(link.key)
+        if name is not None:
+            both = [name, own[name]] if name in own else [name]
+            found += [Rule(each, link.kind, (each,), "", _ALLOWED[link.kind]) for each in both]
+    if LOWER in names:
+        lower, upper = names[LOWER], names[UPPER]
+        allowed = f"{lower} below {upper}"
+        found.append(Rule(upper, "positive", (f"{upper} - {lower}",), "no room is left for u", allowed))
+        if DEAD_ZONE in names:
+            what, allowed = "a dead zone lies around 0", f"{lower} at most 0, {upper} at least 0"
+            found += [
+                Rule(lower, "nonnegative", (f"-{lower}",), what, allowed),
+                Rule(upper, "nonnegative", (upper,), what, allowed),
+            ]
+    return found
 
 
 def clocked(keys: Collection[str]) -> tuple[str, ...]:

@@ -185,6 +185,7 @@ def check_rules(
     rules: Iterable[Rule],
     *,
     error: type[PmjointError] = ModelError,
+    key: Callable[[str], str] = str,
     scales: Mapping[str, str] | None = None,
 ) -> None:
     """Check the rules that a model adds to those of every design.
@@ -193,6 +194,7 @@ def check_rules(
         values: name -> number.
         rules: of the model.
         error: kind of error to raise.
+        key: turns a name into the reader's name for it, such as ``actuator.lag``.
         scales: of names that are stated in non-SI units, so that a message shows what was written.
 
     Raises:
@@ -204,7 +206,7 @@ def check_rules(
             found = [float(term[0]) for term in _terms(rule, columns)]
             if rule.terms == (rule.name,):
                 found = [from_si(found[0], (scales or {}).get(rule.name, SI))]
-            raise error(_broken(rule, found), where=rule.name, remedy=f"allowed: {rule.allowed}")
+            raise error(_broken(rule, found), where=key(rule.name), remedy=f"allowed: {rule.allowed}")
 
 
 def obeys(rule: Rule, columns: Mapping[str, Numbers]) -> Mask:

@@ -11,7 +11,7 @@ import sympy as sp
 from sympy.printing.pycode import PythonCodePrinter
 
 from pmjoint_codegen import __version__
-from pmjoint_codegen.chain import DEAD_ZONE, LINKS, LOWER
+from pmjoint_codegen.chain import LOWER, chain_rules
 from pmjoint_codegen.emit.table import Kernel, Made, kernel_table, loop_rows
 from pmjoint_codegen.emit.vocabulary import Vocabulary, vocabulary
 from pmjoint_codegen.identity import Document, model_hash
@@ -249,7 +249,8 @@ def rules_of(derivation: Derivation) -> tuple[Rule, ...]:
         what, allowed = "braking needs room to both sides of 0", f"{lower} below 0, {upper} above 0"
         found += [Rule(lower, "positive", (f"-{lower}",), what, allowed)]
         found += [Rule(upper, "positive", (upper,), what, allowed)]
-    found += _chain_rules(model, own)
+    chain = {key: symbol.name for key, symbol in model.chain.items()}
+    found += chain_rules(chain, {symbol.name: twin.name for symbol, twin in own.items()})
     found += _reference_rule(model, derivation.plant.rho)
     constants = {item.symbol: item.expression for item in model.constants}
     b = tuple(_python(entry.xreplace(constants)) for entry in model.plant.b)
@@ -257,35 +258,6 @@ def rules_of(derivation: Derivation) -> tuple[Rule, ...]:
         return (*found, Rule("b_m", "nonzero", b, "no input acts", "parameters for which it is not 0"))
     what = "the zero dynamics are unstable: b_m s^m + ... + b_0"
     return (*found, Rule("b_m ... b_0", "hurwitz", b, what, "roots with negative real parts only"))
-
-
-_ALLOWED = {
-    "finite": "a finite number",
-    "positive": "a number greater than 0",
-    "nonnegative": "a number, 0 or greater",
-    "whole": "a whole number, 0 or greater",
-}
-
-
-def _chain_rules(model: Model, own: Mapping[sp.Symbol, sp.Symbol]) -> list[Rule]:
-    """The rules of the keys of actuator, sensor and clock, also for the plant's own values."""
-    found = []
-    for link in LINKS:
-        symbol = model.chain.get(link.key)
-        if symbol is not None:
-            names = [item.name for item in (symbol, own.get(symbol)) if item is not None]
-            found += [Rule(name, link.kind, (name,), "", _ALLOWED[link.kind]) for name in names]
-    if LOWER in model.chain:
-        lower, upper = (item.name for item in model.limits)
-        allowed = f"{lower} below {upper}"
-        found.append(Rule(upper, "positive", (f"{upper} - {lower}",), "no room is left for u", allowed))
-        if DEAD_ZONE in model.chain:
-            what, allowed = "a dead zone lies around 0", f"{lower} at most 0, {upper} at least 0"
-            found += [
-                Rule(lower, "nonnegative", (f"-{lower}",), what, allowed),
-                Rule(upper, "nonnegative", (upper,), what, allowed),
-            ]
-    return found
 
 
 def _reference_rule(model: Model, rho: int) -> list[Rule]:

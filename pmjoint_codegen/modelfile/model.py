@@ -12,7 +12,7 @@ from typing import Any
 
 import sympy as sp
 
-from pmjoint_codegen.chain import LIMIT, LINKS
+from pmjoint_codegen.chain import LIMIT, LINKS, chain_rules
 from pmjoint_codegen.errors import ModelError
 from pmjoint_codegen.modelfile.bench import chain_names, chain_numbers
 from pmjoint_codegen.modelfile.design import chosen, gains_of
@@ -32,7 +32,7 @@ from pmjoint_codegen.modelfile.system import check_units, to_system
 from pmjoint_codegen.modelfile.units import ANY, Scales, Wanted
 from pmjoint_codegen.reference.command import DATA
 from pmjoint_codegen.reference.segments import degrees
-from pmjoint_codegen.values import COMPENSATOR, FILTER_GAINS, GAINS, INPUT_SCALE, check_values
+from pmjoint_codegen.values import COMPENSATOR, FILTER_GAINS, GAINS, INPUT_SCALE, check_rules, check_values
 from pmjoint_derive import Gains, Model, OutsideClassError, Parameter, Plant, Simulation, real_symbol
 from pmjoint_derive.segment import segment_reference, segment_symbols
 
@@ -225,6 +225,7 @@ def _check_values(
         keys |= {name: f"design.{kind.name}, entry {i}" for i, name in enumerate(names, start=1)}
     values |= {COMPENSATOR: float(gains.compensator), INPUT_SCALE: gains.input_scale}
     leading = spec.plant.b[0].strip() if spec.plant else ""
+    scales = {item.name: item.scale for item in parameters}
     check_values(
         values,
         n=spec.order,
@@ -233,5 +234,7 @@ def _check_values(
         leading=leading if leading in spec.parameters else None,
         where=where,
         key=lambda name: keys[name],
-        scales={item.name: item.scale for item in parameters},
+        scales=scales,
     )
+    rules = chain_rules(chain_names(spec), {})
+    check_rules(values, rules, key=lambda name: f"{where}: {keys[name]}", scales=scales)
