@@ -1,7 +1,7 @@
 """The physics of the joint: what the paper's own (1)-(4) imply, by substitution and nothing else.
 
-The joint that this project derives and simulates (`pmjoint_derive.joint`) is written independently; the audit
-says whether the two agree, and takes a measured joint from the model file ``joint``.
+The joint that this project derives and simulates (`pmjoint_derive.balance`) is written independently; the
+audit says whether the two agree, and takes a measured joint from the model file ``joint``.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pmjoint_codegen.audit.paper import Printed
 from pmjoint_codegen.modelfile.reader import read_document
 from pmjoint_codegen.workspace import find_model
 from pmjoint_derive import real_symbol
-from pmjoint_derive.joint import acceleration, base_pressure
+from pmjoint_derive.balance import Balance, base_pressure
 
 MEASURED = "joint"  # model file
 _POSITIVE = "J b_v r l_0 k_0 k_u u_0 D_max u_M"
@@ -59,8 +59,9 @@ def equation_of_motion(paper: Mapping[str, Printed], scope: Scope) -> sp.Expr:
 def modelled_acceleration(scope: Scope) -> sp.Expr:
     """The same of the joint that this project derives and simulates, in the printed symbols."""
     P_0, change = base_pressure(), real_symbol("k_u") * real_symbol("u")
-    acceleration_ = acceleration(P_0 + change, P_0 - change, real_symbol("vartheta"))
-    return sp.expand(acceleration_.xreplace({real_symbol(ours): scope[name] for ours, name in _OURS.items()}))
+    balance = Balance(disturbance=real_symbol("vartheta"))
+    acceleration = balance.acceleration(P_0 + change, P_0 - change)
+    return sp.expand(acceleration.xreplace({real_symbol(ours): scope[name] for ours, name in _OURS.items()}))
 
 
 def measured_joint(scope: Scope) -> Mapping[sp.Symbol, sp.Expr]:

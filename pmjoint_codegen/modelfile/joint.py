@@ -18,6 +18,7 @@ from pmjoint_codegen.modelfile.tables import Expression, ParameterSpec, Range, T
 from pmjoint_codegen.modelfile.units import Scales, Wanted
 from pmjoint_codegen.values import SI, from_si, to_si
 from pmjoint_derive import OutsideClassError, Parameter, real_symbol
+from pmjoint_derive.balance import Balance
 from pmjoint_derive.joint import KEEP, LAG, POSITIVE, Joint, check_keep, reduce_joint
 
 # name -> SI unit, another common unit, and the meaning if the file states none
@@ -69,8 +70,14 @@ class JointSpec(Table):
     k_u: Quantity = Field(description=_NUMBER)
     P_max: Quantity | None = Field(default=None, description=_NUMBER)
     tau: Quantity | None = Field(default=None, description=_NUMBER)
+    torque: Expression | None = Field(
+        default=None, description="a torque in N m, an expression of theta and parameters"
+    )
+    friction: Expression = Field(
+        default="0", description="a torque in N m, an expression of theta_dot and parameters"
+    )
     disturbance: Expression = Field(
-        default="0", description="a torque in N m, an expression of t and parameters"
+        default="0", description="a torque in N m, an expression of theta, theta_dot, t and parameters"
     )
     disturbance_bound: float | None = Field(
         default=None, ge=0, allow_inf_nan=False, description="a finite number, 0 or greater"
@@ -97,7 +104,7 @@ def check_kept(spec: JointSpec, where: str) -> None:
         ModelError: naming file, key, what is wrong and what is allowed.
     """
     try:
-        check_keep(spec.keep, lagged=spec.tau is not None)
+        check_keep(spec.keep, lagged=spec.tau is not None, torque=spec.torque is not None)
     except OutsideClassError as error:
         raise ModelError(error.what, where=f"{where}: {error.key}", remedy=error.remedy) from error
 
@@ -193,6 +200,25 @@ def to_joint(
         ModelError: for a bad expression.
         OutsideClassError: for physics that no design can keep.
     """
-    symbols = {item.name: item.symbol for item in parameters} | {"t": real_symbol("t")}
-    torque = parse(spec.disturbance, symbols, f"{where}: joint.disturbance", kinks=True)
-    return reduce_joint(spec.keep, lagged=spec.tau is not None, vartheta=torque, limits=limits)
+    balance = Balance(
+        torque=_torque("torque", spec.torque or "0", ("theta",), parameters, where),
+        friction=_torque("friction", spec.friction, ("theta_dot",), parameters, where, kinks=True),
+        disturbance=_torque(
+            "disturbance", spec.disturbance, ("theta", "theta_dot", "t"), parameters, where, kinks=True
+        ),
+    )
+    return reduce_joint(spec.keep, balance, lagged=spec.tau is not None, limits=limits)
+
+
+def _torque(
+    key: str,
+    text: str,
+    signals: tuple[str, ...],
+    parameters: tuple[Parameter, ...],
+    where: str,
+    *,
+    kinks: bool = False,
+) -> sp.Expr:
+    """A torque over the signals that it may depend on, and parameters."""
+    symbols = {name: real_symbol(name) for name in signals} | {item.name: item.symbol for item in parameters}
+    return parse(text, symbols, f"{where}: joint.{key}", kinks=kinks, signals=signals)
