@@ -52,7 +52,8 @@ __all__ = ["KEEP", "LAG", "POSITIVE", "TAKEN", "Joint", "check_keep", "demands",
 
 Y = real_symbol("y")
 
-POSITIVE = ("J", "r", "l0", "k0", "u0", "k_u", "P_max", LAG)  # what (1)-(4) presume to be greater than 0
+LENGTHS = ("r", "l0")  # of the muscles
+POSITIVE = ("J", *LENGTHS, "k0", "u0", "k_u", "P_max", LAG)  # what (1)-(4) presume to be greater than 0
 
 # reserved names: physical states, commands, pressures, coefficients (8)
 TAKEN = ("theta", "theta_dot", "q1", "q2", "p1", "p2", "P1", "P2", "d1", "b0", "a", "kappa")
@@ -82,7 +83,12 @@ class Joint:
 
 
 def reduce_joint(
-    keep: tuple[str, ...], balance: Balance, *, lagged: bool, limits: tuple[sp.Expr, sp.Expr]
+    keep: tuple[str, ...],
+    balance: Balance,
+    *,
+    lagged: bool,
+    limits: tuple[sp.Expr, sp.Expr],
+    lengths: tuple[str, ...] = LENGTHS,
 ) -> Joint:
     """Reduce a joint to the plant class.
 
@@ -91,6 +97,7 @@ def reduce_joint(
         balance: the torques on the joint.
         lagged: whether the pressures follow their commands with the time constant tau.
         limits: lower and upper limit of u.
+        lengths: parameters of the muscles that must be positive.
 
     Raises:
         OutsideClassError: for a lag kept without tau, or together with a gain that varies.
@@ -115,14 +122,15 @@ def reduce_joint(
         _channels(*limits),
         _constants(kept),
         (*motion, *lags, *_pressures(lagged=lagged)),
-        demands(lagged=lagged),
+        demands(lagged=lagged, lengths=lengths),
         Start((*motion, *lags), len(motion), {**forms, **extra_forms}),
     )
 
 
-def demands(*, lagged: bool) -> tuple[Demand, ...]:
+def demands(*, lagged: bool, lengths: tuple[str, ...] = LENGTHS) -> tuple[Demand, ...]:
     """The assumptions of (1)-(4): positive inertia, lengths and pressures, the base pressure below P_max."""
-    names = (name for name in POSITIVE if lagged or name != LAG)
+    first, *rest = (name for name in POSITIVE if name not in LENGTHS and (lagged or name != LAG))
+    names = (first, *lengths, *rest)
     symbols = (real_symbol(name) for name in names)
     room = real_symbol("P_max") - base_pressure()
     return (

@@ -84,8 +84,9 @@ def _schema_at(path: Sequence[int | str], schema: type[BaseModel]) -> tuple[Any,
 def _inner(annotation: Any) -> Any:
     """The table in an annotation: what is left when None, and what `Annotated` adds, are taken away."""
     if get_origin(annotation) in (Union, UnionType):
-        (annotation,) = (kind for kind in get_args(annotation) if kind is not type(None))
-    return get_args(annotation)[0] if get_origin(annotation) is Annotated else annotation
+        kinds = [_inner(kind) for kind in get_args(annotation) if kind is not type(None)]
+        return next((kind for kind in kinds if _fields(kind)), kinds[0])  # a line rather than a text
+    return _inner(get_args(annotation)[0]) if get_origin(annotation) is Annotated else annotation
 
 
 def _fields(table: Any) -> dict[str, FieldInfo]:

@@ -22,12 +22,13 @@ from pmjoint_codegen.modelfile.joint import (
     check_joint,
     converted,
     joint_parameters,
+    own_parameters,
     to_joint,
 )
+from pmjoint_codegen.modelfile.muscle import law_of
 from pmjoint_codegen.modelfile.schema import ModelSpec, PlantSpec, check_degree
 from pmjoint_codegen.modelfile.soundness import check_model
 from pmjoint_codegen.modelfile.system import check_units, to_system
-from pmjoint_codegen.modelfile.tables import ParameterSpec
 from pmjoint_codegen.modelfile.units import ANY, Scales, Wanted
 from pmjoint_codegen.reference.command import DATA
 from pmjoint_codegen.reference.segments import degrees
@@ -104,9 +105,7 @@ def _limit(spec: ModelSpec, known: Symbols) -> sp.Expr:
 def _parameters(spec: ModelSpec, where: str) -> tuple[Parameter, ...]:
     """All parameters: as written beside ``[plant]``, whose author keeps units consistent; else in SI."""
     if spec.plant is not None:
-        return tuple(
-            Parameter(name, line.value, line.unit, line.about) for name, line in _lines(spec).items()
-        )
+        return tuple(Parameter(name, line.value, line.unit, line.about) for name, line in spec.lines.items())
     scales = Scales(where)
     if spec.system is not None:
         return _of_system(spec, scales)
@@ -115,18 +114,18 @@ def _parameters(spec: ModelSpec, where: str) -> tuple[Parameter, ...]:
     of_joint = joint_parameters(spec.joint, scales)
     check_joint({item.name: item for item in of_joint}, where)
     names = chain_names(spec)
-    wanted = {
+    wanted = {name: Wanted(item.unit, item.example) for name, item in law_of(spec.joint).constants.items()}
+    wanted |= {
         names[link.key]: Wanted(_UNITS[link.unit], _UNITS[link.unit].replace("V", "mV"))
         for link in LINKS
         if link.key in names
     }
-    return (
-        *of_joint,
-        *(
-            converted(name, line, scales, f"parameters.{name}", wanted.get(name, ANY))
-            for name, line in _lines(spec).items()
-        ),
+    others = (
+        converted(name, line, scales, f"parameters.{name}", wanted.get(name, ANY))
+        for name, line in spec.lines.items()
     )
+    shared = (*of_joint, *others)
+    return (*shared, *own_parameters(spec.joint, {item.name: item for item in shared}, scales))
 
 
 def _of_system(spec: ModelSpec, scales: Scales) -> tuple[Parameter, ...]:
@@ -144,13 +143,8 @@ def _of_system(spec: ModelSpec, scales: Scales) -> tuple[Parameter, ...]:
     }
     return tuple(
         converted(name, line, scales, f"parameters.{name}", wanted.get(name, ANY))
-        for name, line in _lines(spec).items()
+        for name, line in spec.lines.items()
     )
-
-
-def _lines(spec: ModelSpec) -> dict[str, ParameterSpec]:
-    """Lines of ``[parameters]``, then those that numbers of the bench become."""
-    return {**spec.parameters, **chain_numbers(spec)}
 
 
 def _physics(spec: ModelSpec, parameters: tuple[Parameter, ...], where: str) -> dict[str, Any]:

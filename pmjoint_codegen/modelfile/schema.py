@@ -14,6 +14,7 @@ from pmjoint_codegen.errors import ModelError, quoted
 from pmjoint_codegen.modelfile.bench import ActuatorSpec, SensorSpec, Setting, chain_numbers, check_bench
 from pmjoint_codegen.modelfile.complaints import first_complaint
 from pmjoint_codegen.modelfile.joint import JointSpec, check_kept, joint_names
+from pmjoint_codegen.modelfile.muscle import check_muscles, law_lines, own_names
 from pmjoint_codegen.modelfile.names import MODEL_NAME, key_path, why_not
 from pmjoint_codegen.modelfile.system import SystemSpec, check_system, refuse_beyond
 from pmjoint_codegen.modelfile.tables import (
@@ -139,9 +140,16 @@ class ModelSpec(Table):
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
-        """The joint's names, then those of ``[parameters]``, then keys of the bench that are numbers."""
+        """Names of the model's parameters, in its order."""
         joint = joint_names(self.joint) if self.joint else ()
-        return (*joint, *self.parameters, *chain_numbers(self))
+        own = own_names(self.joint) if self.joint else ()
+        return (*joint, *self.lines, *own)
+
+    @property
+    def lines(self) -> dict[str, ParameterSpec]:
+        """Lines of ``[parameters]``, those that a law of force adds, and numbers of the bench."""
+        of_law = law_lines(self.joint, self.parameters) if self.joint else {}
+        return {**self.parameters, **of_law, **chain_numbers(self)}
 
     @property
     def y_range(self) -> tuple[float, float] | None:
@@ -298,7 +306,10 @@ def _check_names(spec: ModelSpec, where: str) -> None:
                 reason, where=f"{where}: {key_path(('parameters', name))}", remedy="choose another name"
             )
     joint = joint_names(spec.joint) if spec.joint is not None else ()
-    check_bench(spec, (*joint, *spec.parameters), where)
+    if spec.joint is not None:
+        check_muscles(spec.joint, spec.parameters, where)
+        joint = (*joint, *own_names(spec.joint), *law_lines(spec.joint, spec.parameters))
+    check_bench(spec, tuple(dict.fromkeys((*joint, *spec.parameters))), where)
 
 
 def _check_plant(plant: PlantSpec, where: str) -> None:
