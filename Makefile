@@ -47,6 +47,7 @@ bench-smoke: environment-dev ## a short run of every benchmark with the installe
 
 docs: environment-dev ## draw docs/figures (make bench draws its own) and rewrite docs/audit.md
 	@$(run) docs.draw
+	@$(run) docs.gallery
 	@$(run) pmjoint_codegen audit --format markdown --out docs/audit.md
 
 # UPGRADE=--upgrade takes the newest versions that pyproject.toml allows; without it, pins stay where possible.

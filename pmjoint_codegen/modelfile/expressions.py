@@ -92,7 +92,7 @@ def parse(
         symbols: name -> symbol, for every name allowed in this place; ``pi`` is always allowed.
         where: file and key at the start of a message.
         kinks: whether abs, sign, min and max are allowed too, as in a disturbance.
-        signals: names that change along a run, beside t, y and x1, x2, ...
+        signals: names that move along a run besides t, y and x1, x2, ...
 
     Raises:
         ModelError: anything that is not on the whitelist, too large, or not finite and real.
@@ -275,8 +275,8 @@ def _checked(expression: sp.Expr) -> sp.Expr:
 def _smooth(expression: sp.Expr, signals: Collection[str]) -> sp.Expr:
     """Refuse abs and sign of a signal in other words, such as sqrt(t*t); of a parameter they are numbers."""
     for part in sorted(expression.atoms(sp.Abs, sp.sign), key=str):
-        names = {symbol.name for symbol in part.free_symbols}
-        if not names.isdisjoint(signals) or any(map(_SIGNAL.fullmatch, names)):
+        names = [symbol.name for symbol in part.free_symbols]
+        if any(_SIGNAL.fullmatch(name) or name in signals for name in names):
             raise _kinked(str(part).lower().partition("(")[0])
     return expression
 
