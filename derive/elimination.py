@@ -17,10 +17,11 @@ from dataclasses import dataclass
 
 import sympy as sp
 
+from pmjoint_derive.dependence import settled
 from pmjoint_derive.model import OutsideClassError
 from pmjoint_derive.observer_form import Form, UnobservableError, observer_form
 from pmjoint_derive.peeling import StuckError, peeled_form
-from pmjoint_derive.physics import Physics, U, Y, settled, split, terms_of
+from pmjoint_derive.physics import Physics, U, Y, split, terms_of
 
 _RATES, _OUTPUT = "system.rates", "system.output"
 _REMEDY = "leave it to the key disturbance, which the plant alone has, or measure another output"
