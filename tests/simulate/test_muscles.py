@@ -18,6 +18,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from pmjoint_codegen import ClosedLoop
+from pmjoint_codegen.cli.summary_table import summary_table
 from pmjoint_codegen.simulate.run import Run
 
 Numbers = dict[str, float]
@@ -161,6 +162,20 @@ def test_the_reported_forces_are_the_muscles_(tmp_path: Path) -> None:
         eps = EPS0 + side * R * run["theta"] / L0
         expected = [hunt_force(P, e) for P, e in zip(run[f"P{name}"], eps, strict=True)]
         np.testing.assert_allclose(run[f"F{name}"], expected, rtol=1e-11)
+
+
+def test_a_muscle_that_would_have_to_push_is_said(tmp_path: Path) -> None:
+    """A law does not end where the force does; so a run says where it is below 0."""
+    loop = loaded(tmp_path, CASES["hunt"][0])
+    stretched = loop.simulate(horizon=0.5, parameters={"eps0": 0.05})
+    low, high = (float(np.min(stretched["F1"])), float(np.max(stretched["F1"])))
+    table = summary_table(stretched, (), ())
+    assert stretched.summary["forces"]["F1"] == {"min": low, "max": high}
+    assert f"F1 = {low:.4g} to {high:.4g} N at the output instants" in table
+    assert low > 0 and "slack" not in table
+    slack = loop.simulate(horizon=0.5)  # at rest contracted to 0.15 of at most 0.17
+    assert float(np.min(slack["F1"])) < 0
+    assert "F1 is below 0: that muscle is slack there" in summary_table(slack, (), ())
 
 
 def test_a_design_that_keeps_everything_leaves_nothing_to_the_disturbance(tmp_path: Path) -> None:
