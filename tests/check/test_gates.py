@@ -99,6 +99,19 @@ def test_a_value_that_the_code_loses_is_a_difference(paper: Subject) -> None:
     assert found.difference is not None and found.difference.found == "nan"
 
 
+def test_only_where_products_of_coefficients_overflow_a_bound_may_be_missing(paper: Subject) -> None:
+    """Coefficients beyond the root of the largest double; below it, every result has a bound."""
+    function = next(item for item in paper.manifest.functions if item.name == "taylor")
+    prepared = symbolic.prepare(paper, function, 1)
+    results = [np.full_like(bound, np.nan) for bound in prepared.bounds]
+    unbounded = tuple(np.full_like(bound, np.inf) for bound in prepared.bounds)
+    sizes = {1e150: sum(bound.size for bound in prepared.bounds), 1e160: 0}
+    for size, counted in sizes.items():
+        exact = tuple([[size for _ in row] for row in table] for table in prepared.exact)
+        steep = dataclasses.replace(prepared, bounds=unbounded, exact=exact)
+        assert symbolic.judge(steep, results).unbounded == counted
+
+
 def silent(_line: str) -> None:
     """Take no notice."""
 
