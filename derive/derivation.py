@@ -70,6 +70,7 @@ def derive(model: Model, stage: Stage = unwatched) -> Derivation:
     continuous: list[Equation] = [
         *constants,
         *physics,
+        *model.transformation,
         *design.filters(),
         *reference_equations(model, design),
         *law,

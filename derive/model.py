@@ -334,6 +334,7 @@ class Model:
         chosen: what keys of the design came to, one line each.
         design: row of `pmjoint_derive.derivation.DESIGNS`.
         segment: parameters of ``reference`` that change from break point to break point; see `segment`.
+        transformation: rates of physical states and the design's coordinates in them, for the reader.
         chain: key of the actuator, the sensor or the clock -> its parameter, such as ``lower``, ``upper``,
             ``dead_zone`` and ``lag``, on which equations depend.
     """
@@ -361,6 +362,7 @@ class Model:
     design: str = "backstepping"
     segment: tuple[sp.Symbol, ...] = ()
     chain: Mapping[str, sp.Symbol] = field(default_factory=dict)
+    transformation: tuple[Equation, ...] = ()
 
     @property
     def least_limit(self) -> sp.Expr:

@@ -13,7 +13,7 @@ from dataclasses import replace
 import sympy as sp
 
 from pmjoint_derive.equation import Equation
-from pmjoint_derive.model import Channel, ExtraState, Model, real_symbol
+from pmjoint_derive.model import Channel, ExtraState, Model, Start, real_symbol
 from pmjoint_derive.units import parse_unit
 
 COMMAND, VALVE = map(real_symbol, ("u_command", "u_valve"))
@@ -41,7 +41,24 @@ def with_valve(model: Model) -> Model:
         expression=_delivered(model),
     )
     channels = (u, valve, *(replace(channel, of=VALVE) for channel in others))
-    return replace(model, channels=channels, extras=(*model.extras, *_lagging(model)))
+    lags = _lagging(model)
+    return replace(
+        model, channels=channels, extras=(*model.extras, *lags), start=_with_lags(model.start, lags)
+    )
+
+
+def _with_lags(start: Start | None, lags: tuple[ExtraState, ...]) -> Start | None:
+    """A start in physical states, with the lag's own state among them: it starts at 0 unless it is given."""
+    if start is None or not lags:
+        return start
+    own = tuple(
+        Equation(lag.symbol, lag.symbol, "Plant", "", lag.about, parse_unit(lag.unit)) for lag in lags
+    )
+    return replace(
+        start,
+        variables=(*start.variables, *own),
+        states={**start.states, **{lag.symbol: lag.symbol for lag in lags}},
+    )
 
 
 def valve_equations(model: Model) -> list[Equation]:

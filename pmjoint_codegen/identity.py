@@ -52,6 +52,7 @@ def structure(document: Document) -> dict[str, Any]:
     for key in _REMARKS:
         plant.pop(key, None)
     joint = document.get("joint", {})
+    system = {key: value for key, value in document.get("system", {}).items() if key not in _REMARKS}
     design = document.get("design", {})
     reference = document.get("simulation", {}).get("reference")
     return {
@@ -63,6 +64,7 @@ def structure(document: Document) -> dict[str, Any]:
             joint.get("keep"),
             joint.get("disturbance"),
         ],
+        **({"system": system} if system else {}),
         "limit": document.get("actuator", {}).get("limit"),
         "gains": {key: len(value) for key, value in design.items() if isinstance(value, (list, tuple))},
         "reference": _DATA if isinstance(reference, Mapping) else reference,

@@ -259,6 +259,7 @@ def _of_option(
         "simulation.reference": ("--reference", reference),
         "plant.disturbance": ("--disturbance", disturbance),
         "joint.disturbance": ("--disturbance", disturbance),
+        "system.disturbance": ("--disturbance", disturbance),
         "design.saturation": ("--saturation", saturation),
     }
     place = error.where.rpartition(": ")[2]
@@ -272,6 +273,8 @@ def _of_option(
 
 def _disturbed(document: Mapping[str, Any], disturbance: Sequence[str]) -> dict[str, Any]:
     """The physics of a model under another disturbance: one expression per state, or a joint's torque."""
+    if "system" in document:
+        return {"system": {**document["system"], "disturbance": list(disturbance)}}
     if "joint" not in document:
         return {"plant": {**document.get("plant", {}), "disturbance": list(disturbance)}}
     if len(disturbance) != 1:

@@ -52,7 +52,7 @@ def gains_of(
     design, plant = spec.design, physics["plant"]
     scale = 1.0 if design.input_scale == "auto" else float(design.input_scale)
     k = design.k or (polynomial(design.poles, plant.order) if design.poles is not None else None)
-    brakes = design.saturation == BRAKING and spec.relative_degree == 2  # for one state, it is (23)
+    brakes = design.saturation == BRAKING and plant.rho == 2  # for one state, it is (23)
     braking = (DEFAULT_BRAKING if design.braking is None else design.braking) if brakes else None
     others: dict[str, Any] = {
         "compensator": design.compensated,
@@ -77,7 +77,7 @@ def gains_of(
         assert design.c and design.e and design.ck and k
         return Gains(design.c, design.e, design.ck, k, input_scale=scale, **others)
     k = k or polynomial(w, plant.order)
-    start = point | {real_symbol("y"): spec.simulation.x0[0]} if spec.simulation.x0 else point
+    start = point | _output_at_start(physics, point, spec.simulation.x0)
     return Gains(
         design.c or (w,) * plant.rho,
         design.e or _against_estimation(w, plant.rho, k, b_m / scale),
@@ -162,6 +162,16 @@ def _point(physics: Mapping[str, Any], parameters: tuple[Parameter, ...]) -> dic
         except (NotFiniteError, KeyError):  # `check_model` names it
             continue
     return point
+
+
+def _output_at_start(physics: Mapping[str, Any], point: Point, x0: Sequence[float]) -> dict[sp.Symbol, float]:
+    """Y where a run starts: the first state, or what the physical states make of it."""
+    start, y = physics.get("start"), real_symbol("y")
+    if not x0 or start is None:
+        return {y: x0[0]} if x0 else {}
+    given = dict.fromkeys((item.symbol for item in start.variables), 0.0)
+    given |= dict(zip(given, x0, strict=False))
+    return {y: value_at(start.states[real_symbol("x1")], {**point, **given})}
 
 
 def _size(plant: Plant, point: Point) -> float:

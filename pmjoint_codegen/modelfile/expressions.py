@@ -13,7 +13,7 @@ import math
 import operator
 import re
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
@@ -77,7 +77,14 @@ class _Refused(Exception):  # noqa: N818 - caught in this module, where it reads
         self.allowed = allowed or rule
 
 
-def parse(text: str, symbols: Mapping[str, sp.Symbol], where: str, *, kinks: bool = False) -> sp.Expr:
+def parse(
+    text: str,
+    symbols: Mapping[str, sp.Symbol],
+    where: str,
+    *,
+    kinks: bool = False,
+    signals: Collection[str] = (),
+) -> sp.Expr:
     """Turn an expression of a model file into SymPy.
 
     Args:
@@ -85,6 +92,7 @@ def parse(text: str, symbols: Mapping[str, sp.Symbol], where: str, *, kinks: boo
         symbols: name -> symbol, for every name allowed in this place; ``pi`` is always allowed.
         where: file and key at the start of a message.
         kinks: whether abs, sign, min and max are allowed too, as in a disturbance.
+        signals: names that move along a run besides t, y and x1, x2, ...
 
     Raises:
         ModelError: anything that is not on the whitelist, too large, or not finite and real.
@@ -93,7 +101,7 @@ def parse(text: str, symbols: Mapping[str, sp.Symbol], where: str, *, kinks: boo
         allowed = (*functions(), *_KINKED) if kinks else functions()
         place = _Place(_source(text), symbols, allowed)
         expression = _checked(_build(_tree(place.source), place, _DEEPEST).expression)
-        return expression if kinks else _smooth(expression)
+        return expression if kinks else _smooth(expression, signals)
     except _Refused as refused:
         raise ModelError(f"{quoted(text)}: {refused.what}", where=where, remedy=refused.allowed) from None
 
@@ -264,10 +272,11 @@ def _checked(expression: sp.Expr) -> sp.Expr:
     return expression
 
 
-def _smooth(expression: sp.Expr) -> sp.Expr:
+def _smooth(expression: sp.Expr, signals: Collection[str]) -> sp.Expr:
     """Refuse abs and sign of a signal in other words, such as sqrt(t*t); of a parameter they are numbers."""
     for part in sorted(expression.atoms(sp.Abs, sp.sign), key=str):
-        if any(_SIGNAL.fullmatch(symbol.name) for symbol in part.free_symbols):
+        names = [symbol.name for symbol in part.free_symbols]
+        if any(_SIGNAL.fullmatch(name) or name in signals for name in names):
             raise _kinked(str(part).lower().partition("(")[0])
     return expression
 

@@ -24,8 +24,9 @@ from pmjoint_codegen.modelfile.joint import (
     joint_parameters,
     to_joint,
 )
-from pmjoint_codegen.modelfile.schema import ModelSpec, PlantSpec
+from pmjoint_codegen.modelfile.schema import ModelSpec, PlantSpec, check_degree
 from pmjoint_codegen.modelfile.soundness import check_model
+from pmjoint_codegen.modelfile.system import check_units, to_system
 from pmjoint_codegen.modelfile.tables import ParameterSpec
 from pmjoint_codegen.modelfile.units import ANY, Scales, Wanted
 from pmjoint_codegen.reference.command import DATA
@@ -53,8 +54,11 @@ def to_derive(spec: ModelSpec, where: str = "") -> Model:
     known = {item.name: item.symbol for item in parameters}
     try:
         physics = _physics(spec, parameters, where)
+        rho = physics["plant"].rho
+        if spec.relative_degree is None:
+            check_degree(spec, rho, where)
         gains = gains_of(spec, physics, parameters, where)
-        _check_values(spec, gains, parameters, where)
+        _check_values(spec, rho, gains, parameters, where)
         model = Model(
             name=spec.name,
             title=spec.title,
@@ -62,7 +66,7 @@ def to_derive(spec: ModelSpec, where: str = "") -> Model:
             parameters=parameters,
             limit=_limit(spec, known),
             chain={key: known[name] for key, name in chain_names(spec).items() if key != LIMIT},
-            **_reference(spec, known, where),
+            **_reference(spec, rho, known, where),
             gains=gains,
             chosen=chosen(spec.design, gains),
             simulation=Simulation(
@@ -75,17 +79,17 @@ def to_derive(spec: ModelSpec, where: str = "") -> Model:
         )
     except OutsideClassError as error:
         raise ModelError(error.what, where=f"{where}: {error.key}", remedy=error.remedy) from error
-    check_model(model, where)
+    check_model(model, where, spec.physics_table)
     return model
 
 
-def _reference(spec: ModelSpec, known: Symbols, where: str) -> dict[str, Any]:
+def _reference(spec: ModelSpec, rho: int, known: Symbols, where: str) -> dict[str, Any]:
     """The reference as an expression; of the parameters of its segment where it is data."""
     if spec.simulation.reference != DATA:
         return {
             "reference": parse(spec.simulation.reference, _with(known, "t"), f"{where}: simulation.reference")
         }
-    sizes = degrees(spec.relative_degree)
+    sizes = degrees(rho)
     return {"reference": segment_reference(*sizes), "segment": segment_symbols(*sizes)}
 
 
@@ -99,11 +103,14 @@ def _limit(spec: ModelSpec, known: Symbols) -> sp.Expr:
 
 def _parameters(spec: ModelSpec, where: str) -> tuple[Parameter, ...]:
     """All parameters: as written beside ``[plant]``, whose author keeps units consistent; else in SI."""
-    if spec.joint is None:
+    if spec.plant is not None:
         return tuple(
             Parameter(name, line.value, line.unit, line.about) for name, line in _lines(spec).items()
         )
     scales = Scales(where)
+    if spec.system is not None:
+        return _of_system(spec, scales)
+    assert spec.joint is not None
     check_columns({"y": spec.units.y, "u": spec.units.u}, scales)
     of_joint = joint_parameters(spec.joint, scales)
     check_joint({item.name: item for item in of_joint}, where)
@@ -122,6 +129,25 @@ def _parameters(spec: ModelSpec, where: str) -> tuple[Parameter, ...]:
     )
 
 
+def _of_system(spec: ModelSpec, scales: Scales) -> tuple[Parameter, ...]:
+    """The parameters of a system in SI units; limits have the dimension of the stated unit of u."""
+    assert spec.system is not None
+    columns = {"units.y": spec.units.y, "units.u": spec.units.u}
+    columns |= {f"system.units, entry {i}": unit for i, unit in enumerate(spec.system.units or (), start=1)}
+    check_units(columns, scales)
+    names, units = chain_names(spec), {"s": "s", "1/s": "1/s"}
+    units |= {key: unit for key, unit in dict(spec.units).items() if key in spec.units.model_fields_set}
+    wanted = {
+        names[link.key]: Wanted(units[link.unit], units[link.unit])
+        for link in LINKS
+        if link.key in names and link.unit in units
+    }
+    return tuple(
+        converted(name, line, scales, f"parameters.{name}", wanted.get(name, ANY))
+        for name, line in _lines(spec).items()
+    )
+
+
 def _lines(spec: ModelSpec) -> dict[str, ParameterSpec]:
     """Lines of ``[parameters]``, then those that numbers of the bench become."""
     return {**spec.parameters, **chain_numbers(spec)}
@@ -135,7 +161,12 @@ def _physics(spec: ModelSpec, parameters: tuple[Parameter, ...], where: str) -> 
             "plant": _plant(spec.plant, known, where),
             "disturbance_bound": spec.plant.disturbance_bound,
         }
-    assert spec.joint is not None  # `validate` demands one of the two
+    if spec.system is not None:
+        return {
+            **to_system(spec.system, parameters, spec.units.y, where),
+            "disturbance_bound": spec.system.disturbance_bound,
+        }
+    assert spec.joint is not None  # `validate` demands one of the three
     names = chain_names(spec)
     limit = known[names[LIMIT]] if LIMIT in names else None
     limits = (-limit, limit) if limit is not None else (known[names["lower"]], known[names["upper"]])
@@ -184,7 +215,9 @@ def _parse(text: str, allowed: Symbols, known: Symbols, where: str) -> sp.Expr:
         raise
 
 
-def _check_values(spec: ModelSpec, gains: Gains, parameters: tuple[Parameter, ...], where: str) -> None:
+def _check_values(
+    spec: ModelSpec, rho: int, gains: Gains, parameters: tuple[Parameter, ...], where: str
+) -> None:
     """Check the file's numbers against the rules for values set for one run."""
     values = {item.name: item.value for item in parameters}
     keys = {name: f"joint.{name}" for name in values}
@@ -193,7 +226,7 @@ def _check_values(spec: ModelSpec, gains: Gains, parameters: tuple[Parameter, ..
     keys |= {FILTER_GAINS: "design.k"}
     keys |= {name: f"design.{name}" for name in (COMPENSATOR, INPUT_SCALE)}
     for kind in GAINS:
-        names = kind.names(spec.order, spec.relative_degree)
+        names = kind.names(spec.order, rho)
         values |= dict(zip(names, gains.by_kind[kind.name], strict=True))
         keys |= {name: f"design.{kind.name}, entry {i}" for i, name in enumerate(names, start=1)}
     values |= {COMPENSATOR: float(gains.compensator), INPUT_SCALE: gains.input_scale}
@@ -201,7 +234,7 @@ def _check_values(spec: ModelSpec, gains: Gains, parameters: tuple[Parameter, ..
     check_values(
         values,
         n=spec.order,
-        rho=spec.relative_degree,
+        rho=rho,
         limit=chain_names(spec).get(LIMIT),
         leading=leading if leading in spec.parameters else None,
         where=where,

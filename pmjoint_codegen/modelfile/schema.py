@@ -15,6 +15,7 @@ from pmjoint_codegen.modelfile.bench import ActuatorSpec, SensorSpec, Setting, c
 from pmjoint_codegen.modelfile.complaints import first_complaint
 from pmjoint_codegen.modelfile.joint import JointSpec, check_kept, joint_names
 from pmjoint_codegen.modelfile.names import MODEL_NAME, key_path, why_not
+from pmjoint_codegen.modelfile.system import SystemSpec, check_system, refuse_beyond
 from pmjoint_codegen.modelfile.tables import (
     Expression,
     Expressions,
@@ -33,6 +34,7 @@ from pmjoint_codegen.reference.command import DATA
 from pmjoint_codegen.values import BRAKING, CLIP, GAINS
 from pmjoint_derive.joint import TAKEN
 
+PHYSICS = ("plant", "joint", "system")  # tables that describe a plant: a file has one
 LARGEST_ORDER = 9  # beyond it, names such as Xi111 would be ambiguous
 
 
@@ -128,6 +130,7 @@ class ModelSpec(Table):
     )
     plant: PlantSpec | None = Field(default=None, description="the table [plant]")
     joint: JointSpec | None = Field(default=None, description="the table [joint], in place of [plant]")
+    system: SystemSpec | None = Field(default=None, description="the table [system], in place of [plant]")
     actuator: ActuatorSpec = Field(description='the table [actuator] with limit = "..."')
     sensor: SensorSpec = Field(default=SensorSpec(), description="the table [sensor]")
     design: DesignSpec = Field(description="the table [design] with c, e, ck and k")
@@ -143,17 +146,31 @@ class ModelSpec(Table):
     @property
     def y_range(self) -> tuple[float, float] | None:
         """Least and greatest y of the design, where the file states them."""
-        table = self.plant or self.joint
-        return table.range if table else None
+        return self.physics.range
+
+    @property
+    def physics(self) -> PlantSpec | JointSpec | SystemSpec:
+        """The one of the three tables of the plant that the file has."""
+        table = self.plant or self.joint or self.system
+        assert table is not None  # `validate` demands one
+        return table
+
+    @property
+    def physics_table(self) -> str:
+        """Its name."""
+        return next(name for name in PHYSICS if getattr(self, name) is not None)
 
     @property
     def order(self) -> int:
         """Order n of the design's plant."""
-        return self.plant.order if self.plant else self.joint.order if self.joint else 0
+        return self.physics.order
 
     @property
-    def relative_degree(self) -> int:
-        """Relative degree rho of the design's plant."""
+    def relative_degree(self) -> int | None:
+        """Relative degree rho of the design's plant; None where only the derivation knows it."""
+        if self.system is not None:
+            transfer = self.system.transfer_function
+            return self.order + 1 - len(transfer.num) if transfer else None
         return self.order + 1 - (len(self.plant.b) if self.plant else 1)
 
 
@@ -167,28 +184,66 @@ def validate(document: Mapping[str, Any], where: str) -> ModelSpec:
     Raises:
         ModelError: one line naming file, key, what is wrong and what is allowed there.
     """
+    refuse_beyond(document, where)
     try:
         spec = ModelSpec.model_validate(_tuples(_with_data_marked(document)))
     except ValidationError as error:
         raise first_complaint(error, ModelSpec, where) from None
-    if (spec.plant is None) == (spec.joint is None):
-        found = "both are given" if spec.plant else "is missing, and so is [joint]"
-        raise ModelError(found, where=f"{where}: plant", remedy="allowed: one of [plant] and [joint]")
+    _check_physics(spec, where)
     _check_names(spec, where)
     if spec.joint is not None:
         check_kept(spec.joint, where)
     if spec.plant is not None:
         _check_plant(spec.plant, where)
+    if spec.system is not None:
+        check_system(spec.system, {**spec.parameters, **chain_numbers(spec)}, where)
     if spec.y_range is not None and not spec.y_range[0] < spec.y_range[1]:
         raise ModelError(
             f"is {list(spec.y_range)}",
-            where=f"{where}: {'plant' if spec.plant else 'joint'}.range",
+            where=f"{where}: {spec.physics_table}.range",
             remedy="allowed: [least y, greatest y]",
         )
     _check_design(spec.design, where)
     _check_lengths(spec, where)
-    _check_saturation(spec.design, spec.relative_degree, where)
+    if spec.relative_degree is not None:
+        check_degree(spec, spec.relative_degree, where)
     return spec
+
+
+def _check_physics(spec: ModelSpec, where: str) -> None:
+    """Check that a file describes its plant once."""
+    given = [name for name in PHYSICS if getattr(spec, name) is not None]
+    if len(given) != 1:
+        found = f"{' and '.join(given)} are given" if given else "is missing, and so are [joint] and [system]"
+        raise ModelError(
+            "both are given" if given == ["plant", "joint"] else found,
+            where=f"{where}: plant",
+            remedy="allowed: one of [plant], [joint] and [system]",
+        )
+
+
+def check_degree(spec: ModelSpec, rho: int, where: str) -> None:
+    """Compare the gains of steps with the relative degree, and braking with what is derived.
+
+    Args:
+        spec: a file; where its table is [system], `validate` does not know rho.
+        rho: relative degree.
+        where: file at the start of a message.
+
+    Raises:
+        ModelError: naming the key.
+    """
+    degree = {
+        "plant": "relative degree = order + 1 - length of b",
+        "joint": "relative degree of the joint",
+        "system": "relative degree of the system",
+    }
+    for kind in GAINS:
+        entries = getattr(spec.design, kind.name)
+        if not kind.of_filters and entries is not None and len(entries) != rho:
+            reason = degree[spec.physics_table]
+            raise _wrong_length(where, f"design.{kind.name}", len(entries), f"{rho} ({reason})")
+    _check_saturation(spec.design, rho, where)
 
 
 def _check_saturation(design: DesignSpec, rho: int, where: str) -> None:
@@ -293,22 +348,16 @@ def _check_poles(poles: Poles, n: int, where: str) -> None:
 
 
 def _check_lengths(spec: ModelSpec, where: str) -> None:
-    """Compare gains and initial state with the order n and the relative degree rho."""
-    design, n, rho = spec.design, spec.order, spec.relative_degree
-    given = {kind: getattr(design, kind.name) for kind in GAINS}
-    lists = {f"design.{kind.name}": (kind, entries) for kind, entries in given.items() if entries is not None}
-    _check_poles(design.poles, n, where)
-    of_order = {key: entries for key, (kind, entries) in lists.items() if kind.of_filters}
-    if spec.joint is None:
-        of_order["simulation.x0"] = spec.simulation.x0
-    else:
+    """Compare filter gains and initial state with the order n."""
+    n = spec.order
+    _check_poles(spec.design.poles, n, where)
+    of_order = {"design.k": spec.design.k, "simulation.x0": spec.simulation.x0}
+    if spec.joint is not None:
+        del of_order["simulation.x0"]
         _check_start(spec.joint, spec.simulation.x0, where)
-    of_degree = {key: entries for key, (kind, entries) in lists.items() if not kind.of_filters}
-    degree = "relative degree = order + 1 - length of b" if spec.plant else "relative degree of the joint"
-    for group, wanted, why in ((of_order, n, "order of the plant"), (of_degree, rho, degree)):
-        for key, entries in group.items():
-            if len(entries) != wanted:
-                raise _wrong_length(where, key, len(entries), f"{wanted} ({why})")
+    for key, entries in of_order.items():
+        if entries is not None and len(entries) != n:
+            raise _wrong_length(where, key, len(entries), f"{n} (order of the plant)")
 
 
 def _check_start(joint: JointSpec, x0: Sized, where: str) -> None:

@@ -16,38 +16,44 @@ from pmjoint_codegen.values import is_hurwitz, roots_text
 from pmjoint_derive import Model, Plant, real_symbol
 
 
-def check_model(model: Model, where: str) -> None:
+def check_model(model: Model, where: str, table: str) -> None:
     """Check a model at its initial state.
 
     Args:
         model: input of the derivation.
         where: file at the start of a message.
+        table: that describes the plant: ``plant``, ``joint`` or ``system``.
 
     Raises:
         ModelError: an expression without finite value, ``b_m = 0``, ``sigma = 0``, unstable zero dynamics.
     """
     values: dict[sp.Symbol, float] = {item.symbol: item.value for item in model.parameters}
     for constant in model.constants:
-        key = f"{where}: joint, coefficient {constant.name}"
+        key = f"{where}: {table}, coefficient {constant.name}"
         values[constant.symbol] = _finite(constant.expression, values, key)
-    _check_input([_finite(entry, values, f"{where}: {key}") for key, entry in _input(model)], model, where)
+    b = [_finite(entry, values, f"{where}: {key}") for key, entry in _input(model, table)]
+    _check_input(b, table, where)
     start = values | _initial_point(model, values)
     for reported in model.reported:
-        key = f"{where}: joint, {reported.name}"
+        key = f"{where}: {table}, {reported.name}"
         start[reported.symbol] = _finite(reported.expression, start, key)
-    for key, expression in _entries(model.plant):
+    for key, expression in _entries(model.plant, "system" if table == "system" else "plant"):
         _finite(expression, start, f"{where}: {key}")
     _check_reference(model, start, f"{where}: simulation.reference")
     if value_at(model.plant.sigma, start) == 0:
         raise ModelError(
             "sigma is 0 at the initial state, so no input acts there",
-            where=f"{where}: plant.sigma",
+            where=f"{where}: {_sigma_key(table)}",
             remedy="allowed: a function of y that is never 0",
         )
-    _check_range(model, values, where)
+    _check_range(model, values, where, _sigma_key(table))
 
 
-def _check_range(model: Model, values: Point, where: str) -> None:
+def _sigma_key(table: str) -> str:
+    return "system.rates, factor of u" if table == "system" else "plant.sigma"
+
+
+def _check_range(model: Model, values: Point, where: str, key: str) -> None:
     """Check that sigma is not 0 anywhere in the design's range."""
     if model.y_range is None:
         return
@@ -56,7 +62,7 @@ def _check_range(model: Model, values: Point, where: str) -> None:
     if place is not None:
         raise ModelError(
             f"sigma vanishes, or is not finite, near y = {place:.6g}, within the range {low:g} to {high:g}",
-            where=f"{where}: plant.sigma",
+            where=f"{where}: {key}",
             remedy="allowed: a sigma that is never 0 there, or a smaller range",
         )
 
@@ -92,16 +98,16 @@ def _initial_point(model: Model, values: Point) -> dict[sp.Symbol, float]:
         point = {**values, **given}
         states = {state: value_at(form, point) for state, form in model.start.states.items()}
     at_rest = {item.symbol: 0.0 for item in model.actuator}
-    return states | at_rest | {real_symbol("y"): x0[0], real_symbol("t"): 0.0}
+    return states | at_rest | {real_symbol("y"): states[real_symbol("x1")], real_symbol("t"): 0.0}
 
 
-def _entries(plant: Plant) -> Iterable[tuple[str, sp.Expr]]:
+def _entries(plant: Plant, table: str) -> Iterable[tuple[str, sp.Expr]]:
     """Every expression of a plant with its key."""
     columns = {"phi": plant.phi, "theta": plant.theta, "b": plant.b, "disturbance": plant.disturbance}
     columns |= {f"Phi, entry {i}": row for i, row in enumerate(plant.Phi, start=1)}
     for key, column in columns.items():
-        yield from ((f"plant.{key}, entry {i}", entry) for i, entry in enumerate(column, start=1))
-    yield "plant.sigma", plant.sigma
+        yield from ((f"{table}.{key}, entry {i}", entry) for i, entry in enumerate(column, start=1))
+    yield f"{table}.sigma", plant.sigma
 
 
 def _finite(expression: sp.Expr, point: Point, where: str) -> float:
@@ -116,21 +122,20 @@ def _finite(expression: sp.Expr, point: Point, where: str) -> float:
         ) from None
 
 
-def _input(model: Model) -> Iterable[tuple[str, sp.Expr]]:
+def _input(model: Model, table: str) -> Iterable[tuple[str, sp.Expr]]:
     """The input coefficients ``b_m ... b_0``, each with its key; a joint has (8) for them."""
-    table = "joint" if model.constants else "plant"
     yield from ((f"{table}.b, entry {i}", entry) for i, entry in enumerate(model.plant.b, start=1))
 
 
-def _check_input(b: list[float], model: Model, where: str) -> None:
+def _check_input(b: list[float], table: str, where: str) -> None:
     """Check the input polynomial ``b_m s^m + ... + b_0``."""
-    if b[0] == 0 and model.constants:
+    if b[0] == 0 and table == "joint":
         raise ModelError(
             "b0 of (8) is 0 at the given parameters, so no input acts",
             where=f"{where}: joint",
             remedy="allowed: C1, C2, C3 and eps0 with C1*eps0**2 + C2*eps0 + C3 other than 0",
         )
-    where = f"{where}: plant.b"
+    where = f"{where}: {'system' if table == 'system' else 'plant'}.b"
     if b[0] == 0:
         raise ModelError(
             "b_m is 0 at the given parameters, so no input acts",

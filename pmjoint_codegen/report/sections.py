@@ -9,6 +9,7 @@ from pmjoint_derive.model import Model
 from pmjoint_derive.true_plant import own_symbol
 
 ORDER = (
+    "System",
     "Plant",
     "Filters",
     "Estimate",

@@ -16,16 +16,15 @@ from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.reference.reader import command_of
 from pmjoint_codegen.reference.segments import Segments, make_segments
+from pmjoint_codegen.simulate.divergence import DIVERGENCE, default_divergence
 from pmjoint_codegen.values import (
     COMPENSATOR,
-    MATCHED,
     OWN_SUFFIX,
     SI,
     STARTS,
     ZERO,
     check_rules,
     check_values,
-    of_plant,
     to_si,
 )
 
@@ -58,7 +57,6 @@ DEFAULT_TOLERANCE: Final = 1e-10
 TOLERANCES: Final = (1e-14, 1e-3)
 MAX_ROWS: Final = 10_000_000
 _LARGE: Final = 1e300
-DIVERGENCE: Final = 1e4  # in the states' units; following a diverged run costs more than all before it
 
 
 @dataclass(frozen=True)
@@ -327,22 +325,6 @@ def _initial_rule(manifest: Manifest) -> str:
         return rule
     values = ", ".join(f"{value:g}" for value in manifest.simulation.x0[required:])
     return f"{rule}; give {manifest.nx}, or {required} for {', '.join(names[required:])} = {values}"
-
-
-def default_divergence(
-    manifest: Manifest, values: Mapping[str, float], x0: Array, started: str = ZERO
-) -> float:
-    """The default limit on every |X_i|: 1e4, or more if a bounded run may need it.
-
-    A pressure is at most P_max from P_0, a difference of two 2 P_max, both in Pa. The start is within it;
-    a matched one has r_i of the size of ck^(i-1) y.
-    """
-    pressures = [item for item in manifest.states[: manifest.nx] if item.unit == "Pa"]
-    start = 100.0 * max(map(abs, x0.tolist()), default=0.0)
-    if started == MATCHED:
-        start *= max(1.0, *(values[f"ck{i}"] for i in range(1, manifest.rho + 1))) ** (manifest.rho - 1)
-    supply = 4.0 * of_plant(values, "P_max") if pressures and "P_max" in values else 0.0
-    return min(max(DIVERGENCE, start, supply), float(np.finfo(np.float64).max))
 
 
 def default_controller(manifest: Manifest) -> Controller:

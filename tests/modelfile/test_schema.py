@@ -68,7 +68,10 @@ MISTAKES = [
     ({"name": None}, "name: is missing; allowed: letters"),
     ({"title": "a\nb"}, "title: is the text 'a\\nb'; allowed: one line of text"),
     ({"title": "x" * 401}, "title: has 401 characters; allowed: one line of text, 400 characters at most"),
-    ({"plant": None}, "plant: is missing, and so is [joint]; allowed: one of [plant] and [joint]"),
+    (
+        {"plant": None},
+        "plant: is missing, and so are [joint] and [system]; allowed: one of [plant], [joint] and [system]",
+    ),
     ({"plant": 3}, "plant: is 3; allowed: the table [plant]"),
     ({"parameters.d1": 0.2}, "parameters.d1: is 0.2; allowed: lines such as b0 = { value = 2.0"),
     ({"parameters.d1.value": "0.2"}, "parameters.d1.value: is the text '0.2'; allowed: a finite number"),

@@ -9,8 +9,9 @@ import pytest
 from pmjoint_codegen import ClosedLoop
 from pmjoint_codegen.cli.summary_table import summary_table
 from pmjoint_codegen.errors import SimulationError, UsageError
+from pmjoint_codegen.simulate.divergence import DIVERGENCE
 from pmjoint_codegen.simulate.run import Run
-from pmjoint_codegen.simulate.settings import DIVERGENCE, make_settings
+from pmjoint_codegen.simulate.settings import make_settings
 from pmjoint_codegen.sweep.plan import make_plan
 from pmjoint_codegen.sweep.request import make_request
 
