@@ -144,7 +144,8 @@ class ClosedLoop:
             start: of the controller: ``zero``, or ``matched`` to the measured y(0).
             tolerance: local error, relative to max(1, |value|); by default 1e-10.
             max_step: longest integration step, s.
-            divergence: a state beyond it ends the run; by default 1e4, more for pressures or a distant start.
+            divergence: a state beyond it ends the run; by default 1e4, more where a bounded run may need it:
+                pressures, a distant start, order 3 or more, |b_m| < 1.
             reference: another y_r, as data: an array of shape (points, 2), t and y, or a pair of arrays; an
                 array of one value for every output instant; a function of t, taken at the output instants; or
                 a mapping as in a model file, with a filter. The first such run of a model whose reference is

@@ -263,7 +263,7 @@ _OF_A_RUN: Final[Mapping[str, tuple[str, Mapping[str, Any]]]] = {
             "type": float,
             "metavar": "X",
             "help": "A state beyond this limit ends a run "
-            "[default: 1e4, more for pressures in Pa or a distant start].",
+            "[default: 1e4, more for pressures in Pa, a distant start, order 3 or more, or a small b_m].",
         },
     ),
 }

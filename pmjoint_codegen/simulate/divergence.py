@@ -1,4 +1,4 @@
-"""Where a run counts as lost: the default limit on its states."""
+"""The default limit on every state, beyond which a run is lost."""
 
 from __future__ import annotations
 
@@ -9,9 +9,11 @@ import numpy as np
 
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
+from pmjoint_codegen.simulate.pace import leading
 from pmjoint_codegen.values import MATCHED, ZERO, of_plant
 
-DIVERGENCE: Final = 1e4  # in the states' units; following a diverged run costs more than all before it
+DIVERGENCE: Final = 1e4  # in y's unit; following a diverged run costs more than all before it
+_USUAL_ORDER: Final = 2  # up to it, no state is much larger than y and its rate
 
 
 def default_divergence(
@@ -20,23 +22,36 @@ def default_divergence(
     """The default limit on every |X_i|: 1e4, or more if a bounded run may need it.
 
     A pressure is at most P_max from P_0, a difference of two 2 P_max, both in Pa. The start is within it;
-    a matched one has r_i of the size of ck^(i-1) y. The filter lambda follows u, which may be in Pa. Physical
-    states of order one reach the design's coordinates by way of a transformation, which may be steep.
+    a matched one has r_i of the size of ck^(i-1) y. The design's later states are as large as derivatives of
+    y, and lambda is as large as these over b_m.
+
+    Args:
+        manifest: the model.
+        values: every parameter by name, as the kernels take it.
+        x0: of the start's variables, shape (nx,).
+        started: how the controller starts.
     """
     pressures = [item for item in manifest.states[: manifest.nx] if item.unit == "Pa"]
     start = 100.0 * max(map(abs, x0.tolist()), default=0.0)
     if started == MATCHED:
         start *= max(1.0, *(values[f"ck{i}"] for i in range(1, manifest.rho + 1))) ** (manifest.rho - 1)
     supply = 4.0 * of_plant(values, "P_max") if pressures and "P_max" in values else 0.0
-    inputs = 10.0 * max(map(abs, manifest.limits(values)))
-    found = (DIVERGENCE, start, supply, inputs, 100.0 * _steepness(manifest, values))
-    return min(max(found), float(np.finfo(np.float64).max))
+    usual = DIVERGENCE * _derivatives(manifest, values) * max(1.0, 1.0 / abs(leading(manifest, values)))
+    return min(max(usual, start, supply), float(np.finfo(np.float64).max))
 
 
-def _steepness(manifest: Manifest, values: Mapping[str, float]) -> float:
-    """The largest coordinate of the design where one physical state is 1; 0 if states are coordinates."""
-    if manifest.start.terms == manifest.start.names:
-        return 0.0
-    columns = {name: np.full(manifest.nx, value) for name, value in values.items()}
-    sizes = np.abs(manifest.start.states(np.eye(manifest.nx), columns))
-    return float(np.max(sizes, initial=0.0, where=np.isfinite(sizes)))
+def _derivatives(manifest: Manifest, values: Mapping[str, float]) -> float:
+    """How much larger than y and its rate the design's states are: by the filters' bandwidth a derivative.
+
+    Where a run starts in physical states, also by what one unit of these is in the design's.
+    """
+    n = manifest.n
+    if n <= _USUAL_ORDER:
+        return 1.0
+    bandwidth = abs(values[f"k{n}"]) ** (1.0 / n)
+    columns = {name: np.array([value]) for name, value in values.items()}
+    points = np.vstack([np.zeros(manifest.nx), np.eye(manifest.nx)])
+    states = manifest.start.states(points, columns)
+    apart = np.abs(states[1:] - states[0])
+    most = max(1.0, bandwidth ** (n - _USUAL_ORDER), apart[np.isfinite(apart)].max(initial=0.0))
+    return float(f"{most:.3g}")  # a message names the limit

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from pmjoint_codegen import ClosedLoop
@@ -90,6 +92,44 @@ def test_the_limit_leaves_room_for_pressures_and_for_the_start(paper: ClosedLoop
     assert make_settings(lagging).divergence == 4 * 5e5
     assert make_settings(lagging, parameters={"P_max": 6e5}).divergence == 4 * 6e5
     assert make_settings(paper.manifest, x0=[-2e4, 0.0]).divergence == 2e6
+
+
+FLEXIBLE = """
+schema = 1
+name = "flexible"
+[parameters]
+Ks = {{ value = 1.61 }}
+Jh = {{ value = 0.0021 }}
+Jl = {{ value = 0.0059 }}
+Kt = {{ value = {torque} }}
+u_max = {{ value = {limit} }}
+[plant]
+order = 4
+phi = ["-50*y", "-(Ks/Jl + Ks/Jh)*y", "-50*Ks/Jl*y", "0"]
+b = ["Kt*Ks/(Jh*Jl)"]
+[actuator]
+limit = "u_max"
+[design]
+bandwidth = 20
+input_scale = "auto"
+start = "matched"
+[simulation]
+reference = "0.5*(1 - cos(t))"
+x0 = [0.0, 0.0, 0.0, 0.0]
+horizon = 3.0
+"""
+
+
+@pytest.mark.parametrize(("torque", "limit"), [(0.2, 10.0), (2e-7, 1e7)])
+def test_large_derivatives_and_a_small_unit_of_the_input_are_no_divergence(
+    torque: float, limit: float, tmp_path: Path
+) -> None:
+    file = tmp_path / "flexible.toml"
+    file.write_text(FLEXIBLE.format(torque=torque, limit=limit), encoding="utf-8")
+    run = ClosedLoop.load(file).simulate()
+    assert run.summary["status"] == "done"
+    assert run.summary["max_abs_e"] < 0.05
+    assert max(float(np.abs(run[name]).max()) for name in ("x4", "lambda4")) > DIVERGENCE
 
 
 def test_a_run_that_ends_far_away_at_its_limit_is_lost(paper: ClosedLoop) -> None:
