@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from pmjoint_codegen.check.oracles.heyoka_kinks import Kinks, SlidingError, UntrustedError
+from pmjoint_codegen.check.oracles.heyoka_kinks import UNIT, Kinks, SlidingError, UntrustedError
 from pmjoint_codegen.check.oracles.heyoka_rests import Rests
 from pmjoint_codegen.check.trajectory import ACCURACY
 
@@ -51,6 +51,7 @@ class Crossings:
         ended: why the run ended.
         mode: the present one.
         rest: a kink that begins to hold the run, or lets go, and its side from there on.
+        left: the kink that let go where the run begins, or -1.
     """
 
     def __init__(self) -> None:
@@ -62,8 +63,11 @@ class Crossings:
         self.along: list[tuple[float, Array]] = []
         self.ended: UntrustedError | None = None
         self.rest: tuple[int, float] | None = None
+        self.left = -1
 
-    def begin(self, modes: list[list[float]], mode: int, t: float, given: Array, first: int) -> None:
+    def begin(
+        self, modes: list[list[float]], mode: int, t: float, given: Array, first: int, left: int = -1
+    ) -> None:
         """Prepare for a run.
 
         Args:
@@ -72,8 +76,9 @@ class Crossings:
             t: s.
             given: parameters at the start: the reference's segment, offsets and slopes, sides, limit.
             first: how many of them belong to the segment.
+            left: the kink that lets go here, or -1.
         """
-        self.mode, self._first = mode, first
+        self.mode, self._first, self.left = mode, first, left
         self._modes, self.found, self.along, self.ended = modes, [], [(t, given.copy())], None
         self.rest = None
 
@@ -106,6 +111,10 @@ class Crossings:
 
         def flipped(solver: Any, direction: int) -> bool:
             t, given = float(solver.time), self.along[-1][1].copy()
+            begin = self.along[0][0]
+            # The argument of a kink that has just let go is rounding, as is its rate: no zero of the motion.
+            if place == self.left and abs(t - begin) <= 8 * UNIT * max(1.0, abs(begin)):
+                return True
             if rests is not None and rests.holds(place, t, np.array(solver.state), given):
                 self.rest = place, 0.0
                 return False

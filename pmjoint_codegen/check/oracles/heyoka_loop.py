@@ -161,10 +161,10 @@ class Loop:
         states = np.full((len(t), len(start)), np.nan)
         time, state, now = float(t[0]), start, mode
         breaks = [] if self._segments is None else inside(self._segments, float(t[-1]))[0].tolist()
-        ends = [*breaks, float(t[-1])]
+        ends, left = [*breaks, float(t[-1])], FREE
         for _ in range(MOST_FLIPS):  # of the reference, or between stick and slip
             solver, crossings = self._solver(len(thresholds), held)
-            crossings.begin(coarse.modes.tolist(), now, time, given, self._first)
+            crossings.begin(coarse.modes.tolist(), now, time, given, self._first, left)
             solver.reset_cooldowns()
             solver.time, solver.state[:] = time, state
             solver.pars[:] = [*given, *thresholds]
@@ -185,8 +185,10 @@ class Loop:
             given = crossings.along[-1][1].copy()
             if crossings.rest is not None:
                 deviation.trust()
-                held = self._rest(crossings.rest, held, given)
+                before, held = held, self._rest(crossings.rest, held, given)
+                left = before if held == FREE else FREE
                 continue
+            left = FREE
             del ends[0]
             if not ends:
                 deviation.trust()
