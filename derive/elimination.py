@@ -17,13 +17,15 @@ from dataclasses import dataclass
 
 import sympy as sp
 
+from pmjoint_derive.dependence import settled
 from pmjoint_derive.model import OutsideClassError
 from pmjoint_derive.observer_form import Form, UnobservableError, observer_form
 from pmjoint_derive.peeling import StuckError, peeled_form
-from pmjoint_derive.physics import Physics, U, Y, settled, split, terms_of
+from pmjoint_derive.physics import Physics, U, Y, split, terms_of
 
 _RATES, _OUTPUT = "system.rates", "system.output"
 _REMEDY = "leave it to the key disturbance, which the plant alone has, or measure another output"
+_OF_INPUT = "measure that state as the output, or redefine the input as the whole product"
 
 
 @dataclass(frozen=True)
@@ -108,7 +110,9 @@ def _blocked(physics: Physics, rates: tuple[sp.Expr, ...], stuck: StuckError) ->
         return OutsideClassError(_RATES, stuck.what, _REMEDY)
     i, term = place
     return OutsideClassError(
-        f"{_RATES}, entry {i + 1}", f"the term {term} {_fault(physics, term, stuck)}", _REMEDY
+        f"{_RATES}, entry {i + 1}",
+        f"the term {term} {_fault(physics, term, stuck)}",
+        _OF_INPUT if U in term.free_symbols else _REMEDY,
     )
 
 

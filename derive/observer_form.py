@@ -18,8 +18,9 @@ from dataclasses import dataclass
 
 import sympy as sp
 
+from pmjoint_derive.dependence import settled
 from pmjoint_derive.model import real_symbol
-from pmjoint_derive.physics import Physics, Y, settled
+from pmjoint_derive.physics import Physics, Y
 from pmjoint_derive.shield import shielded
 
 

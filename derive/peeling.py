@@ -17,8 +17,9 @@ from __future__ import annotations
 import sympy as sp
 from sympy.integrals.manualintegrate import manualintegrate
 
+from pmjoint_derive.dependence import settled
 from pmjoint_derive.observer_form import Form, UnobservableError, coordinates, tidied
-from pmjoint_derive.physics import Physics, Y, lie, settled
+from pmjoint_derive.physics import Physics, Y, lie
 
 # what a kernel computes: an antiderivative of other functions is of no use
 _COMPUTED = (sp.sin, sp.cos, sp.tan, sp.exp, sp.log, sp.tanh, sp.atan, sp.sinh, sp.cosh)

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import sympy as sp
 
+from pmjoint_derive.dependence import settled
 from pmjoint_derive.model import OutsideClassError, real_symbol
 from pmjoint_derive.shield import shielded
 
 U, Y = real_symbol("u"), real_symbol("y")
-DRIFT, GAIN = 0, 1
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ def split(states: tuple[sp.Symbol, ...], rates: tuple[sp.Expr, ...], output: sp.
         raise OutsideClassError(
             "system.output",
             f"u acts on the output at once, in {output}: a direct feedthrough",
-            "measure a quantity that does not jump with u, or give actuator.lag and design without it",
+            "measure a quantity that does not jump with u, or add the lag of sensor or actuator as a state",
         )
     for i, rate in enumerate(rates, start=1):
         if settled(sp.diff(rate, U, 2), (U, *states)) != 0:
@@ -91,16 +91,3 @@ def split(states: tuple[sp.Symbol, ...], rates: tuple[sp.Expr, ...], output: sp.
 def terms_of(value: sp.Expr, states: Sequence[sp.Symbol]) -> tuple[sp.Expr, ...]:
     """The summands of a rate, multiplied out except inside functions."""
     return tuple(sp.Add.make_args(shielded(sp.expand, value, (*states, U))))
-
-
-def settled(value: sp.Expr, moving: Sequence[sp.Symbol]) -> sp.Expr:
-    """An expression without symbols that only seem to be in it; simplified only where `moving` ones are.
-
-    Simplifying is slow, and what is free of moving symbols is what it is asked about.
-    """
-    if not value.free_symbols & set(moving):
-        return value
-    expanded = sp.expand(value)
-    if not expanded.free_symbols & set(moving):
-        return expanded
-    return sp.simplify(expanded)

@@ -92,7 +92,7 @@ def _written(
     """The rates as the model file has them."""
     return [
         Equation(
-            real_symbol(f"{state}_rate"),
+            real_symbol(f"rate_of_{state}"),
             rate,
             SECTION,
             "",

@@ -29,6 +29,7 @@ from pmjoint_codegen.cli.main import run as pmjoint
 from pmjoint_codegen.reference.columns import factor, read_table
 from pmjoint_codegen.simulate import style
 from pmjoint_codegen.storage import write_bytes, write_text
+from pmjoint_codegen.values import SI, to_si
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -299,10 +300,10 @@ def fit(axes: Axes, error: Array, bound: float) -> None:
 
 
 def limits(system: System, found: Outcome) -> tuple[float, ...]:
-    """The actuator's limits in a run, in the unit of u."""
-    loop = ClosedLoop.load(system.file, notify=lambda line: None)
-    given: tuple[float, ...] = loop.manifest.limits(found.summary["parameters"])
-    return given
+    """The actuator's limits in a run, in the unit of u: the file may state them in another, such as deg."""
+    manifest = ClosedLoop.load(system.file, notify=lambda line: None).manifest
+    stated = found.summary["parameters"]
+    return manifest.limits({name: to_si(stated[name], manifest.scales.get(name, SI)) for name in stated})
 
 
 def main(names: Sequence[str]) -> None:

@@ -31,6 +31,7 @@ _NUMBERED = re.compile(
     r"|d?braking_rate\w*|r1_slope\d|r2_middle"  # of a compensator that brakes
     r"|g_(offset|slope)\d+|side\d+"  # of kernels
     r"|ref_([ta]|[pq]\d+)|y_cmd"  # of a reference that is data
+    r"|rate_of_\w+"  # of a system
     r"|\w+_plant|D[1-9]\d*_effective|known\d+|mismatch\d+"  # of the true plant
 )
 

@@ -61,6 +61,7 @@ def latex_name(name: str) -> str:
 def _forms() -> tuple[tuple[str, Callable[..., str]], ...]:
     """Give the patterns of composite names, the most particular first, each with its LaTeX."""
     return (
+        (r"rate_of_(.+)", lambda state: _accented("dot", state)),
         (r"(.+)_start", lambda base: f"{latex_name(base)}(0)"),
         (
             r"d(\d*)([A-Za-z]+\d*)_d(.+)",
