@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from pmjoint_codegen.check.oracles.heyoka_kinks import UNIT, Kinks, SlidingError, UntrustedError
+from pmjoint_codegen.check.oracles.heyoka_kinks import Kinks, SlidingError, UntrustedError
 from pmjoint_codegen.check.oracles.heyoka_rests import Rests
 from pmjoint_codegen.check.trajectory import ACCURACY
 
@@ -17,6 +17,7 @@ Array = npt.NDArray[np.float64]
 TRUSTED: Final = (
     0.1 * ACCURACY
 )  # allowed deviation of a run from its equations: the defect's integral, relative
+LEAVING: Final = 1e-8  # s; (10/s^2) LEAVING^2 is about the rounding of a state of 1
 MOST_FLIPS: Final = 10_000  # of sides in a run; more is sliding by ever shorter steps
 
 
@@ -111,9 +112,8 @@ class Crossings:
 
         def flipped(solver: Any, direction: int) -> bool:
             t, given = float(solver.time), self.along[-1][1].copy()
-            begin = self.along[0][0]
-            # The argument of a kink that has just let go is rounding, as is its rate: no zero of the motion.
-            if place == self.left and abs(t - begin) <= 8 * UNIT * max(1.0, abs(begin)):
+            # The argument of a kink that lets go grows with the square of time: its zeros here are rounding.
+            if place == self.left and t - self.along[0][0] <= LEAVING:
                 return True
             if rests is not None and rests.holds(place, t, np.array(solver.state), given):
                 self.rest = place, 0.0

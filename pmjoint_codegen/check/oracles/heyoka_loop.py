@@ -39,6 +39,8 @@ POINTS: Final = (0.25, 0.5, 0.75, 1.0)  # of a step, where its polynomial is com
 ONE_THRESHOLD: Final = 1e-3 * ACCURACY  # relative distance below which two thresholds are one
 
 FREE: Final = -1  # no kink holds
+# s within which an event is not found twice. heyoka's own (-1) is 0 where a kink lets go, at a rate of 0.
+COOLDOWN: Final = (-1.0, 1e-12)  # of a threshold of v, of a kink
 
 
 class Loop:
@@ -355,7 +357,10 @@ class Loop:
                 system,
                 [0.0] * len(self.names),
                 pars=[0.0] * (first + count),
-                t_events=[self._heyoka.t_event(value, callback=callback) for value, callback in events],
+                t_events=[
+                    self._heyoka.t_event(value, callback=callback, cooldown=COOLDOWN[i >= count])
+                    for i, (value, callback) in enumerate(events)
+                ],
             )
             self._solvers[count, held] = solver, crossings
         return self._solvers[count, held]
