@@ -1,4 +1,4 @@
-"""What docs/gallery.md says does not fit is refused, with the term at fault, when a file asks for it."""
+"""What docs/gallery.md says does not fit is refused, with the term that blocks it, if a file has it."""
 
 from __future__ import annotations
 
