@@ -1,4 +1,4 @@
-"""What docs/gallery.md says of the PID of the ship's source, within the limits of its file."""
+"""What docs/gallery.md says of the PID of the ship's source, on the plant of the file, within its limits."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ TIME_CONSTANT, FREQUENCY = 107.3, 0.05  # of the PID's pole placement: s, rad/s
 
 
 def pid_error() -> npt.NDArray[np.float64]:
-    """Heading minus reference, deg, shape (samples,): pole placement, feedforward, a command 1 s behind."""
+    """Heading minus reference, in deg, shape (samples,): pole placement, feedforward, command 1 s late."""
     plant = StateSpace(*tf2ss([K * T3, K], [T1 * T2, T1 + T2, 1.0, 0.0]))
     a, b, *_ = cont2discrete((plant.A, plant.B, plant.C, plant.D), STEP)
     gain = TIME_CONSTANT / K * FREQUENCY**2
