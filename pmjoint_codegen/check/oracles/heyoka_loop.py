@@ -40,7 +40,7 @@ ONE_THRESHOLD: Final = 1e-3 * ACCURACY  # relative distance below which two thre
 
 FREE: Final = -1  # no kink holds
 # s within which an event is not found twice. heyoka's own (-1) is 0 where a kink lets go, at a rate of 0.
-COOLDOWN: Final = (-1.0, 1e-12)  # of a threshold of v, of a kink
+COOLDOWN: Final = (-1.0, 1e-9)  # of a threshold of v, of a kink
 
 
 class Loop:
