@@ -133,7 +133,15 @@ def prepare(subject: Subject, function: Function, count: int | None = None) -> P
     """Points, exact results and bounds for one kernel."""
     reference = kernel_reference(subject, function)
     wanted = count or (TAYLOR_POINTS if reference.taylor else POINTS)
-    found = batches(subject.interpreted, function, wanted, SEED, extreme=False, features=subject.features)
+    found = batches(
+        subject.interpreted,
+        function,
+        wanted,
+        SEED,
+        extreme=False,
+        features=subject.features,
+        y_range=subject.model.y_range,
+    )
     arguments = tuple(
         np.concatenate(arrays) for arrays in zip(*(batch.arguments for batch in found), strict=True)
     )
