@@ -23,6 +23,7 @@ from pmjoint_codegen.simulate.run import Run, Simulator
 from pmjoint_codegen.simulate.settings import RunOptions
 
 if TYPE_CHECKING:
+    from pmjoint_codegen.controller import Controller
     from pmjoint_codegen.provision import Provided
 
 Notify = Callable[[str], None]
@@ -202,6 +203,48 @@ class ClosedLoop:
             UsageError: an unknown parameter.
         """
         return Law(self.evaluator, self._vector(parameters))
+
+    def controller(
+        self,
+        *,
+        sample_time: float | None = None,
+        parameters: Mapping[str, float] | None = None,
+        compensator: bool | None = None,
+        start: str | None = None,
+        reference: object = None,
+    ) -> Controller:
+        """Make the sampled controller, for a plant of your own: one call of its `step` for each sample.
+
+        Args:
+            sample_time: T, s; by default the model's.
+            parameters: as for `simulate`.
+            compensator: as for `simulate`.
+            start: as for `simulate`.
+            reference: as for `simulate`; a function of t is taken at the model's own output instants, up to
+                its horizon.
+
+        Raises:
+            UsageError: a setting is unknown or out of range.
+        """
+        from pmjoint_codegen.controller import Controller
+
+        if reference is not None and not self.manifest.segment:
+            return self._for_data.controller(
+                sample_time=sample_time,
+                parameters=parameters,
+                compensator=compensator,
+                start=start,
+                reference=reference,
+            )
+        settings = self._simulator.settings(
+            controller="sampled",
+            sample_time=sample_time,
+            parameters=parameters,
+            compensator=compensator,
+            start=start,
+            reference=reference,
+        )
+        return Controller(self.evaluator, settings)
 
     def _vector(self, parameters: Mapping[str, float] | None) -> Array:
         return self._simulator.settings(parameters=parameters).p
