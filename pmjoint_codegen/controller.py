@@ -216,7 +216,7 @@ class Controller:
                 self.sample_time,
                 self._steps.sample,
                 tuple(self._memory.now.tolist()),
-                self._steps.matches,
+                self._steps.matches and self._steps.sample == 0,
             )
 
     @state.setter
@@ -244,7 +244,7 @@ class Controller:
         """Put a reference into memory, a number as a constant one."""
         memory = self._y_r
         try:
-            if isinstance(y_r, _NUMBER) or not hasattr(y_r, "__len__"):
+            if isinstance(y_r, _NUMBER) or (not isinstance(y_r, tuple) and np.ndim(y_r) == 0):
                 memory[0] = y_r
                 for i in self._derivatives:
                     memory[i] = 0.0
