@@ -20,11 +20,12 @@ from pmjoint_codegen.kernels.law import Law
 from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.run import Run, Simulator
-from pmjoint_codegen.simulate.settings import RunOptions
+from pmjoint_codegen.simulate.settings import RunOptions, Settings
 
 if TYPE_CHECKING:
     from pmjoint_codegen.controller import Controller
     from pmjoint_codegen.provision import Provided
+    from pmjoint_codegen.systems import ControlSystems
 
 Notify = Callable[[str], None]
 Stage = Callable[[str, float], None]  # name, part done
@@ -245,6 +246,44 @@ class ClosedLoop:
             reference=reference,
         )
         return Controller(self.evaluator, settings)
+
+    def to_control(
+        self,
+        *,
+        parameters: Mapping[str, float] | None = None,
+        compensator: bool | None = None,
+        start: str | None = None,
+        x0: Sequence[float] | Array | None = None,
+        notify: Notify = _to_stderr,
+    ) -> ControlSystems:
+        """The continuous loop as python-control's systems: controller, plant, and both together.
+
+        Args:
+            parameters: as for `simulate`; each system's own ``params`` come on top.
+            compensator: as for `simulate`.
+            start: as for `simulate`.
+            x0: as for `simulate`.
+            notify: called with a line that names the model's keys that need a clock, if it has any.
+
+        Raises:
+            MissingToolError: python-control is not installed.
+            UsageError: a setting is unknown or out of range.
+        """
+        from pmjoint_codegen.systems import make_systems
+
+        def prepare(params: Mapping[str, float]) -> Settings:
+            return self._simulator.settings(
+                controller="continuous",
+                parameters={**(parameters or {}), **params},
+                compensator=compensator,
+                start=start,
+                x0=x0,
+            )
+
+        systems = make_systems(self.evaluator, prepare)
+        if systems.left_out:
+            notify(f"{self.manifest.name}: a continuous loop leaves out {', '.join(systems.left_out)}")
+        return systems
 
     def _vector(self, parameters: Mapping[str, float] | None) -> Array:
         return self._simulator.settings(parameters=parameters).p
