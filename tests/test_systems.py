@@ -136,6 +136,7 @@ def test_the_plant_limits_u_and_the_controller_adds_the_dead_zone(tmp_path: Path
     assert found.outputs[0] == pytest.approx(run["y"], abs=1e-7)
     at = systems.plant.dynamics(0.0, [0.0, 0.0], [1e3])
     assert list(at) == [0.0, 2.0 * 9.5]
+    assert list(loaded("paper").to_control().plant.dynamics(0.0, [0.0, 0.0], [1e3])) == [0.0, 2.0 * 10.0]
 
 
 def test_the_reference_may_be_data() -> None:
