@@ -59,8 +59,8 @@ compile = $(pin) --group editable --extra derive pyproject.toml
 lock: environment-dev ## pin every dependency, and the pip that installs them, with its hashes in requirements/
 	@$(pin) --group installer --output-file requirements/installer.txt
 	@$(compile) --output-file requirements/simulate.txt
-	@$(compile) --extra test --extra dev --extra sweep --constraint requirements/simulate.txt --output-file requirements/dev.txt
-	@$(compile) --extra test --extra dev --extra sweep --extra bench --constraint requirements/dev.txt \
+	@$(compile) --extra test --extra dev --extra sweep --extra control --constraint requirements/simulate.txt --output-file requirements/dev.txt
+	@$(compile) --extra test --extra dev --extra sweep --extra control --extra bench --constraint requirements/dev.txt \
 		--output-file requirements/bench.txt
 
 environment:

@@ -1,4 +1,4 @@
-"""Evaluation of v of (29) alone: one call, and many values at once."""
+"""Evaluation of v of (29) alone: one call, many values at once, and a step of the sampled controller."""
 
 from __future__ import annotations
 
@@ -27,6 +27,7 @@ MANY: Final = 10_000
 LAW: Final = "ours, ClosedLoop.law"
 IN_PLACE: Final = "ours, in place"
 CONTROL: Final = "ClosedLoop.control"
+STEP: Final = "ours, Controller.step"
 AGREEMENT: Final = 1e-9  # relative to the largest |v|
 Calls = dict[str, Callable[[], Any]]
 
@@ -41,7 +42,7 @@ def run(quick: bool, folder: Path) -> Section:
         "they do for CasADi's buffers. lambdify shares common subexpressions. CasADi's C for `external` is "
         "built with -O3 -march=native, ours without contraction for any processor. lambdify, numba and JAX "
         "are given gains and parameters as numbers; ours and CasADi take all of p. One call of ours gives z "
-        "and alpha too.",
+        "and alpha too. `Controller.step(y)` also evaluates the reference and updates the state.",
     )
     loop = ClosedLoop.load("paper", evaluator="compiled")
     states = np.random.default_rng(3).normal(size=(MANY, len(STATES)))
@@ -58,6 +59,9 @@ def run(quick: bool, folder: Path) -> Section:
         if name != ours:
             section.add(Row("one call, in place" if in_place else "one call", one[ours], name, one[name]))
     section.add(Row("one call", one[LAW], "a microsecond", 1e-6, 1.0))
+    controller = loop.controller()
+    step = interleaved({STEP: lambda: controller.step(0.3)}, rounds, burst=200)[STEP]
+    section.add(Row("one step of the sampled controller", step, "two microseconds", 2e-6, 1.0))
     batched = interleaved(many, rounds)
     for name in list(batched)[1:]:
         section.add(Row("one value of many", batched[CONTROL] / MANY, name, batched[name] / MANY))

@@ -20,10 +20,12 @@ from pmjoint_codegen.kernels.law import Law
 from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.run import Run, Simulator
-from pmjoint_codegen.simulate.settings import RunOptions
+from pmjoint_codegen.simulate.settings import RunOptions, Settings
 
 if TYPE_CHECKING:
+    from pmjoint_codegen.controller import Controller
     from pmjoint_codegen.provision import Provided
+    from pmjoint_codegen.systems import ControlSystems
 
 Notify = Callable[[str], None]
 Stage = Callable[[str, float], None]  # name, part done
@@ -203,6 +205,86 @@ class ClosedLoop:
             UsageError: an unknown parameter.
         """
         return Law(self.evaluator, self._vector(parameters))
+
+    def controller(
+        self,
+        *,
+        sample_time: float | None = None,
+        parameters: Mapping[str, float] | None = None,
+        compensator: bool | None = None,
+        start: str | None = None,
+        reference: object = None,
+    ) -> Controller:
+        """Make the sampled controller, for a plant of your own: one call of its `step` for each sample.
+
+        Args:
+            sample_time: T, s; by default the model's.
+            parameters: as for `simulate`.
+            compensator: as for `simulate`.
+            start: as for `simulate`.
+            reference: as for `simulate`; a function of t is taken at the model's own output instants, up to
+                its horizon.
+
+        Raises:
+            UsageError: a setting is unknown or out of range.
+        """
+        from pmjoint_codegen.controller import Controller
+
+        if reference is not None and not self.manifest.segment:
+            return self._for_data.controller(
+                sample_time=sample_time,
+                parameters=parameters,
+                compensator=compensator,
+                start=start,
+                reference=reference,
+            )
+        settings = self._simulator.settings(
+            controller="sampled",
+            sample_time=sample_time,
+            parameters=parameters,
+            compensator=compensator,
+            start=start,
+            reference=reference,
+        )
+        return Controller(self.evaluator, settings)
+
+    def to_control(
+        self,
+        *,
+        parameters: Mapping[str, float] | None = None,
+        compensator: bool | None = None,
+        start: str | None = None,
+        x0: Sequence[float] | Array | None = None,
+        notify: Notify = _to_stderr,
+    ) -> ControlSystems:
+        """The continuous loop as python-control's systems: controller, plant, and both together.
+
+        Args:
+            parameters: as for `simulate`; each system's own ``params`` come on top.
+            compensator: as for `simulate`.
+            start: as for `simulate`.
+            x0: as for `simulate`.
+            notify: called with a line that names the model's keys that need a clock, if it has any.
+
+        Raises:
+            MissingToolError: python-control is not installed.
+            UsageError: a setting is unknown or out of range.
+        """
+        from pmjoint_codegen.systems import make_systems
+
+        def prepare(params: Mapping[str, float]) -> Settings:
+            return self._simulator.settings(
+                controller="continuous",
+                parameters={**(parameters or {}), **params},
+                compensator=compensator,
+                start=start,
+                x0=x0,
+            )
+
+        systems = make_systems(self.evaluator, prepare)
+        if systems.left_out:
+            notify(f"{self.manifest.name}: a continuous loop leaves out {', '.join(systems.left_out)}")
+        return systems
 
     def _vector(self, parameters: Mapping[str, float] | None) -> Array:
         return self._simulator.settings(parameters=parameters).p

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import functools
 import os
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import hypothesis
 import pytest
 
+from pmjoint_codegen import ClosedLoop
 from pmjoint_codegen.compile.compiler import find_compiler
 from pmjoint_codegen.kernels import compiled
 from pmjoint_codegen.manifest import Manifest
@@ -52,6 +54,13 @@ def compiled_paper(root: Path, cache: Path) -> compiled.CompiledEvaluator:
     if compiler is None:
         pytest.skip("no C compiler")
     return compiled.load(folder, Manifest.read(folder), compiler, cache)
+
+
+@pytest.fixture(scope="session")
+def bench(root: Path, cache: Path) -> Callable[[str], ClosedLoop]:
+    """Return the loader of ``bench.toml`` with an evaluator: a model with all that a bench has."""
+    file = root / "tests" / "bench.toml"
+    return functools.cache(lambda evaluator: ClosedLoop.load(file, evaluator))
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -41,6 +41,7 @@ _PACKAGES = {
     "pydantic": ("validates model files", "without it, only the committed models run, as they are"),
 }
 _OPTIONAL = {  # what it does, and what installs it
+    "control": ("`ClosedLoop.to_control`: systems of python-control", "pmjoint-codegen[control]"),
     "xarray": ("`pmjoint sweep`: labels its datasets", "pmjoint-codegen[sweep]"),
     "zarr": ("`pmjoint sweep`: writes its datasets", "pmjoint-codegen[sweep]"),
     "h5netcdf": ("`pmjoint sweep --format netcdf`", "pmjoint-codegen[sweep]"),

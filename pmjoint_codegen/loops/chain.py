@@ -94,6 +94,10 @@ class Chain:
         wanted = v + self.zone if v > 0.0 else v - self.zone if v < 0.0 else v
         return _between(_between(wanted, before - self.reach, before + self.reach), self.lower, self.upper)
 
+    def u_of(self, command: float) -> float:
+        """What is left of a command beyond the dead zone that the controller adds: u."""
+        return _left(command, self.zone)
+
     def channels(self, limits: Array, command: float) -> Array:
         """W for a command, shape (nw,).
 
@@ -102,7 +106,7 @@ class Chain:
             command: what the valve is told.
         """
         w = np.empty(len(limits))
-        w[0] = _left(command, self.zone)
+        w[0] = self.u_of(command)
         valve = _left(command, self.own)
         for j, (offset, slope, lower, upper) in enumerate(limits.tolist()[1:], start=1):
             w[j] = _between(offset + slope * valve, lower, upper)

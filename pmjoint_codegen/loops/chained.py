@@ -11,8 +11,9 @@ import math
 import numpy as np
 
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator
-from pmjoint_codegen.loops.chain import ACTING, CLOCK, COMMAND, FILTERED, MEASURED, NEXT, Chain, U
+from pmjoint_codegen.loops.chain import ACTING, CLOCK, COMMAND, NEXT, Chain, U
 from pmjoint_codegen.loops.constants import SAME_INSTANT
+from pmjoint_codegen.loops.controller import SampledLaw
 from pmjoint_codegen.loops.polynomial import note_value
 from pmjoint_codegen.loops.problem import Memory, Problem, Progress
 from pmjoint_codegen.loops.sampled import SampledLoop
@@ -24,10 +25,8 @@ class ChainedLoop(SampledLoop):
 
     def __init__(self, evaluator: Evaluator, problem: Problem, progress: Progress, memory: Memory) -> None:
         super().__init__(evaluator, problem, progress, memory)
-        self.reference = evaluator.kernel("reference")
-        self.law = evaluator.kernel("law")
-        self.update = evaluator.kernel("sampled_update")
         self.chain = Chain(*problem.chain.tolist())
+        self.law = SampledLaw(evaluator, problem.p, problem.hold, self.chain)
         self.limits = problem.limits.reshape(-1, 4)
 
     def sample(self) -> None:
@@ -69,25 +68,19 @@ class ChainedLoop(SampledLoop):
             held[COMMAND], held[NEXT] = chain.rest, 0.0
             held[ACTING:] = chain.channels(self.limits, chain.rest)
         held[CLOCK] = k * chain.period
-        held[MEASURED] = chain.read(float(self.memory.sample[0]), k)
-        held[FILTERED] = chain.filtered(float(held[MEASURED]), float(held[FILTERED]), k)
-        y = held[FILTERED : FILTERED + 1].copy()
-        y_r = self.follow(held[CLOCK : CLOCK + 1].copy())
-        v = self.law(y, s, y_r, problem.p)[2]
-        held[COMMAND] = chain.command(float(v[0]), float(held[COMMAND]))
+        y_r = self.follow(float(held[CLOCK]))
+        v = self.law.decide(s, y_r, chain.read(float(self.memory.sample[0]), k), k, held)[2]
         sent = chain.channels(self.limits, float(held[COMMAND]))
         self.memory.history[k % problem.n_history] = sent
-        held[U] = sent[0]
-        (s_next,) = self.update(y, s, sent[:1].copy(), v, problem.hold, problem.p)
-        return float(v[0]), s_next
+        return float(v[0]), self.law.advance(s, held, float(held[U]), v)
 
-    def follow(self, clock: Array) -> Array:
+    def follow(self, clock: float) -> Array:
         """y_r at the controller's own time, which may lie in another segment than the plant's."""
         problem, memory, now = self.problem, self.memory, self.progress.segment
-        own = int(np.searchsorted(problem.breaks, float(clock[0]) + self.slack, side="right"))
+        own = int(np.searchsorted(problem.breaks, clock + self.slack, side="right"))
         if own != now:
             memory.segment[:] = problem.segments[own]
-        (y_r,) = self.reference(clock, problem.p)
+        y_r = self.law.follow(clock)
         if own != now:
             memory.segment[:] = problem.segments[now]
         return y_r

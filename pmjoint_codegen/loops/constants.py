@@ -30,3 +30,10 @@ ROUNDED_UP: Final = 1.0 + 1e-12  # factor that safely covers the rounding of a s
 # Output instants closer to a sample than this fraction of the sample time count as the sample.
 SAME_INSTANT: Final = 1e-9
 WINDOW: Final = 4.0  # size of a window in x, as a multiple of a hold's need
+
+# What the caller of a controller's step has given besides y, and why a step was refused.
+GAVE_REFERENCE: Final = 1
+GAVE_APPLIED: Final = 2
+READING_REFUSED: Final = 20
+REFERENCE_REFUSED: Final = 21
+APPLIED_REFUSED: Final = 22

@@ -38,6 +38,8 @@ from pmjoint_codegen.simulate.summary import summarise
 from pmjoint_codegen.values import SETTLED
 
 if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
     from matplotlib.figure import Figure
 
 BUDGET: Final = 2000  # steps between two looks at progress and Ctrl-C
@@ -82,6 +84,18 @@ class Run(Record):
         from pmjoint_codegen.simulate.trajectory import write_csv
 
         write_csv(self, Path(path))
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """The trajectory as a table of pandas; raises `MissingToolError` without it."""
+        from pmjoint_codegen.simulate.tables import dataframe
+
+        return dataframe(self)
+
+    def to_xarray(self) -> xr.Dataset:
+        """The trajectory as a dataset of xarray; raises `MissingToolError` without it."""
+        from pmjoint_codegen.simulate.tables import dataset
+
+        return dataset(self)
 
     def plot(self) -> Figure:
         """Draw an overview of the run."""

@@ -11,7 +11,7 @@
 #define MOST 10                        /* derivatives of y_r, z and alpha: the order is 9 at most */
 
 /* y_r at the controller's own time, which may lie in another segment than the plant's; 0 is success. */
-static int follow(const pmj_problem *problem, const pmj_functions *run, const pmj_progress *progress,
+static int follow(const pmj_problem *problem, const pmj_controller *controller, const pmj_progress *progress,
                   const pmj_memory *memory, double clock)
 {
     const double slack = PMJ_SAME_INSTANT * problem->sample_time;
@@ -20,45 +20,11 @@ static int follow(const pmj_problem *problem, const pmj_functions *run, const pm
     if (other) {
         pmj_put_segment(problem, memory, own);
     }
-    const int failed = pmj_apply(run->reference);
+    const int failed = pmj_follow(controller, clock);
     if (other) {
         pmj_put_segment(problem, memory, progress->segment);
     }
     return failed;
-}
-
-/* v of (29) for a measured y at the controller's own time; 0 is success. */
-static int control(const pmj_problem *problem, const pmj_functions *run, const pmj_progress *progress,
-                   const pmj_memory *memory, double clock, double y, double *v)
-{
-    double y_r[MOST];
-    double z[MOST];
-    double alpha[MOST];
-    run->reference->arg[0] = &clock;
-    run->reference->arg[1] = problem->p;
-    run->reference->res[0] = y_r;
-    run->law->arg[0] = &y;
-    run->law->arg[1] = memory->sample + PMJ_NX;
-    run->law->arg[2] = y_r;
-    run->law->arg[3] = problem->p;
-    run->law->res[0] = z;
-    run->law->res[1] = alpha;
-    run->law->res[2] = v;
-    return follow(problem, run, progress, memory, clock) || pmj_apply(run->law);
-}
-
-/* The controller's states at the next sample; 0 is success. */
-static int update(const pmj_problem *problem, const pmj_functions *run, const pmj_memory *memory, double y, double u,
-                  double v, double *next)
-{
-    run->update->arg[0] = &y;
-    run->update->arg[1] = memory->sample + PMJ_NX;
-    run->update->arg[2] = &u;
-    run->update->arg[3] = &v;
-    run->update->arg[4] = problem->hold;
-    run->update->arg[5] = problem->p;
-    run->update->res[0] = next;
-    return pmj_apply(run->update);
 }
 
 /* X(0), e(0) and y'(0), under the w that acts; 0 is success. */
@@ -125,18 +91,26 @@ static int take_sample(const pmj_problem *problem, const pmj_functions *run, con
         }
         memcpy(memory->w, held + PMJ_ACTING, PMJ_NW * sizeof(double));
     }
+    double y_r[MOST];
+    double z[MOST];
+    double alpha[MOST];
+    const pmj_sample_values at = {memory->sample + PMJ_NX, held, v, z, alpha};
+    const pmj_controller controller = {.reference = run->reference,
+                                       .law = run->law,
+                                       .update = run->update,
+                                       .p = problem->p,
+                                       .hold = problem->hold,
+                                       .chain = problem->chain,
+                                       .y_r = y_r};
     held[PMJ_CLOCK] = (double)k * chain->period;
-    held[PMJ_MEASURED] = pmj_read(chain, memory->sample[0], k);
-    held[PMJ_FILTERED] = pmj_filtered(chain, held[PMJ_MEASURED], held[PMJ_FILTERED], k);
-    if (control(problem, run, progress, memory, held[PMJ_CLOCK], held[PMJ_FILTERED], v)) {
+    if (follow(problem, &controller, progress, memory, held[PMJ_CLOCK])
+        || pmj_decide(&controller, &at, pmj_read(chain, memory->sample[0], k), k)) {
         return 1;
     }
-    held[PMJ_COMMAND] = pmj_command(chain, *v, held[PMJ_COMMAND]);
     for (int j = 0; j < PMJ_NW; ++j) {
         sent[j] = pmj_channel_of(chain, problem->limits + 4 * j, j, held[PMJ_COMMAND]);
     }
-    held[PMJ_U] = sent[0];
-    return update(problem, run, memory, held[PMJ_FILTERED], held[PMJ_U], *v, next);
+    return pmj_advance(&controller, &at, held[PMJ_U], next);
 }
 
 /* Rows from..to-1 show what is held now. */

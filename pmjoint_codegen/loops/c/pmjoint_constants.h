@@ -50,4 +50,12 @@
 #define PMJ_KERNEL_FAILED 7
 #define PMJ_SLIDING 9 /* 8 marks runs of a sweep that are not computed */
 
+/* What the caller of a controller's step has given besides y; loops/controller.py has the same. */
+#define PMJ_GAVE_REFERENCE 1
+#define PMJ_GAVE_APPLIED 2
+/* Why a step was refused, besides PMJ_NON_FINITE and PMJ_KERNEL_FAILED. */
+#define PMJ_READING_REFUSED 20
+#define PMJ_REFERENCE_REFUSED 21
+#define PMJ_APPLIED_REFUSED 22
+
 #endif

@@ -43,6 +43,34 @@ typedef struct {
     const pmj_function *update;
 } pmj_functions;
 
+/* What a controller has at a sample. */
+typedef struct {
+    double *s;     /* [ns] its state */
+    double *held;  /* [4 or more] what is held from the sample on: reading, filtered reading, u, command */
+    double *v;     /* [1] */
+    double *z;     /* [rho] */
+    double *alpha; /* [rho - 1] */
+} pmj_sample_values;
+
+/* A controller: its kernels, its constants and its memory. */
+typedef struct {
+    const pmj_function *reference;
+    const pmj_function *law;
+    const pmj_function *update;
+    const pmj_function *start; /* used by pmj_controller_step alone */
+    const double *p;           /* parameters */
+    const double *hold;        /* zero-order-hold matrices of `sampled_update` */
+    const double *chain;       /* a `pmj_chain` of pmjoint_chain.h */
+    double *y_r;               /* [n_reference] */
+    pmj_sample_values now;     /* at the last sample: one block of memory, which begins with s */
+    pmj_sample_values then;    /* at this one, until it is accepted: a block of the same size */
+    long long n_values;        /* length of a block */
+    long long n_reference;     /* rho + 1 */
+    long long n_s;             /* length of s */
+    long long sample;          /* index of the next sample */
+    long long matches;         /* whether the first sample matches the state to its reading */
+} pmj_controller;
+
 /* The constants of a run. Arrays are row-major; sizes in brackets. */
 typedef struct {
     long long n_plant;        /* nx: plant states x, first in X */
@@ -198,6 +226,12 @@ void pmj_continuous(const pmj_problem *problem, const pmj_kernels *run, pmj_prog
 /* sampled.c */
 void pmj_sampled(const pmj_problem *problem, const pmj_kernels *plant, pmj_progress *progress, pmj_memory *memory,
                  long long budget);
+
+/* controller.c: 0 is success */
+int pmj_follow(const pmj_controller *controller, double clock);
+int pmj_decide(const pmj_controller *controller, const pmj_sample_values *at, double read, long long k);
+int pmj_advance(const pmj_controller *controller, const pmj_sample_values *at, double u, double *next);
+int pmj_controller_step(pmj_controller *controller, double y, double applied, int given);
 
 /* chained.c */
 void pmj_chained(const pmj_problem *problem, const pmj_functions *run, pmj_progress *progress, pmj_memory *memory,
