@@ -61,6 +61,7 @@ def trace_faults(program: Program, text: str, entries: Sequence[Mapping[str, Any
     by_equation: dict[str, list[int]] = defaultdict(list)
     for entry in entries:
         by_equation[entry["equation"]].append(int(entry["line"]))
+        faults += reader.term_faults(entry["equation"], entry["term"], int(entry["line"]))
     for name, places in by_equation.items():
         faults += reader.faults(name, places)
     return faults
@@ -149,6 +150,22 @@ class _Reader:
             r"[A-Za-z_]\w*", lambda found: f"_{found[0]}" if found[0] in words else found[0], exact
         )
         return sp.sympify(plain, locals={f"_{word}": symbol for word, symbol in words.items()} | functions)
+
+    def term_faults(self, name: str, term: str, place: int) -> list[str]:
+        """Whether a line that is not a whole statement is the term that the trace names there."""
+        line = re.sub(r"/\*.*?\*/", "", self.lines[place - 1])
+        if "=" in line and ";" in line:
+            return []
+        if "=" in line or not line.strip():
+            return [f"{name}: line {place} has no term"]
+        depth, end = 0, len(line)
+        for index, character in enumerate(line):  # the last line of a bracket closes it
+            depth += {"(": 1, ")": -1}.get(character, 0)
+            if depth < 0:
+                end = index
+                break
+        found = self.expression(line[:end].strip().rstrip(";"))
+        return self._same(f"{name}, line {place}", found, self.expression(term))
 
     def faults(self, name: str, places: Sequence[int]) -> list[str]:
         """Whether the statements at some lines make up an equation."""

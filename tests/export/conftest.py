@@ -62,7 +62,7 @@ def load(cache: Path) -> Callable[..., Exported]:
     compiler = find_compiler(os.environ)
     if compiler is None:
         pytest.skip("no C compiler")
-    return lambda name, source=None: Exported.load(made(name, "double"), compiler, cache, source)
+    return lambda name: Exported.load(made(name, "double"), compiler, cache)
 
 
 @pytest.fixture(scope="session")

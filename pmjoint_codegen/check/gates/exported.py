@@ -2,10 +2,10 @@
 
 The export shares the derivation's equations with the kernels, and nothing behind them. At every sample of the
 model's own run, from a zero and from a matched start, the exported controller is put into the recorded state
-and takes one step: its next state, its v and its u are those of the run, within the sum of two derived error
-bounds, one for the statements of the exported C, one for the instructions of the kernels. The matrices of the
-exact hold agree bit for bit. Then it runs alone through the recorded y, which shows how far rounding errors
-carry it from the run.
+and takes one step: its next state, v, u, errors and estimate are those of the run. The bound is the sum of
+two derived error bounds: of the statements of the exported C, and of the instructions of the kernels. The
+matrices of the exact hold agree bit for bit. Then it runs alone through the recorded y, which shows how far
+rounding errors carry it from the run.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-import sympy as sp
 
 from pmjoint_codegen import __version__
 from pmjoint_codegen.check.bits import different_bits
@@ -28,6 +27,7 @@ from pmjoint_codegen.export.bounds import Bounded
 from pmjoint_codegen.export.package import TRACE, Export, export_c
 from pmjoint_codegen.export.recording import twin_of
 from pmjoint_codegen.export.source import Identity
+from pmjoint_codegen.export.statements import Program
 from pmjoint_codegen.export.trace import trace_faults
 from pmjoint_codegen.export.tree import DOUBLE
 from pmjoint_codegen.export.twin import COMMAND, bounded_arithmetic
@@ -54,6 +54,8 @@ class Recorded:
         y: the same behind the filter, if there is one.
         y_r: the reference and its derivatives at the controller's clock, shape (rows, rho + 1).
         v, u, command: shape (rows,).
+        z: errors, shape (rows, rho).
+        x_hat: estimate, shape (rows, n).
         p: parameters of the kernels, with the segment of the reference, shape (rows, parameters).
         hold: matrices of the exact hold.
     """
@@ -65,6 +67,8 @@ class Recorded:
     v: Array
     u: Array
     command: Array
+    z: Array
+    x_hat: Array
     p: Array
     hold: Array
 
@@ -101,20 +105,23 @@ def check(subject: Subject) -> GateResult:
     return judge(loaded, subject.compiled, subject.tapes)
 
 
-def judge(loaded: Exported, evaluator: Evaluator, tapes: Mapping[str, Tape]) -> GateResult:
+def judge(
+    loaded: Exported, evaluator: Evaluator, tapes: Mapping[str, Tape], samples: int = SAMPLES
+) -> GateResult:
     """Compare a loaded controller with runs of the kernels.
 
     Args:
         loaded: the controller.
         evaluator: of the kernels.
         tapes: their instructions.
+        samples: of a run, at most.
     """
     row = loaded.call("self_test")
     if row != 0:
         return failed(f"self_test: row {row} differs from the recorded data")
     found = []
     for start in STARTS:
-        recorded = record(evaluator, start)
+        recorded = record(evaluator, start, samples)
         if isinstance(recorded, str):
             return failed(recorded)
         loaded.params.matched = int(start == MATCHED)
@@ -134,7 +141,7 @@ def judge(loaded: Exported, evaluator: Evaluator, tapes: Mapping[str, Tape]) -> 
     return passed(detail, worst.ratio, 1.0, told)
 
 
-def record(evaluator: Evaluator, start: str) -> Recorded | str:
+def record(evaluator: Evaluator, start: str, samples: int) -> Recorded | str:
     """The model's sampled run, a row a sample; or why there is none.
 
     Every sample is on time: lateness is the clock's, which the exported controller does not have.
@@ -142,7 +149,7 @@ def record(evaluator: Evaluator, start: str) -> Recorded | str:
     manifest = evaluator.manifest
     late = {manifest.chain["jitter"]: 0.0} if "jitter" in manifest.chain else {}
     T = manifest.simulation.sample_time
-    horizon = min(manifest.simulation.horizon, SAMPLES * T)
+    horizon = min(manifest.simulation.horizon, samples * T)
     settings = make_settings(
         manifest, parameters=late, horizon=horizon, output_step=T, controller="sampled", start=start
     )
@@ -160,6 +167,8 @@ def record(evaluator: Evaluator, start: str) -> Recorded | str:
         v=done["v"],
         u=done["u"],
         command=done["u_command"] if "u_command" in names else done["u"],
+        z=np.column_stack([done[f"z{i}"] for i in range(1, manifest.rho + 1)]),
+        x_hat=np.column_stack([done[f"x_hat{i}"] for i in range(1, manifest.n + 1)]),
         p=p,
         hold=hold_matrices(evaluator, settings.p, T),
     )
@@ -177,8 +186,10 @@ def _parameters(settings: Settings, t: Array) -> Array:
 def compare(loaded: Exported, recorded: Recorded, tapes: Mapping[str, Tape], start: str) -> Comparison:
     """Every sample's step from the recorded state, and the run alone."""
     program = loaded.export.program
-    names = [*(f"{state}_next" for state in program.states), "v", "u"]
-    expected = np.column_stack([recorded.s[1:], recorded.v[1:], recorded.u[1:]])
+    shown = [*_shown(program)]
+    names = [*(f"{state}_next" for state in program.states), "v", "u", *shown]
+    columns = (recorded.s, recorded.v, recorded.u, recorded.z, recorded.x_hat)
+    expected = np.column_stack([array[1:] for array in columns])
     alone = _alone(loaded, recorded)
     found = _steps(loaded, recorded)
     bounds = step_bounds(loaded.export, recorded, tapes, matched=start == MATCHED)
@@ -192,8 +203,8 @@ def compare(loaded: Exported, recorded: Recorded, tapes: Mapping[str, Tape], sta
     if worst > 1.0:
         a, b = float(expected[row, column]), float(found[row, column])
         place = f"{start} start, sample {row + 1}"
-        shown = (repr(a), repr(b), f"{error[row, column]:.3g}", f"{bounds[row, column]:.3g}")
-        difference = Difference(f"{loaded.export.identity.prefix}_step", names[column], place, *shown)
+        figures = (repr(a), repr(b), f"{error[row, column]:.3g}", f"{bounds[row, column]:.3g}")
+        difference = Difference(f"{loaded.export.identity.prefix}_step", names[column], place, *figures)
     carried = float(np.max(np.abs(alone - recorded.v)) / np.max(np.abs(recorded.v)))
     return Comparison(worst, error.size, int(different_bits(expected, found).sum()), carried, difference)
 
@@ -212,7 +223,8 @@ def _steps(loaded: Exported, recorded: Recorded) -> Array:
     """Next states, v and u of the step from every recorded sample but the last."""
     program, state = loaded.export.program, loaded.state
     states = [symbol.name for symbol in program.states]
-    found = np.empty((len(recorded.v) - 1, len(states) + 2))
+    outputs = ["v", "u", *_shown(program)]
+    found = np.empty((len(recorded.v) - 1, len(states) + len(outputs)))
     s, y, y_r = recorded.s.tolist(), recorded.y.tolist(), recorded.y_r.tolist()
     v, u, command, reading = (
         array.tolist() for array in (recorded.v, recorded.u, recorded.command, recorded.reading)
@@ -222,9 +234,16 @@ def _steps(loaded: Exported, recorded: Recorded) -> Array:
             setattr(state, name, value)
         state.y, state.v, state.u, state.command, state.ready = y[k], v[k], u[k], command[k], 1
         loaded.step(reading[k + 1], y_r[k + 1])
-        found[k, :-2] = [getattr(state, name) for name in states]
-        found[k, -2:] = loaded.output.v, loaded.output.u
+        found[k] = [
+            *(getattr(state, name) for name in states),
+            *(getattr(loaded.output, name) for name in outputs),
+        ]
     return found
+
+
+def _shown(program: Program) -> list[str]:
+    """Names of the errors and of the estimate."""
+    return [symbol.name for symbol in (*program.derivation.signals.z, *program.estimate)]
 
 
 def step_bounds(export: Export, recorded: Recorded, tapes: Mapping[str, Tape], *, matched: bool) -> Array:
@@ -237,7 +256,8 @@ def step_bounds(export: Export, recorded: Recorded, tapes: Mapping[str, Tape], *
         tapes["sampled_update"], [column["y"], recorded.s[now], column["u"], column["v"], h, recorded.p[now]]
     )
     given = [recorded.y[then, np.newaxis], recorded.s[then], recorded.y_r[then], recorded.p[then]]
-    law = walk(tapes["law"], given)[2]
+    z, _, v_error = walk(tapes["law"], given)
+    (x_hat,) = walk(tapes["estimate"], [recorded.s[then], recorded.p[then]])
     twin = twin_of(program, bounded_arithmetic(DOUBLE), DOUBLE, matched=matched)
     # Both take the same bits of the hold's matrices, so their own error is no difference.
     twin.fixed |= {symbol: Bounded(twin.fixed[symbol].value, 0.0) for symbol in program.hold.symbols}
@@ -255,15 +275,12 @@ def step_bounds(export: Export, recorded: Recorded, tapes: Mapping[str, Tape], *
     filtered = twin.filtered(Bounded(recorded.reading[then], 0.0))
     twin.values[s.y] = Bounded(filtered.value, 2.0 * filtered.error)  # both sides round
     twin.values |= {symbol: Bounded(recorded.y_r[then, i], 0.0) for i, symbol in enumerate(s.y_r)}
-    v: Any = twin.run(program.law, twin.values, {})[s.v]
-    v = Bounded(v.value, v.error + law.error[:, 0])
+    found: Any = twin.run(program.law, twin.values, {})
+    shown = [_broadcast(found[symbol].error, rows) for symbol in (*s.z, *program.estimate)]
+    v = Bounded(found[s.v].value, found[s.v].error + v_error.error[:, 0])
     twin.actuate(v, first=False)
-    return np.column_stack([states, v.error, _broadcast(_twice(twin.values, s.u), rows)])
-
-
-def _twice(values: Mapping[sp.Symbol, Any], u: sp.Symbol) -> Any:
-    """The error of u, whose own roundings both sides make."""
-    return 2.0 * values[u].error
+    u = 2.0 * _broadcast(twin.values[s.u].error, rows)  # both sides round
+    return np.column_stack([states, v.error, u, np.column_stack(shown) + np.hstack([z.error, x_hat.error])])
 
 
 def _broadcast(error: Any, rows: int) -> Array:

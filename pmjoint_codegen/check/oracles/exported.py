@@ -36,28 +36,35 @@ class Exported:
     output: Any
 
     @classmethod
-    def load(cls, export: Export, compiler: Compiler, cache: Path, source: str | None = None) -> Exported:
+    def load(cls, export: Export, compiler: Compiler, cache: Path) -> Exported:
         """Compile and load an export.
 
         Args:
             export: the controller.
             compiler: as `find_compiler` gave it.
             cache: folder for builds.
-            source: another text of the C file, such as a mutant.
 
         Raises:
             BuildError: the compiler failed.
         """
+        names = [f"{export.identity.prefix}.{end}" for end in "ch"]
+        folder = build({name: export.files[name].encode() for name in names}, compiler, cache)
+        return cls.open(export, folder / LIBRARY)
+
+    @classmethod
+    def open(cls, export: Export, file: Path) -> Exported:
+        """Load a compiled export, with the model's own parameters.
+
+        Args:
+            export: the controller.
+            file: its library.
+        """
         import cffi
 
-        prefix = export.identity.prefix
-        header = export.files[f"{prefix}.h"]
-        files = {f"{prefix}.c": (source or export.source).encode(), f"{prefix}.h": header.encode()}
-        ffi = cffi.FFI()
-        ffi.cdef(declarations(header, export.program.size))
-        library = ffi.dlopen(str(build(files, compiler, cache) / LIBRARY))
+        prefix, ffi = export.identity.prefix, cffi.FFI()
+        ffi.cdef(declarations(export.files[f"{prefix}.h"], export.program.size))
         made = [ffi.new(f"{prefix}_{kind} *") for kind in ("params", "constants", "state", "input", "output")]
-        loaded = cls(export, ffi, library, *made)
+        loaded = cls(export, ffi, ffi.dlopen(str(file)), *made)
         loaded.call("defaults", loaded.params)
         return loaded
 
