@@ -215,12 +215,20 @@ class _Reader:
             return
         if len(sources) == 1:
             factor, sources = sp.Integer(1), (equation.expression,)
+        sources = tuple(sorted(sources, key=self.place))
         lifted = tuple(self.lifted(term, equation.name) for term in sources)
         constant = factor.free_symbols <= self.fixed
         scale = (
             self.constant(factor, equation.name, "scale") if constant else self.lifted(factor, equation.name)
         )
         yield self.made(equation, scale, lifted, sources)
+
+    def place(self, term: sp.Expr) -> tuple[int, bool]:
+        """Where a term is added: those that wait for other statements last, so that no processor waits."""
+        places = {name: place for place, name in enumerate(self.derivation.equations)}
+        moving = term.free_symbols - self.fixed - self.inputs
+        last = max((places[symbol.name] for symbol in moving), default=-1)
+        return last, bool(term.could_extract_minus_sign())
 
     def made(
         self, equation: Equation, factor: sp.Expr, terms: tuple[sp.Expr, ...], sources: tuple[sp.Expr, ...]
