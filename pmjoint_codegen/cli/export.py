@@ -43,7 +43,7 @@ def command(model: str, target: str, out: Path, precision: str, as_json: bool) -
     with activity(f"exporting {model}") as shown:
         shown.stage("loading the toolchain", 0.0)
         from pmjoint_codegen import __version__
-        from pmjoint_codegen.export.package import export_c
+        from pmjoint_codegen.export.package import cost_of, export_c
         from pmjoint_codegen.export.source import Identity
         from pmjoint_codegen.export.tree import DOUBLE, FLOAT
         from pmjoint_codegen.identity import model_hash
@@ -60,6 +60,7 @@ def command(model: str, target: str, out: Path, precision: str, as_json: bool) -
         shown.stage("writing", 0.0)
         identity = Identity(source.name, model_hash(contents), __version__)
         made = export_c(derivation, identity, {"double": DOUBLE, "float": FLOAT}[precision])
+        cost = cost_of(made.program, made.precision)
         for name, text in made.files.items():
             write_text(out / name, text)
     record = {
@@ -69,8 +70,15 @@ def command(model: str, target: str, out: Path, precision: str, as_json: bool) -
         "precision": precision,
         "folder": str(out),
         "files": sorted(made.files),
+        "v_error_bound": cost.bound,
+        "v_largest": cost.largest,
     }
     if as_json:
         document(record)
     else:
-        result(f"{source.name}: {len(made.files)} files in {out}; test them with make -C {out} test")
+        bound, reach = f"{cost.bound:.2g} {source.u_unit}", f"{cost.largest:.3g} {source.u_unit}"
+        result(
+            f"{source.name}: {len(made.files)} files in {out}; test them with make -C {out} test\n"
+            f"{precision} moves v by at most {bound} where |v| reaches {reach} "
+            "(derived bound, over the samples of the self test)"
+        )

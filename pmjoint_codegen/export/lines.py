@@ -123,8 +123,8 @@ class Printer:
         terms = list(item.terms)
         for place, term in enumerate(terms):
             negative = bool(term.could_extract_minus_sign())
-            text = self.operand(-term if negative else term)
             sign = "-" if negative else "+" if place else ""
+            text = self.operand(-term if negative else term, tight=True)
             end = f"{after};" if place == len(terms) - 1 else ""
             gap = " " if sign and place else ""
             yield Line(f"        {sign}{gap}{text}{end}", tuple(sources[place : place + 1]))
@@ -138,9 +138,10 @@ class Printer:
         return f" {self.operand(item.factor)} * (", ")"
 
     def operand(self, value: sp.Expr, *, tight: bool = False) -> str:
-        """An expression as one operand: a sum, and if tight a product, in brackets."""
+        """An expression as one operand: a sum, and if tight a product or quotient, in brackets."""
         text = self.text(value)
-        return f"({text})" if value.is_Add or (tight and not value.is_Symbol) else text
+        whole = tree_of(value).operation in ("mul", "div", "neg")
+        return f"({text})" if value.is_Add or (tight and whole) else text
 
     def matrix(self, entries: Iterable[MatrixEntry]) -> Iterator[Line]:
         """Entries of the matrices of the hold."""

@@ -186,7 +186,8 @@ def self_test_lines(program: Program, identity: Identity, precision: Precision) 
         "outputs": str(len(taken)),
         "found": ", ".join(f"out.{name}" for name in taken),
         "data": "\n".join(data),
-        "set": "\n".join(_setting(name, place, precision) for place, name in enumerate(given)),
+        "begin": _settings(given, precision, " " * 8),
+        "set": _settings(given, precision, " " * 12),
         "prepare": "\n".join(_prepared(len(given), precision) if rated else []),
         "name": identity.prefix,
         "real": precision.name,
@@ -197,11 +198,17 @@ def self_test_lines(program: Program, identity: Identity, precision: Precision) 
     return [Line(text) for text in replaced("\n".join(lines), words).splitlines()]
 
 
-def _setting(name: str, place: int, precision: Precision) -> str:
-    value = f"row[{place}]"
-    if name == "use_measured_u":
-        value = f"({value} > {precision.literal(0.5)}) ? 1 : 0"
-    return f"            in.{name} = {value};"
+def _settings(names: list[str], precision: Precision, indent: str) -> str:
+    """Statements that take the input from a row."""
+    lines: list[str] = []
+    for place, name in enumerate(names):
+        if name == "use_measured_u":
+            lines.append(f"in.{name} = 0;")
+            lines.append(f"if (row[{place}] > {precision.literal(0.5)}) {{")
+            lines += [f"    in.{name} = 1;", "}"]
+        else:
+            lines.append(f"in.{name} = row[{place}];")
+    return "\n".join(indent + line for line in lines)
 
 
 def _prepared(place: int, precision: Precision) -> list[str]:

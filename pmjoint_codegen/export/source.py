@@ -126,7 +126,7 @@ def source_lines(
     }
     words = words_of(program, identity, precision)
     sound = ["in->y", *(f"in->{y_r}" for y_r in program.derivation.signals.y_r)]
-    words = {"sound": " && ".join(f"isfinite({name})" for name in sound), "constant": "", **words}
+    words = {"sound": " && ".join(f"(isfinite({name}) != 0)" for name in sound), **words}
     return filled(template, blocks, words)
 
 
@@ -156,9 +156,10 @@ def _filter_gain(program: Program, precision: Precision) -> Iterator[Line]:
 
 def _finite(program: Program) -> list[Line]:
     return [
-        Line(f"    finite = finite && isfinite(c->{item.name});")
+        Line(text)
         for item in fields.constant_fields(program)
         if item.kind != MATRIX
+        for text in (f"    if (isfinite(c->{item.name}) == 0) {{", "        finite = 0;", "    }")
     ]
 
 

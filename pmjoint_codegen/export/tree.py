@@ -186,9 +186,11 @@ def _printed(tree: Tree, spelling: Mapping[sp.Symbol, str], precision: Precision
         inner, binds = printed[0]
         # The sign of a product is that of its first factor, to the bit; two signs in a row would decrement.
         return (f"-{inner}", binds) if binds in (_LEVEL["mul"], _ATOM) else (f"-({inner})", level)
-    # C groups a - b - c from the left; what stands on the right must bind more tightly.
-    left, right = _bracketed(printed[0], level), _bracketed(printed[1], level + 1)
-    return f"{left} {_SIGNS[tree.operation]} {right}", level
+    # C groups a - b - c from the left; what stands on the right must bind more tightly. A product in a sum is
+    # bracketed although C does not need it: reviewers of embedded code do (MISRA C:2012, rule 12.1).
+    mixed = _ATOM if level == _LEVEL["add"] else level
+    left = _bracketed(printed[0], mixed if printed[0][1] == _LEVEL["mul"] else level)
+    return f"{left} {_SIGNS[tree.operation]} {_bracketed(printed[1], max(mixed, level + 1))}", level
 
 
 def _bracketed(printed: tuple[str, int], least: int) -> str:

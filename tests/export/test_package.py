@@ -111,3 +111,36 @@ def test_the_hold_is_exact(T: float, load: Callable[..., Exported]) -> None:
             size = np.max(np.abs(exact[part]).reshape(n, n) / weight)
             squarings = max(0.0, np.log2(max(1.0, 2.0 * p.k1 * T)))
             assert np.max(error) <= 2.0 ** (squarings + 1) * 20 * 2.0**-53 * max(size, T if block else 1.0)
+
+
+@pytest.mark.parametrize("precision", ["double", "float"])
+@pytest.mark.parametrize("name", ["paper", "third-order", "braking", "chain"])
+def test_cppcheck_and_its_misra_addon_find_nothing_in_the_controller(
+    name: str, precision: str, exports: Callable[..., Export], tmp_path: Path
+) -> None:
+    if shutil.which("cppcheck") is None:
+        pytest.skip("no cppcheck")
+    export = exports(name, precision)
+    assert _findings(written(export, tmp_path), export.identity.prefix) == []
+
+
+def test_cppcheck_finds_a_product_in_a_sum_without_brackets(
+    exports: Callable[..., Export], tmp_path: Path
+) -> None:
+    if shutil.which("cppcheck") is None:
+        pytest.skip("no cppcheck")
+    export = exports("paper")
+    written(export, tmp_path)
+    bare = export.source.replace("- (p->c2 * z2)", "- p->c2 * z2")
+    (tmp_path / f"{export.identity.prefix}.c").write_text(bare, encoding="utf-8")
+    assert any("12.1" in line for line in _findings(tmp_path, export.identity.prefix))
+
+
+def _findings(folder: Path, prefix: str) -> list[str]:
+    """Return what cppcheck says of the controller; the example beside it shows which functions are used."""
+    form = "--template={file}:{line} {id}"
+    flags = ["--addon=misra", "--std=c99", "--enable=warning,performance,portability", "--quiet", form]
+    done = subprocess.run(
+        ["cppcheck", *flags, f"{prefix}.c", "main.c"], cwd=folder, capture_output=True, text=True, check=False
+    )
+    return [line for line in done.stderr.splitlines() if line.startswith(prefix)]

@@ -45,11 +45,11 @@ def test_a_term_in_two_lines_is_seen(exports: Callable[..., Export]) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "name"),
     [
-        ("- p->c2 * z2", "+ p->c2 * z2", "v"),
+        ("- (p->c2 * z2)", "+ (p->c2 * z2)", "v"),
         ("s->y - s->r1 - s->y_r", "s->y - s->r2 - s->y_r", "z1"),
         ("A0[1][0] = -p->k2", "A0[1][0] = -p->k1", "xi2_dot"),
         ("xi2_drive = p->k2 * s->y", "xi2_drive = p->k1 * s->y", "xi2_dot"),
-        ("c->G0[0][1] * xi2_drive", "c->G0[1][1] * xi2_drive", "xi1_next"),
+        ("(c->G0[0][1] * xi2_drive)", "(c->G0[1][1] * xi2_drive)", "xi1_next"),
         ("c->v_z1 = p->b0 / (", "c->v_z1 = p->d1 / (", "v"),
         ("c->dalpha1_dXi21 = -p->d1", "c->dalpha1_dXi21 = p->d1", "dalpha1_dXi21"),
     ],
