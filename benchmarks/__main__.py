@@ -17,7 +17,7 @@ import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from benchmarks import continuous, law, processes, sampled, scaling, sweeps
+from benchmarks import continuous, exported, law, processes, sampled, scaling, sweeps
 from benchmarks.reference import ROOT
 from benchmarks.report import Section, document
 
@@ -32,6 +32,7 @@ def parts(quick: bool, folder: Path, figure: Path | None) -> Parts:
     return {
         "continuous": lambda: continuous.run(quick, figure),
         "sampled": lambda: [sampled.run(quick, folder)],
+        "exported": lambda: [exported.run(quick, folder)],
         "sweep": lambda: [sweeps.run(quick), scaling.run(quick)],
         "law": lambda: [law.run(quick, folder)],
         "process": lambda: [processes.run(quick, folder)],

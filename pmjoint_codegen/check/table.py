@@ -12,6 +12,7 @@
     trajectory.invariants     runs against invariants of the theory
     trajectory.certificate    V along the run against (35)
     trajectory.independent    the default run and drawn ones against heyoka on the derivation's expressions
+    export                    exported C against the sampled run, sample by sample, within derived bounds
     compilers.gcc, .clang     the generated C against all warnings
     compilers.sanitizers      every kernel against memory errors and undefined behaviour
     compilers.valgrind        every kernel against uninitialised values
@@ -37,6 +38,7 @@ from pmjoint_codegen.check.gates import (
     compilers,
     current,
     derivatives,
+    exported,
     golden,
     guards,
     independent,
@@ -81,6 +83,7 @@ GATES: Final = (
     Gate("trajectory.invariants", invariants.check),
     Gate("trajectory.certificate", certificate.check),
     Gate("trajectory.independent", independent.check),
+    Gate("export", exported.check),
     Gate("compilers.gcc", compilers.check_gcc, outside=True),
     Gate("compilers.clang", compilers.check_clang, outside=True),
     Gate("compilers.sanitizers", compilers.check_sanitizers, outside=True),

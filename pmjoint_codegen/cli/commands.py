@@ -57,6 +57,11 @@ COMMANDS = (
         "pmjoint_codegen.cli.audit",
         "Check the paper's equations against what follows from its model.",
     ),
+    Entry(
+        "export",
+        "pmjoint_codegen.cli.export",
+        "Write the controller as C for another tool chain.",
+    ),
     Entry("new", "pmjoint_codegen.cli.new", "Write a commented model file that simulates at once."),
     Entry(
         "doctor",

@@ -46,7 +46,11 @@ def kernels_source(rows: Iterable[ca.Function], head: str) -> str:
                 function.name_out(),
             )
         )
-    return f'{head}#include "kernels.h"\n\n{generator.dump()}'
+    text = generator.dump()
+    # Of two zeros, a compiler's fmin and fmax take either; the interpreter and the loops take the first.
+    for name, relation in (("fmin", "<="), ("fmax", ">=")):
+        text = text.replace(f"return {name}(x, y);", f"return x{relation}y || y!=y ? x : y;")
+    return f'{head}#include "kernels.h"\n\n{text}'
 
 
 def kernels_header(functions: tuple[Function, ...], head: str) -> str:

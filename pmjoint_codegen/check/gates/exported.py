@@ -1,0 +1,287 @@
+"""The exported C against the sampled run that `simulate` makes, sample by sample.
+
+The export shares the derivation's equations with the kernels, and nothing behind them. At every sample of the
+model's own run, from a zero and from a matched start, the exported controller is put into the recorded state
+and takes one step: its next state, v, u, errors and estimate are those of the run. The bound is the sum of
+two derived error bounds: of the statements of the exported C, and of the instructions of the kernels. The
+matrices of the exact hold agree bit for bit. Then it runs alone through the recorded y, which shows how far
+rounding errors carry it from the run.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from pmjoint_codegen import __version__
+from pmjoint_codegen.check.bits import different_bits
+from pmjoint_codegen.check.oracles.error_bound import walk
+from pmjoint_codegen.check.oracles.exported import Exported
+from pmjoint_codegen.check.result import Difference, GateResult, failed, not_run, passed
+from pmjoint_codegen.check.subject import Subject
+from pmjoint_codegen.export.bounds import Bounded
+from pmjoint_codegen.export.package import TRACE, Export, export_c
+from pmjoint_codegen.export.recording import twin_of
+from pmjoint_codegen.export.source import Identity
+from pmjoint_codegen.export.statements import Program
+from pmjoint_codegen.export.trace import trace_faults
+from pmjoint_codegen.export.tree import DOUBLE
+from pmjoint_codegen.export.twin import COMMAND, bounded_arithmetic
+from pmjoint_codegen.identity import model_hash
+from pmjoint_codegen.kernels.evaluator import Array, Evaluator
+from pmjoint_codegen.kernels.tape import Tape
+from pmjoint_codegen.loops.hold import hold_matrices
+from pmjoint_codegen.loops.status import Status
+from pmjoint_codegen.simulate.run import run
+from pmjoint_codegen.simulate.settings import Settings, make_settings
+from pmjoint_codegen.values import MATCHED, STARTS
+from pmjoint_codegen.workspace import cache_dir
+
+SAMPLES: Final = 4000  # of a run, at most
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """A sampled run, one row a sample.
+
+    Attributes:
+        s: the controller's states, shape (rows, states).
+        reading: what the sensor reads, shape (rows,).
+        y: the same behind the filter, if there is one.
+        y_r: the reference and its derivatives at the controller's clock, shape (rows, rho + 1).
+        v, u, command: shape (rows,).
+        z: errors, shape (rows, rho).
+        x_hat: estimate, shape (rows, n).
+        p: parameters of the kernels, with the segment of the reference, shape (rows, parameters).
+        hold: matrices of the exact hold.
+    """
+
+    s: Array
+    reading: Array
+    y: Array
+    y_r: Array
+    v: Array
+    u: Array
+    command: Array
+    z: Array
+    x_hat: Array
+    p: Array
+    hold: Array
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One run compared.
+
+    Attributes:
+        ratio: largest difference relative to its bound.
+        values: how many values were compared.
+        other_bits: how many differ in their bits.
+        carried: largest difference of v when the export runs alone, relative to the largest |v|.
+        difference: the worst value, if it is beyond its bound.
+    """
+
+    ratio: float
+    values: int
+    other_bits: int
+    carried: float
+    difference: Difference | None
+
+
+def check(subject: Subject) -> GateResult:
+    """Compile the export and compare it with the model's sampled runs."""
+    if subject.compiler is None or subject.compiled is None:
+        return not_run("no C compiler")
+    identity = Identity(subject.model.name, model_hash(subject.document), __version__)
+    export = export_c(subject.derivation, identity)
+    faults = trace_faults(export.program, export.source, json.loads(export.files[TRACE]))
+    if faults:
+        return failed(faults[0], len(faults), 0, findings=tuple(faults[1:]))
+    loaded = Exported.load(export, subject.compiler, cache_dir(subject.environment, subject.notify))
+    return judge(loaded, subject.compiled, subject.tapes)
+
+
+def judge(
+    loaded: Exported, evaluator: Evaluator, tapes: Mapping[str, Tape], samples: int = SAMPLES
+) -> GateResult:
+    """Compare a loaded controller with runs of the kernels.
+
+    Args:
+        loaded: the controller.
+        evaluator: of the kernels.
+        tapes: their instructions.
+        samples: of a run, at most.
+    """
+    row = loaded.call("self_test")
+    if row != 0:
+        return failed(f"self_test: row {row} differs from the recorded data")
+    found = []
+    for start in STARTS:
+        recorded = record(evaluator, start, samples)
+        if isinstance(recorded, str):
+            return failed(recorded)
+        loaded.params.matched = int(start == MATCHED)
+        if loaded.init(recorded.reading[0], recorded.y_r[0]) != 0:
+            return failed(f"init refuses the model's own parameters, {start} start")
+        unequal = different_bits(loaded.hold(), recorded.hold)
+        if unequal.any():
+            return failed(f"{int(unequal.sum())} entries of the exact hold have other bits")
+        found.append(compare(loaded, recorded, tapes, start))
+    worst = max(found, key=lambda item: item.ratio)
+    bits = f"{sum(item.other_bits for item in found)} of {sum(item.values for item in found)} values"
+    detail = f"largest difference from the sampled run / derived bound; {bits} have other bits"
+    carried = max(item.carried for item in found)
+    told = f"running alone through the recorded y, v stays within {carried:.2g} of the largest |v|"
+    if worst.difference is not None:
+        return failed(detail, worst.ratio, 1.0, worst.difference)
+    return passed(detail, worst.ratio, 1.0, told)
+
+
+def record(evaluator: Evaluator, start: str, samples: int) -> Recorded | str:
+    """The model's sampled run, a row a sample; or why there is none.
+
+    Every sample is on time: lateness is the clock's, which the exported controller does not have.
+    """
+    manifest = evaluator.manifest
+    late = {manifest.chain["jitter"]: 0.0} if "jitter" in manifest.chain else {}
+    T = manifest.simulation.sample_time
+    horizon = min(manifest.simulation.horizon, samples * T)
+    settings = make_settings(
+        manifest, parameters=late, horizon=horizon, output_step=T, controller="sampled", start=start
+    )
+    done = run(evaluator, settings)
+    if done.status != Status.DONE and len(done.t) < 2:
+        return f"the sampled run ended at once: {done.message}"
+    names = {item.name for item in manifest.signals}
+    reading = done["y_m"] if "y_m" in names else done["y"]
+    p = _parameters(settings, done.t)
+    return Recorded(
+        s=done.states[:, manifest.nx :],
+        reading=reading,
+        y=done["y_f"] if "y_f" in names else reading,
+        y_r=evaluator.call("reference", done.t[:, np.newaxis], p)[0],
+        v=done["v"],
+        u=done["u"],
+        command=done["u_command"] if "u_command" in names else done["u"],
+        z=np.column_stack([done[f"z{i}"] for i in range(1, manifest.rho + 1)]),
+        x_hat=np.column_stack([done[f"x_hat{i}"] for i in range(1, manifest.n + 1)]),
+        p=p,
+        hold=hold_matrices(evaluator, settings.p, T),
+    )
+
+
+def _parameters(settings: Settings, t: Array) -> Array:
+    """The kernels' parameters at each instant, with the segment of a reference that is data."""
+    p = np.tile(settings.p, (len(t), 1))
+    if settings.reference is not None:
+        rows = settings.reference.rows[settings.reference.places(t)]
+        p[:, -rows.shape[1] :] = rows
+    return p
+
+
+def compare(loaded: Exported, recorded: Recorded, tapes: Mapping[str, Tape], start: str) -> Comparison:
+    """Every sample's step from the recorded state, and the run alone."""
+    program = loaded.export.program
+    shown = [*_shown(program)]
+    names = [*(f"{state}_next" for state in program.states), "v", "u", *shown]
+    columns = (recorded.s, recorded.v, recorded.u, recorded.z, recorded.x_hat)
+    expected = np.column_stack([array[1:] for array in columns])
+    alone = _alone(loaded, recorded)
+    found = _steps(loaded, recorded)
+    bounds = step_bounds(loaded.export, recorded, tapes, matched=start == MATCHED)
+    error = np.abs(found - expected)
+    with np.errstate(all="ignore"):  # 0/0 is a value that both sides have exactly
+        ratio = np.where(error > 0, error / bounds, 0.0)
+    ratio = np.where(np.isnan(error) | np.isnan(ratio), np.inf, ratio)
+    row, column = (int(i) for i in np.unravel_index(np.argmax(ratio), ratio.shape))
+    worst = float(ratio[row, column])
+    difference = None
+    if worst > 1.0:
+        a, b = float(expected[row, column]), float(found[row, column])
+        place = f"{start} start, sample {row + 1}"
+        figures = (repr(a), repr(b), f"{error[row, column]:.3g}", f"{bounds[row, column]:.3g}")
+        difference = Difference(f"{loaded.export.identity.prefix}_step", names[column], place, *figures)
+    carried = float(np.max(np.abs(alone - recorded.v)) / np.max(np.abs(recorded.v)))
+    return Comparison(worst, error.size, int(different_bits(expected, found).sum()), carried, difference)
+
+
+def _alone(loaded: Exported, recorded: Recorded) -> Array:
+    """V of the controller that runs from its own start."""
+    loaded.init(recorded.reading[0], recorded.y_r[0])
+    found = np.empty(len(recorded.v))
+    for k, y in enumerate(recorded.reading.tolist()):
+        loaded.step(y, recorded.y_r[k])
+        found[k] = loaded.output.v
+    return found
+
+
+def _steps(loaded: Exported, recorded: Recorded) -> Array:
+    """Next states, v and u of the step from every recorded sample but the last."""
+    program, state = loaded.export.program, loaded.state
+    states = [symbol.name for symbol in program.states]
+    outputs = ["v", "u", *_shown(program)]
+    found = np.empty((len(recorded.v) - 1, len(states) + len(outputs)))
+    s, y, y_r = recorded.s.tolist(), recorded.y.tolist(), recorded.y_r.tolist()
+    v, u, command, reading = (
+        array.tolist() for array in (recorded.v, recorded.u, recorded.command, recorded.reading)
+    )
+    for k in range(len(found)):
+        for name, value in zip(states, s[k], strict=True):
+            setattr(state, name, value)
+        state.y, state.v, state.u, state.command, state.ready = y[k], v[k], u[k], command[k], 1
+        loaded.step(reading[k + 1], y_r[k + 1])
+        found[k] = [
+            *(getattr(state, name) for name in states),
+            *(getattr(loaded.output, name) for name in outputs),
+        ]
+    return found
+
+
+def _shown(program: Program) -> list[str]:
+    """Names of the errors and of the estimate."""
+    return [symbol.name for symbol in (*program.derivation.signals.z, *program.estimate)]
+
+
+def step_bounds(export: Export, recorded: Recorded, tapes: Mapping[str, Tape], *, matched: bool) -> Array:
+    """Bounds on the differences of `_steps`: of the exported statements and of the kernels' instructions."""
+    program, rows = export.program, len(recorded.v) - 1
+    now, then = slice(0, rows), slice(1, rows + 1)
+    column = {name: getattr(recorded, name)[now, np.newaxis] for name in ("y", "u", "v")}
+    h = np.tile(recorded.hold, (rows, 1))
+    (update,) = walk(
+        tapes["sampled_update"], [column["y"], recorded.s[now], column["u"], column["v"], h, recorded.p[now]]
+    )
+    given = [recorded.y[then, np.newaxis], recorded.s[then], recorded.y_r[then], recorded.p[then]]
+    z, _, v_error = walk(tapes["law"], given)
+    (x_hat,) = walk(tapes["estimate"], [recorded.s[then], recorded.p[then]])
+    twin = twin_of(program, bounded_arithmetic(DOUBLE), DOUBLE, matched=matched)
+    # Both take the same bits of the hold's matrices, so their own error is no difference.
+    twin.fixed |= {symbol: Bounded(twin.fixed[symbol].value, 0.0) for symbol in program.hold.symbols}
+    s = program.derivation.signals
+    twin.values = {symbol: Bounded(recorded.s[now, i], 0.0) for i, symbol in enumerate(program.states)}
+    taken = {s.y: recorded.y, s.u: recorded.u, s.v: recorded.v, COMMAND: recorded.command}
+    twin.values |= {symbol: Bounded(array[now], 0.0) for symbol, array in taken.items()}
+    twin.ready = True
+    twin.advance()
+    states = np.column_stack([_broadcast(twin.values[symbol].error, rows) for symbol in program.states])
+    states = states + update.error
+    twin.values |= {
+        symbol: Bounded(twin.values[symbol].value, states[:, i]) for i, symbol in enumerate(program.states)
+    }
+    filtered = twin.filtered(Bounded(recorded.reading[then], 0.0))
+    twin.values[s.y] = Bounded(filtered.value, 2.0 * filtered.error)  # both sides round
+    twin.values |= {symbol: Bounded(recorded.y_r[then, i], 0.0) for i, symbol in enumerate(s.y_r)}
+    found: Any = twin.run(program.law, twin.values, {})
+    shown = [_broadcast(found[symbol].error, rows) for symbol in (*s.z, *program.estimate)]
+    v = Bounded(found[s.v].value, found[s.v].error + v_error.error[:, 0])
+    twin.actuate(v, first=False)
+    u = 2.0 * _broadcast(twin.values[s.u].error, rows)  # both sides round
+    return np.column_stack([states, v.error, u, np.column_stack(shown) + np.hstack([z.error, x_hat.error])])
+
+
+def _broadcast(error: Any, rows: int) -> Array:
+    return np.broadcast_to(np.asarray(error, dtype=np.float64), (rows,))

@@ -1,0 +1,189 @@
+"""The fields of the exported structures: name, type, meaning, unit and range, once for C and for Python."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+from pmjoint_codegen.export.lines import identifier
+from pmjoint_codegen.export.statements import Program
+from pmjoint_codegen.values import SI, from_si
+
+INTEGER: Final = "int"
+REAL: Final = "real"
+MATRIX: Final = "matrix"
+SAMPLE_TIME: Final = "sample_time"
+
+
+@dataclass(frozen=True)
+class Field:
+    """A field of a structure.
+
+    Attributes:
+        name: in C.
+        kind: `INTEGER`, `REAL` or `MATRIX`.
+        about: meaning, unit and range, for its comment.
+        value: default of a parameter.
+    """
+
+    name: str
+    kind: str
+    about: str
+    value: float = 0.0
+
+
+def _said(meaning: str, unit: str, allowed: str) -> str:
+    bracket = f" [{unit}]" if unit else ""
+    return f"{meaning}{bracket}; {allowed}" if allowed else f"{meaning}{bracket}"
+
+
+def parameter_fields(program: Program) -> tuple[Field, ...]:
+    """What `init` reads: parameters, gains, sample time, start."""
+    d, s = program.derivation, program.derivation.signals
+    model, chained = d.model, {symbol: key for key, symbol in d.model.chain.items()}
+    stated = {item.symbol: item for item in model.parameters}
+    gains = d.gain_values | {s.compensator: float(model.gains.compensator)}
+    if s.braking:
+        gains[s.braking[0]] = float(model.gains.braking or 0.0)
+    found = []
+    for symbol in program.parameters:
+        if symbol in stated:
+            item = stated[symbol]
+            unit = item.unit
+            if item.scale != SI:
+                unit = f"SI; {from_si(item.value, item.scale)!r} {item.unit} in the model"
+            allowed = "> 0" if symbol == model.limit else _RANGES.get(chained.get(symbol, ""), "finite")
+            found.append(Field(identifier(symbol.name), REAL, _said(item.about, unit, allowed), item.value))
+        else:
+            about, allowed = _gain(program, symbol.name)
+            unit = str(d.units.of(symbol))
+            found.append(Field(identifier(symbol.name), REAL, _said(about, unit, allowed), gains[symbol]))
+    T = Field(SAMPLE_TIME, REAL, "time from step to step [s]; > 0", model.simulation.sample_time)
+    start = "start of filters and compensator; 1: matched to the first y and reference, 0: at zero"
+    return (*found, T, Field("matched", INTEGER, start, float(model.gains.matched)))
+
+
+_RANGES: Final = {
+    "rate": "> 0",
+    "dead_zone": ">= 0",
+    "filter": "> 0",
+    "lower": "below the upper limit",
+    "upper": "above the lower limit",
+}
+
+
+def _gain(program: Program, name: str) -> tuple[str, str]:
+    """Meaning and range of a gain."""
+    s = program.derivation.signals
+    for kind, symbols in s.gains_by_kind.items():
+        for place, symbol in enumerate(symbols, start=1):
+            if symbol.name == name:
+                return _GAINS[kind][0].format(place), _GAINS[kind][1]
+    return {
+        s.compensator.name: ("compensator (23): 1 at work, 0 plain clipping", "0 or 1"),
+        s.input_scale.name: ("weight of z_i, i > 1; 1: the paper's law", "> 0"),
+    }.get(name, ("share of the limit that the compensator brakes with", "> 0, below 1"))
+
+
+_GAINS: Final = {
+    "c": ("damping of error z{}", "> 0"),
+    "e": ("damping against the estimation error, step {}", "> 0"),
+    "ck": ("decay rate of compensator state r{}", "> 0"),
+    "k": ("filter gain {}", "all together such that A0 = A - k e1' is Hurwitz"),
+}
+
+
+def state_fields(program: Program) -> tuple[Field, ...]:
+    """What a controller remembers from step to step."""
+    d, s = program.derivation, program.derivation.signals
+    blocks = {symbol: key for key, symbols in s.controller_blocks.items() for symbol in symbols}
+    about = {
+        "xi": "filter (14), driven by y",
+        "Xi": "filter (14), driven by Phi(y)",
+        "lambda": "filter (14), driven by u",
+        "r": "compensator (23)",
+    }
+    states = [
+        Field(symbol.name, REAL, _said(about[blocks[symbol]], str(d.units.of(symbol)), "finite"))
+        for symbol in program.states
+    ]
+    unit = str(d.units.of(s.u))
+    reference = [
+        Field(
+            symbol.name, REAL, _said(f"{symbol.name} at the last sound sample", str(d.units.of(symbol)), "")
+        )
+        for symbol in s.y_r
+    ]
+    return (
+        *states,
+        Field(
+            "y",
+            REAL,
+            _said("y, filtered if a filter is declared, at the last sound sample", model_y(program), ""),
+        ),
+        *reference,
+        Field("v", REAL, _said("v of (29) at that sample", unit, "")),
+        Field("u", REAL, _said("the input that acts since that sample", unit, "")),
+        Field("command", REAL, _said("what the actuator was told at that sample", unit, "within the limits")),
+        Field("ready", INTEGER, "1 once a sample has been taken"),
+    )
+
+
+def model_y(program: Program) -> str:
+    """Unit of the output."""
+    return str(program.derivation.units.of(program.derivation.signals.y))
+
+
+def input_fields(program: Program) -> tuple[Field, ...]:
+    """What a step is given."""
+    d, s, model = program.derivation, program.derivation.signals, program.derivation.model
+    low_high = "" if model.y_range is None else f"{model.y_range[0]!r} to {model.y_range[1]!r}, "
+    y = Field("y", REAL, _said("measured output", model_y(program), f"{low_high}finite"))
+    meanings = ["reference", *(f"derivative {i} of the reference" for i in range(1, len(s.y_r)))]
+    reference = [
+        Field(symbol.name, REAL, _said(meaning, str(d.units.of(symbol)), "finite"))
+        for symbol, meaning in zip(s.y_r, meanings, strict=True)
+    ]
+    unit = str(d.units.of(s.u))
+    return (
+        y,
+        *reference,
+        Field(
+            "use_measured_u", INTEGER, "1: u_measured acted since the last step; 0: the u that step returned"
+        ),
+        Field("u_measured", REAL, _said("applied input since the last step", unit, "read only if asked for")),
+    )
+
+
+def output_fields(program: Program) -> tuple[Field, ...]:
+    """What a step returns."""
+    d, s = program.derivation, program.derivation.signals
+    unit = str(d.units.of(s.u))
+    states = zip(program.estimate, s.x, strict=True)
+    return (
+        Field("v", REAL, _said("control law (29), before the limits", unit, "")),
+        Field("command", REAL, _said("what to tell the actuator", unit, "within the limits")),
+        Field("u", REAL, _said("what of it counts beyond the dead zone, if one is declared", unit, "")),
+        *(Field(hat.name, REAL, _said(f"estimate (15) of {x}", str(d.units.of(x)), "")) for hat, x in states),
+        *(Field(z.name, REAL, _said("error (24)", str(d.units.of(z)), "")) for z in s.z),
+        Field("flags", INTEGER, "0, or what was wrong; see below"),
+    )
+
+
+def constant_fields(program: Program) -> Iterator[Field]:
+    """What `init` computes once, behind the parameters."""
+    for label, about in (
+        ("F0", "expm(A0 T) of the filters (14)"),
+        ("G0", "its integral over the hold"),
+        ("Fr", "expm(Ar T) of the compensator (23)"),
+        ("Gr", "its integral over the hold"),
+    ):
+        yield Field(label, MATRIX, about)
+    if "filter" in program.derivation.model.chain:
+        yield Field("filter_gain", REAL, "1 - exp(-filter T)")
+    for item in program.constants:
+        meaning = item.meaning or f"{item.factor * sum(item.terms)}"
+        yield Field(
+            identifier(item.symbol.name), REAL, _said(" ".join((item.number, meaning)).strip(), item.unit, "")
+        )

@@ -1,0 +1,271 @@
+"""The text of ``pmjoint_<model>.c`` and ``.h``: templates in ``c/`` with the statements filled in."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import sympy as sp
+
+from pmjoint_codegen.export import fields
+from pmjoint_codegen.export.fields import INTEGER, MATRIX, Field
+from pmjoint_codegen.export.lines import Line, Printer, comment, identifier, spellings
+from pmjoint_codegen.export.statements import Program, next_symbol
+from pmjoint_codegen.export.tree import Precision, operations_in
+from pmjoint_codegen.export.twin import DEGREE
+
+TEMPLATES: Final = Path(__file__).parent / "c"
+_SIGN: Final = """\
+/* -1, 0 or 1. */
+static @real@ sign_of(@real@ x)
+{
+    return (x > 0.0@f@) ? 1.0@f@ : ((x < 0.0@f@) ? -1.0@f@ : 0.0@f@);
+}
+"""
+
+
+@dataclass(frozen=True)
+class Identity:
+    """What an export is called and where it comes from.
+
+    Attributes:
+        model: name of the model.
+        model_hash: of its file.
+        version: of this package.
+    """
+
+    model: str
+    model_hash: str
+    version: str
+
+    @property
+    def prefix(self) -> str:
+        """What every exported name begins with."""
+        return "pmjoint_" + re.sub(r"\W", "_", self.model, flags=re.ASCII)
+
+
+def filled(template: str, blocks: Mapping[str, Iterable[Line]], words: Mapping[str, str]) -> list[Line]:
+    """A template with blocks in place of lines ``@block@``, and words in place of ``@word@``."""
+    lines: list[Line] = []
+    for text in template.splitlines():
+        key = text.strip("@")
+        lines += blocks[key] if text == f"@{key}@" and key in blocks else [Line(text)]
+    return [Line(replaced(line.text, words), line.sources) for line in lines]
+
+
+def replaced(text: str, words: Mapping[str, str]) -> str:
+    """The text with every ``@word@`` replaced."""
+    for word, value in words.items():
+        text = text.replace(f"@{word}@", value)
+    return text
+
+
+def words_of(program: Program, identity: Identity, precision: Precision) -> dict[str, str]:
+    """What stands for each word of the templates."""
+    model = program.derivation.model
+    return {
+        "name": identity.prefix,
+        "NAME": identity.prefix.upper(),
+        "real": precision.name,
+        "f": precision.suffix,
+        "title": comment(f"{model.title}. {model.source}".strip()),
+        "hash": identity.model_hash,
+        "version": identity.version,
+        "DEGREE": str(DEGREE),
+        "SIZE": str(program.size),
+        "ROWS_A0": str(program.hold.F0.rows),
+        "ROWS_AR": str(program.hold.Fr.rows),
+    }
+
+
+def banner(program: Program, identity: Identity, precision: Precision) -> list[Line]:
+    """Who made the file, from what."""
+    model = program.derivation.model
+    return [
+        Line(f"/* {comment(model.title)}"),
+        Line(f" * Output-feedback controller of the model {comment(identity.model)}, in {precision.name}."),
+        Line(f" * Made by pmjoint export {identity.version}, model {identity.model_hash[:16]}; do not edit."),
+        Line(" * Numbers in brackets are equations of Cai, Qian, Yu, Shen, IEEE Access 8 (2020)."),
+        Line(" */"),
+    ]
+
+
+def source_lines(
+    program: Program, identity: Identity, precision: Precision, self_test: Iterable[Line]
+) -> list[Line]:
+    """The lines of the C file.
+
+    Args:
+        program: what to print.
+        identity: names and hash.
+        precision: double or float.
+        self_test: the lines of the self test.
+    """
+    printer = Printer(spellings(program), precision)
+    template = (TEMPLATES / "controller.c.in").read_text(encoding="utf-8")
+    blocks = {
+        "banner": banner(program, identity, precision),
+        "helpers": _helpers(program),
+        "defaults": _defaults(program, precision),
+        "matrices": list(printer.matrix(program.matrices)),
+        "constants": [*_filter_gain(program, precision), *printer.constants(program.constants)],
+        "finite": _finite(program),
+        "take": [Line(f"    s->{y_r} = in->{y_r};") for y_r in program.derivation.signals.y_r],
+        "zeros": _zeros(program, precision),
+        "rest": list(_rest(program, printer)),
+        "start": [Line("    " + line.text) for line in _start(program, printer)],
+        "update": list(_update(program, printer)),
+        "law": [*printer.locals(program.law, {}), *_outputs(program)],
+        "actuate": list(_actuate(program, printer)),
+        "measure": list(_measure(program, precision)),
+        "report": [Line(f"    out->{name} = state->{name};") for name in ("v", "command", "u")],
+        "self_test": list(self_test),
+    }
+    words = words_of(program, identity, precision)
+    sound = ["in->y", *(f"in->{y_r}" for y_r in program.derivation.signals.y_r)]
+    words = {"sound": " && ".join(f"(isfinite({name}) != 0)" for name in sound), **words}
+    return filled(template, blocks, words)
+
+
+def _helpers(program: Program) -> list[Line]:
+    groups = (program.constants, program.law, program.update, program.start)
+    used = set[str]().union(*(operations_in(item.tree) for group in groups for item in group))
+    return [Line(text) for text in _SIGN.splitlines()] if "sign" in used else []
+
+
+def _defaults(program: Program, precision: Precision) -> list[Line]:
+    return [
+        Line(
+            f"    params->{item.name} = "
+            f"{int(item.value) if item.kind == INTEGER else precision.literal(item.value)};"
+        )
+        for item in fields.parameter_fields(program)
+    ]
+
+
+def _filter_gain(program: Program, precision: Precision) -> Iterator[Line]:
+    chain = program.derivation.model.chain
+    if "filter" in chain:
+        yield Line("    /* exact hold of the sensor's filter */")
+        corner = f"p->{identifier(chain['filter'].name)}"
+        yield Line(f"    c->filter_gain = -expm1{precision.suffix}(-{corner} * p->sample_time);")
+
+
+def _finite(program: Program) -> list[Line]:
+    return [
+        Line(text)
+        for item in fields.constant_fields(program)
+        if item.kind != MATRIX
+        for text in (f"    if (isfinite(c->{item.name}) == 0) {{", "        finite = 0;", "    }")
+    ]
+
+
+def _zeros(program: Program, precision: Precision) -> list[Line]:
+    names = [*(state.name for state in program.states), "y", *map(str, program.derivation.signals.y_r)]
+    return [Line(f"    s->{name} = {precision.literal(0.0)};") for name in names]
+
+
+def _rest(program: Program, printer: Printer) -> Iterator[Line]:
+    lower, upper = (printer.text(limit) for limit in program.derivation.model.limits)
+    yield Line(f"    s->command = between({printer.precision.literal(0.0)}, {lower}, {upper});")
+    yield from _left(program, printer)
+
+
+def _left(program: Program, printer: Printer) -> Iterator[Line]:
+    zone = program.derivation.model.dead_zone
+    if zone is None:
+        yield Line("    s->u = s->command;")
+    else:
+        width = printer.text(zone)
+        yield Line(f"    s->u = s->command - between(s->command, -{width}, {width});")
+
+
+def _start(program: Program, printer: Printer) -> Iterator[Line]:
+    s = program.derivation.signals
+    yield from printer.locals(program.start, {})
+    for state, value in program.starts.items():
+        text = printer.text(value * s.compensator if state in s.r else value)
+        yield Line(f"    s->{state} = {text};")
+
+
+def _update(program: Program, printer: Printer) -> Iterator[Line]:
+    yield from printer.locals(program.update, {})
+    for state in program.states:
+        yield Line(f"    s->{state} = {next_symbol(state)};")
+
+
+def _outputs(program: Program) -> Iterator[Line]:
+    for symbol in (*program.estimate, *program.derivation.signals.z):
+        yield Line(f"    out->{symbol} = {symbol};")
+
+
+def _actuate(program: Program, printer: Printer) -> Iterator[Line]:
+    model, real, zero = program.derivation.model, printer.precision.name, printer.precision.literal(0.0)
+    lower, upper = (printer.text(limit) for limit in model.limits)
+    wanted = "v"
+    if model.dead_zone is not None:
+        width = printer.text(model.dead_zone)
+        yield Line("    /* beyond the dead zone */")
+        yield Line(
+            f"    const {real} wanted = (v > {zero}) ? (v + {width}) : ((v < {zero}) ? (v - {width}) : v);"
+        )
+        wanted = "wanted"
+    if "rate" in model.chain:
+        yield Line("    /* no further from the last command than the actuator's rate allows */")
+        yield Line(f"    const {real} reach = {printer.text(model.chain['rate'])} * p->sample_time;")
+        near = f"between({wanted}, s->command - reach, s->command + reach)"
+        yield Line(f"    const {real} reached = {near};")
+        wanted = "reached"
+    yield Line("    /* (10) within the limits */")
+    yield Line(f"    s->command = between({wanted}, {lower}, {upper});")
+    yield from _left(program, printer)
+
+
+def _measure(program: Program, precision: Precision) -> Iterator[Line]:
+    if "filter" not in program.derivation.model.chain:
+        yield Line("        state->y = in->y;")
+        return
+    whole = f"(state->ready == 0) || (constants->filter_gain >= {precision.literal(1.0)})"
+    yield Line(f"        if ({whole}) {{")
+    yield Line("            state->y = in->y;")
+    yield Line("        } else {")
+    yield Line("            state->y = state->y + (constants->filter_gain * (in->y - state->y));")
+    yield Line("        }")
+
+
+def header_text(program: Program, identity: Identity, precision: Precision) -> str:
+    """The header's text."""
+    template = (TEMPLATES / "controller.h.in").read_text(encoding="utf-8")
+    size = f"{identity.prefix.upper()}_SIZE"
+
+    def declared(items: Iterable[Field]) -> list[Line]:
+        return [Line(_declaration(item, precision, size)) for item in items]
+
+    blocks = {
+        "banner": banner(program, identity, precision),
+        "params": declared(fields.parameter_fields(program)),
+        "constants": declared(fields.constant_fields(program)),
+        "state": declared(fields.state_fields(program)),
+        "input": declared(fields.input_fields(program)),
+        "output": declared(fields.output_fields(program)),
+    }
+    return joined(filled(template, blocks, words_of(program, identity, precision)))
+
+
+def _declaration(item: Field, precision: Precision, size: str) -> str:
+    kind = "int" if item.kind == INTEGER else precision.name
+    shape = f"[{size}][{size}]" if item.kind == MATRIX else ""
+    return f"    {kind} {item.name}{shape}; /**< {comment(item.about)} */"
+
+
+def joined(lines: Iterable[Line]) -> str:
+    """The text of some lines."""
+    return "\n".join(line.text.rstrip() for line in lines) + "\n"
+
+
+def expression_of(value: sp.Expr, program: Program, precision: Precision) -> str:
+    """An expression in C, for the example."""
+    return Printer(spellings(program), precision).text(value)
