@@ -76,7 +76,7 @@ static casadi_real casadi_fmax(casadi_real x, casadi_real y) {
 #if __STDC_VERSION__ < 199901L
   return x>y ? x : y;
 #else
-  return fmax(x, y);
+  return x>=y || y!=y ? x : y;
 #endif
 }
 
@@ -85,7 +85,7 @@ static casadi_real casadi_fmin(casadi_real x, casadi_real y) {
 #if __STDC_VERSION__ < 199901L
   return x<y ? x : y;
 #else
-  return fmin(x, y);
+  return x<=y || y!=y ? x : y;
 #endif
 }
 
