@@ -35,7 +35,15 @@ def check(subject: Subject) -> GateResult:
     if subject.manifest.rho == 1:
         return passed("a plant of relative degree one has no virtual controls", 0, 0)
     function = subject.manifest.function("partials")
-    found = batches(subject.interpreted, function, POINTS, SEED, extreme=False, features=subject.features)
+    found = batches(
+        subject.interpreted,
+        function,
+        POINTS,
+        SEED,
+        extreme=False,
+        features=subject.features,
+        y_range=subject.model.y_range,
+    )
     arguments = tuple(
         np.concatenate(arrays) for arrays in zip(*(batch.arguments for batch in found), strict=True)
     )

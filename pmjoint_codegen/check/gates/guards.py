@@ -35,7 +35,15 @@ def check(subject: Subject) -> GateResult:
     for guard in (row for row in loop_rows(subject.table) if isinstance(row, Guard)):
         function = subject.manifest.function(guard.name)
         reference = reference_of(subject.derivation, subject.table[guard.of])
-        found = batches(subject.interpreted, function, POINTS, SEED, extreme=False, features=subject.features)
+        found = batches(
+            subject.interpreted,
+            function,
+            POINTS,
+            SEED,
+            extreme=False,
+            features=subject.features,
+            y_range=subject.model.y_range,
+        )
         for batch in found:
             (bounds,) = evaluator.call(guard.name, *batch.arguments)
             for row, bound in enumerate(bounds):
