@@ -71,11 +71,11 @@ def _form(physics: Physics) -> Form:
 
 def _unobservable(physics: Physics, hidden: UnobservableError) -> OutsideClassError:
     names = ", ".join(map(str, hidden.states))
-    return OutsideClassError(
-        _OUTPUT,
-        f"{names} cannot be told from the output {physics.output} and its derivatives",
-        f"leave {names} out of the states, or measure another output",
-    )
+    remedy = f"leave {names} out of the states, or measure another output"
+    if len(hidden.states) > 1:
+        remedy = "use what acts on the output, such as their difference, as one state, or measure another"
+    what = f"{names} cannot be told from the output {physics.output} and its derivatives"
+    return OutsideClassError(_OUTPUT, what, remedy)
 
 
 def _input(gain: tuple[sp.Expr, ...]) -> tuple[tuple[sp.Expr, ...], sp.Expr]:

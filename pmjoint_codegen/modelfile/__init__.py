@@ -3,6 +3,7 @@
     reader       path -> document          TOML as nested dictionaries; needs the standard library only
     schema       document -> ModelSpec     every key with its type and allowed values (pydantic)
     complaints   pydantic's errors -> one line that names file, key, error and allowed values
+    system       [system]: its keys, and what it refuses
     names        allowed names of parameters
     expressions  text -> SymPy             a whitelist; nothing in a model file is ever executed
     bounds       limits on powers before SymPy computes them

@@ -67,7 +67,7 @@ def pressures(run: Record) -> Mapping[str, Pressure]:
     """Pressures of the two muscles; empty where the model is no joint."""
     known = {item.name for item in run.manifest.signals}
     values = run.settings.parameters
-    if not known.issuperset(MUSCLES) or not len(run.t):
+    if not known.issuperset(MUSCLES) or MUSCLES[0] in run.manifest.start.names or not len(run.t):
         return {}
     k0, u0, k_u, limit = (of_plant(values, name) for name in ("k0", "u0", "k_u", "P_max"))
     base = k0 * u0

@@ -72,7 +72,8 @@ def _chained_signals(
     known |= {f"D{i}": column for i, column in enumerate(D.T, start=1)}
     if "u_valve" in places:
         known["u_valve"] = w[:, 1]
-    if "P1" in places and not set(manifest.start.names) >= LAGGED:
+    physical = set(manifest.start.names)
+    if "P1" in places and not physical >= LAGGED and "P1" not in physical:
         values = dict(zip(manifest.parameter_names, problem.p.tolist(), strict=False))
         base = of_plant(values, "k0") * of_plant(values, "u0")
         known |= {"P1": base + w[:, -2], "P2": base - w[:, -1]}

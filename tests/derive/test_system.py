@@ -241,7 +241,8 @@ def test_what_has_no_form_is_refused_by_the_term(
 
 def test_the_term_named_is_the_one_that_blocks() -> None:
     """Damping that depends on the angle is no obstacle, though it too is a product with omega."""
-    rates = (omega, p - B * theta**2 * omega - K * omega * p, LAGGED)
+    late = LAGGED + omega * p  # a second one, so that leaving one term out is not enough
+    rates = (omega, p - B * theta**2 * omega - K * omega * p, late)
     with pytest.raises(OutsideClassError, match=r"the term -K\*omega\*p"):
         eliminate((theta, omega, p), rates, theta)
     assert eliminate((theta, omega, p), (omega, p - B * theta**2 * omega, LAGGED), theta)
