@@ -35,9 +35,10 @@ class Stick:
         sides: argument of a kink -> the symbol of its side.
         values: of each kink, the side that would hold; `NEVER` where none can.
         pulls: of each kink, B: it attracts where B is negative.
-        places: of each kink, the state with g = 0 exactly where g depends on one state only.
+        places: of each kink, the state with g = 0 exactly, where g fixes one state.
         reported: disturbances by name, in terms of flags, without sides. The side that holds is clipped to
-            [-1, 1]: where it lets go, it may be beyond.
+            [-1, 1]: where it lets go, it may be beyond. Also signals that are a kink's argument: 0 while it
+            holds.
     """
 
     flags: tuple[sp.Symbol, ...]
@@ -53,12 +54,21 @@ class Stick:
 
 @dataclass(frozen=True)
 class _Rest:
-    """One kink that can hold: g' = A + B s on g = 0; the state that it fixes with its value, if it is one."""
+    """One kink that can hold: g' = A + B s on g = 0, and what it holds still.
+
+    Attributes:
+        argument: g.
+        A: g' without the side.
+        B: slope of g' in the side.
+        fixed: the state that g = 0 fixes, and its value in terms of `still`; None if there is no such state.
+        still: other states that g depends on, whose rates are 0 on g = 0.
+    """
 
     argument: sp.Expr
     A: sp.Expr
     B: sp.Expr
     fixed: tuple[sp.Symbol, sp.Expr] | None
+    still: tuple[sp.Symbol, ...]
 
 
 def stick(
@@ -68,6 +78,7 @@ def stick(
     given: Mapping[sp.Symbol, sp.Expr],
     equations: Equations,
     disturbances: Sequence[sp.Symbol] = (),
+    signals: Sequence[sp.Symbol] = (),
 ) -> Stick | None:
     """What holds a run of this plant, or None if no kink can.
 
@@ -81,6 +92,7 @@ def stick(
         given: definitions with priority over the equations, as of the row ``plant``.
         equations: the named equations.
         disturbances: names to report.
+        signals: further names to report, of which an argument of a kink may be one.
     """
     known = {time, *words.x, *words.w, *words.p}
     arguments = [_unfolded(argument, known, given, equations) for argument in words.kinks]
@@ -115,8 +127,8 @@ def stick(
         ]
     for j, rest in enumerate(rests):
         if rest is not None and rest.fixed is not None:  # exactly, not to rounding
-            place = words.x.index(rest.fixed[0])
-            blended[place] = free[j] * blended[place]
+            for place in map(words.x.index, (rest.fixed[0], *rest.still)):
+                blended[place] = free[j] * blended[place]
     return Stick(
         flags=flags,
         rates=tuple(blended),
@@ -126,10 +138,25 @@ def stick(
         values=tuple(NEVER if rest is None else -rest.A / rest.B for rest in rests),
         pulls=tuple(sp.Integer(0) if rest is None else rest.B for rest in rests),
         places=tuple(place for rest in rests for place in _places(rest, words.x)),
-        reported=_reported(
-            {name: _unfolded(name, known, given, equations) for name in disturbances}, rests, flags, free
-        ),
+        reported={
+            **_reported(
+                {name: _unfolded(name, known, given, equations) for name in disturbances}, rests, flags, free
+            ),
+            **_standing({name: _unfolded(name, known, given, equations) for name in signals}, rests, flags),
+        },
     )
+
+
+def _standing(
+    signals: Mapping[sp.Symbol, sp.Expr], rests: Sequence[_Rest | None], flags: Sequence[sp.Symbol]
+) -> dict[sp.Symbol, sp.Expr]:
+    """Definitions for signals that are an argument of a kink, such as a joint's speed: 0 while it holds."""
+    return {
+        name: (1 - flags[j]) * value
+        for name, value in signals.items()
+        for j, rest in enumerate(rests)
+        if rest is not None and sp.expand(value - rest.argument) == 0
+    }
 
 
 def _reported(
@@ -190,7 +217,8 @@ def _rest(
     pull = sp.diff(rate, side)
     if sp.expand(pull) == 0:
         return None
-    return _Rest(argument, rate.xreplace({side: sp.Integer(0)}), pull, _fixed(argument, time, slopes))
+    fixed, still = _fixed(argument, time, dict(zip(slopes, at_rest, strict=True)))
+    return _Rest(argument, rate.xreplace({side: sp.Integer(0)}), pull, fixed, still)
 
 
 def _replaced(rate: sp.Expr, argument: sp.Expr, side: sp.Expr, power: sp.Expr, magnitude: sp.Expr) -> sp.Expr:
@@ -213,16 +241,28 @@ def _replaced(rate: sp.Expr, argument: sp.Expr, side: sp.Expr, power: sp.Expr, m
 
 
 def _fixed(
-    argument: sp.Expr, time: sp.Symbol, states: Iterable[sp.Symbol]
-) -> tuple[sp.Symbol, sp.Expr] | None:
-    """The one state that g = 0 fixes at a constant, and that constant."""
-    moving = [symbol for symbol in (time, *states) if symbol in argument.free_symbols]
-    if len(moving) != 1 or moving[0] == time:
-        return None
-    slope = sp.diff(argument, moving[0])
-    if moving[0] in slope.free_symbols:
-        return None
-    return moving[0], sp.expand(-argument.xreplace({moving[0]: sp.Integer(0)}) / slope)
+    argument: sp.Expr, time: sp.Symbol, rates: Mapping[sp.Symbol, sp.Expr]
+) -> tuple[tuple[sp.Symbol, sp.Expr] | None, tuple[sp.Symbol, ...]]:
+    """The one state that g = 0 fixes, with its value, and the other states of g, which stand still there.
+
+    g = x2 fixes x2 at 0. A joint's speed x2 - a x1 fixes x2 at a x1 since x1' is that speed.
+
+    Args:
+        argument: g.
+        time: t.
+        rates: of the plant's states on g = 0.
+    """
+    moving = [state for state in rates if state in argument.free_symbols]
+    if not moving or time in argument.free_symbols:
+        return None, ()
+    *others, state = moving
+    slope = sp.diff(argument, state)
+    if slope.free_symbols & set(rates):
+        return None, ()
+    value = sp.expand(-argument.xreplace({state: sp.Integer(0)}) / slope)
+    if any(sp.expand(rates[other].xreplace({state: value})) != 0 for other in others):
+        return None, ()
+    return (state, value), tuple(others)
 
 
 def _places(rest: _Rest | None, states: Sequence[sp.Symbol]) -> list[sp.Expr]:

@@ -208,7 +208,8 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
         rate_block("x", words.x)[1],
         {**own, **delivered},
         derivation.equations,
-        _disturbances(derivation),
+        _named(derivation, disturbance_symbols(derivation.plant)),
+        _named(derivation, (item.symbol for item in derivation.model.reported)),
     )
     return (
         Kernel("reference", (t, p), (y_r,), "", "the reference and its derivatives"),
@@ -298,10 +299,10 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
     )
 
 
-def _disturbances(derivation: Derivation) -> list[sp.Symbol]:
-    """The disturbances by the names that the plant and reports use: D_i, and D_i_plant where there is one."""
-    symbols = disturbance_symbols(derivation.plant)
-    return [*symbols, *twins(derivation, symbols, own_symbol).values()]
+def _named(derivation: Derivation, symbols: Iterable[sp.Symbol]) -> list[sp.Symbol]:
+    """Some names of the plant and their twins, such as D_i and D_i_plant."""
+    names = list(symbols)
+    return [*names, *twins(derivation, names, own_symbol).values()]
 
 
 def _held_kernels(

@@ -41,7 +41,7 @@ def signals_of(evaluator: Evaluator, problem: Problem, states: Array, memory: Me
     # Constant since the last sample, except for the plant and the reference.
     since, samples = memory.row_sample_times[:rows, np.newaxis], memory.row_samples[:rows]
     signals = _evaluated(evaluator, problem, "signals", since, samples)
-    _put_live(evaluator, problem, states, signals)
+    _put_live(evaluator, problem, states, signals, holds)
     names = [item.name for item in evaluator.manifest.signals]
     D = [f"D{i}" for i in range(1, evaluator.manifest.n + 1)]
     if D[0] in names:
@@ -80,11 +80,11 @@ def _chained_signals(
     for name, column in known.items():
         if name in places:
             signals[:, places[name]] = column
-    _put_live(evaluator, problem, states, signals)
+    _put_live(evaluator, problem, states, signals, holds)
     return signals
 
 
-def _put_live(evaluator: Evaluator, problem: Problem, states: Array, signals: Array) -> None:
+def _put_live(evaluator: Evaluator, problem: Problem, states: Array, signals: Array, holds: Holds) -> None:
     """Signals of a sampled run that move between samples: y, y_r, e, and states of a joint."""
     times = problem.times[: len(states), np.newaxis]
     y, y_r, e = map([item.name for item in evaluator.manifest.signals].index, INSTANTANEOUS)
@@ -93,7 +93,7 @@ def _put_live(evaluator: Evaluator, problem: Problem, states: Array, signals: Ar
     signals[:, e] = signals[:, y] - signals[:, y_r]
     moving = _moving(evaluator.manifest)
     if moving:
-        live = _evaluated(evaluator, problem, "signals", times, states)
+        live = _reported(evaluator, problem, holds, "signals", times, states)
         signals[:, moving] = live[:, moving]
 
 

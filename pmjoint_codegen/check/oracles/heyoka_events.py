@@ -17,6 +17,7 @@ Array = npt.NDArray[np.float64]
 TRUSTED: Final = (
     0.1 * ACCURACY
 )  # allowed deviation of a run from its equations: the defect's integral, relative
+LEAVING: Final = 1e-8  # s; (10/s^2) LEAVING^2 is about the rounding of a state of 1
 MOST_FLIPS: Final = 10_000  # of sides in a run; more is sliding by ever shorter steps
 
 
@@ -51,6 +52,7 @@ class Crossings:
         ended: why the run ended.
         mode: the present one.
         rest: a kink that begins to hold the run, or lets go, and its side from there on.
+        left: the kink that let go where the run begins, or -1.
     """
 
     def __init__(self) -> None:
@@ -62,8 +64,11 @@ class Crossings:
         self.along: list[tuple[float, Array]] = []
         self.ended: UntrustedError | None = None
         self.rest: tuple[int, float] | None = None
+        self.left = -1
 
-    def begin(self, modes: list[list[float]], mode: int, t: float, given: Array, first: int) -> None:
+    def begin(
+        self, modes: list[list[float]], mode: int, t: float, given: Array, first: int, left: int = -1
+    ) -> None:
         """Prepare for a run.
 
         Args:
@@ -72,8 +77,9 @@ class Crossings:
             t: s.
             given: parameters at the start: the reference's segment, offsets and slopes, sides, limit.
             first: how many of them belong to the segment.
+            left: the kink that lets go here, or -1.
         """
-        self.mode, self._first = mode, first
+        self.mode, self._first, self.left = mode, first, left
         self._modes, self.found, self.along, self.ended = modes, [], [(t, given.copy())], None
         self.rest = None
 
@@ -106,6 +112,9 @@ class Crossings:
 
         def flipped(solver: Any, direction: int) -> bool:
             t, given = float(solver.time), self.along[-1][1].copy()
+            # The argument of a kink that lets go grows with the square of time: its zeros here are rounding.
+            if place == self.left and t - self.along[0][0] <= LEAVING:
+                return True
             if rests is not None and rests.holds(place, t, np.array(solver.state), given):
                 self.rest = place, 0.0
                 return False

@@ -39,6 +39,8 @@ POINTS: Final = (0.25, 0.5, 0.75, 1.0)  # of a step, where its polynomial is com
 ONE_THRESHOLD: Final = 1e-3 * ACCURACY  # relative distance below which two thresholds are one
 
 FREE: Final = -1  # no kink holds
+# s within which an event is not found twice. heyoka's own (-1) is 0 where a kink lets go, at a rate of 0.
+COOLDOWN: Final = (-1.0, 1e-9)  # of a threshold of v, of a kink
 
 
 class Loop:
@@ -161,10 +163,10 @@ class Loop:
         states = np.full((len(t), len(start)), np.nan)
         time, state, now = float(t[0]), start, mode
         breaks = [] if self._segments is None else inside(self._segments, float(t[-1]))[0].tolist()
-        ends = [*breaks, float(t[-1])]
+        ends, left = [*breaks, float(t[-1])], FREE
         for _ in range(MOST_FLIPS):  # of the reference, or between stick and slip
             solver, crossings = self._solver(len(thresholds), held)
-            crossings.begin(coarse.modes.tolist(), now, time, given, self._first)
+            crossings.begin(coarse.modes.tolist(), now, time, given, self._first, left)
             solver.reset_cooldowns()
             solver.time, solver.state[:] = time, state
             solver.pars[:] = [*given, *thresholds]
@@ -185,8 +187,10 @@ class Loop:
             given = crossings.along[-1][1].copy()
             if crossings.rest is not None:
                 deviation.trust()
-                held = self._rest(crossings.rest, held, given)
+                before, held = held, self._rest(crossings.rest, held, given)
+                left = before if held == FREE else FREE
                 continue
+            left = FREE
             del ends[0]
             if not ends:
                 deviation.trust()
@@ -353,7 +357,10 @@ class Loop:
                 system,
                 [0.0] * len(self.names),
                 pars=[0.0] * (first + count),
-                t_events=[self._heyoka.t_event(value, callback=callback) for value, callback in events],
+                t_events=[
+                    self._heyoka.t_event(value, callback=callback, cooldown=COOLDOWN[i >= count])
+                    for i, (value, callback) in enumerate(events)
+                ],
             )
             self._solvers[count, held] = solver, crossings
         return self._solvers[count, held]

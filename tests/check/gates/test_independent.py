@@ -258,6 +258,15 @@ def test_models_with_kinks_are_held(paper: Subject, name: str, monkeypatch: pyte
     assert "8 drawn runs with" in result.detail
 
 
+@pytest.mark.usefixtures("heyoka")
+def test_friction_of_a_speed_of_two_states_is_held(paper: Subject, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As of a joint with kept damping: x1' = x2 - 2.18 x1 sticks, and lets go at a rate of rounding."""
+    monkeypatch.setattr(independent, "RUNS", (2, 8))
+    result = independent.check(changed(paper, "sin(t)", ("-2.18*x1", "-2*sign(x2 - 2.18*x1)")))
+    assert result.verdict is Verdict.PASSED, (result.detail, result.difference)
+    assert "8 drawn runs with" in result.detail
+
+
 def interpreted_of(subject: Subject) -> Subject:
     """The same, as without a compiler: the loops are then Python, and can be spoiled."""
     return dataclasses.replace(subject, environment={**os.environ, "PATH": ""})
