@@ -28,7 +28,13 @@ def summary_table(run: Run, notes: Sequence[str], files: Sequence[Path]) -> str:
         files: the files written, all in one folder.
     """
     told = (_head(run, notes), _saturation(run), _peaks(run), _tracking(run), _disturbance(run))
-    rows = [*(row for part in told for row in part), *_pressures(run), *_against(run), *_files(files)]
+    rows = [
+        *(row for part in told for row in part),
+        *_pressures(run),
+        *_forces(run),
+        *_against(run),
+        *_files(files),
+    ]
     return f"{run.manifest.name}: {run.manifest.title}\n{table(rows)}"
 
 
@@ -133,6 +139,16 @@ def _pressures(run: Run) -> Iterator[tuple[str, ...]]:
                 "",
                 f"{name} is clipped: {low:.4g} to {high:.4g} bar was commanded; the clipped part adds to D",
             )
+
+
+def _forces(run: Run) -> Iterator[tuple[str, ...]]:
+    """Give the range of the muscles' forces, and say where a muscle would have to push."""
+    forces = run.summary.get("forces", {})
+    for label, (name, item) in zip(("forces", ""), forces.items(), strict=False):
+        seen = f" {_SEEN}" if label else ""
+        yield label, f"{name} = {item['min']:.4g} to {item['max']:.4g} N{seen}"
+        if item["min"] < 0:
+            yield "", f"{name} is below 0: that muscle is slack there, and the law of its force does not hold"
 
 
 def _against(run: Run) -> Iterator[tuple[str, ...]]:

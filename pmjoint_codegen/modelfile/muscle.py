@@ -193,11 +193,15 @@ def _check_complete(joint: JointSpec, given: Mapping[str, ParameterSpec], where:
 
 
 def _check_used(joint: JointSpec, where: str) -> None:
-    """Refuse a quantity of the muscles that neither muscle uses."""
-    names = _names(law_of(joint).formula)
+    """Refuse a quantity of the muscles that neither muscle uses, nor any other expression of the table."""
+    of_law = _names(law_of(joint).formula)
+    texts = (joint.r1, joint.r2, joint.torque, joint.friction, joint.disturbance)
+    elsewhere = {name for text in texts if isinstance(text, str) for name in _names(text)}
     for name in (RADIUS, *OF_MUSCLE):
-        used = name in names or name not in OF_LAW
-        if getattr(joint, name) is not None and (not used or _is_own_of_both(joint, name)):
+        used = name in of_law or name not in OF_LAW
+        if getattr(joint, name) is None or name in elsewhere:
+            continue
+        if not used or _is_own_of_both(joint, name):
             why = "each has its own" if used else "force does not contain it"
             raise ModelError(
                 f"is used by neither muscle: {why}", where=f"{where}: joint.{name}", remedy="drop it"

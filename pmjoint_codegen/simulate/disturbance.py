@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from pmjoint_codegen.simulate.record import Record
 
 MUSCLES: Final = ("P1", "P2")
+FORCES: Final = ("F1", "F2")  # of a joint whose muscles are not those of the paper
 ROUNDING: Final = 1e-9  # of P_max: a pressure that only reaches a limit, to rounding, is not clipped
 
 
@@ -83,14 +84,23 @@ def pressures(run: Record) -> Mapping[str, Pressure]:
     }
 
 
+def forces(run: Record) -> Mapping[str, tuple[float, float]]:
+    """Least and greatest force of each muscle in N; empty where a run does not report them."""
+    known = {item.name for item in run.manifest.signals}
+    if not known.issuperset((*MUSCLES, *FORCES)) or not len(run.t):
+        return {}
+    return {name: (float(run[name].min()), float(run[name].max())) for name in FORCES}
+
+
 def disturbance_summary(run: Record) -> dict[str, Any]:
-    """The entries of ``summary.json`` on D and the pressures, all at the output instants.
+    """The entries of ``summary.json`` on D and the muscles, all at the output instants.
 
     ``disturbance_max`` is the largest |D|, as bounded by (9), null if no bound is presumed and components
     of several units act; ``disturbance_range`` holds least and greatest value of each component;
     ``disturbance_max_components`` its largest magnitude; ``disturbance_bound`` the D_max that the model file
     presumes, or null. ``pressures`` holds least, greatest, the range commanded, and whether that was clipped,
-    in Pa, or null if the model is no joint.
+    in Pa, or null if the model is no joint. ``forces`` holds the same of the muscles' forces in N, where a
+    run reports them.
     """
     muscles = {
         name: {
@@ -102,12 +112,18 @@ def disturbance_summary(run: Record) -> dict[str, Any]:
         }
         for name, item in pressures(run).items()
     }
+    found = forces(run)
     return {
         "disturbance_max": _largest(disturbance_norm(run)) if _is_one_quantity(run) else None,
         "disturbance_range": {name: _range(run[name]) for name in disturbance_names(run)},
         "disturbance_max_components": {name: _largest(run[name]) for name in disturbance_names(run)},
         "disturbance_bound": run.manifest.disturbance_bound,
         "pressures": muscles or None,
+        **(
+            {"forces": {name: {"min": low, "max": high} for name, (low, high) in found.items()}}
+            if found
+            else {}
+        ),
     }
 
 

@@ -21,6 +21,7 @@ from pmjoint_codegen.check.gates import (
     proof,
     symbolic,
 )
+from pmjoint_codegen.check.inputs.points import batches
 from pmjoint_codegen.check.oracles.certificate import certify
 from pmjoint_codegen.check.result import GateResult, Verdict, passed
 from pmjoint_codegen.check.subject import Subject, load_subject
@@ -97,6 +98,30 @@ def test_a_value_that_the_code_loses_is_a_difference(paper: Subject) -> None:
     results[0][3, 1] = np.nan
     found = symbolic.conclude([symbolic.judge(prepared, results)])
     assert found.difference is not None and found.difference.found == "nan"
+
+
+@pytest.mark.parametrize("name", ["law", "signals", "taylor"])
+def test_points_stay_within_the_range_of_the_design(paper: Subject, name: str) -> None:
+    """Where a model states one; elsewhere angles of all sizes are drawn."""
+    function = paper.manifest.function(name)
+    place = next(i for i, (label, _) in enumerate(function.inputs) if label in ("y", "X"))
+    for y_range, within in ((None, False), ((-0.5, 0.7), True)):
+        found = batches(paper.interpreted, function, 8, 1, extreme=False, y_range=y_range)
+        y = np.concatenate([batch.arguments[place][:, 0] for batch in found])
+        assert bool(np.all((y >= -0.5) & (y <= 0.7))) is within
+
+
+def test_only_where_products_of_coefficients_overflow_a_bound_may_be_missing(paper: Subject) -> None:
+    """Coefficients beyond the root of the largest double; below it, every result has a bound."""
+    function = next(item for item in paper.manifest.functions if item.name == "taylor")
+    prepared = symbolic.prepare(paper, function, 1)
+    results = [np.full_like(bound, np.nan) for bound in prepared.bounds]
+    unbounded = tuple(np.full_like(bound, np.inf) for bound in prepared.bounds)
+    sizes = {1e150: sum(bound.size for bound in prepared.bounds), 1e160: 0}
+    for size, counted in sizes.items():
+        exact = tuple([[size for _ in row] for row in table] for table in prepared.exact)
+        steep = dataclasses.replace(prepared, bounds=unbounded, exact=exact)
+        assert symbolic.judge(steep, results).unbounded == counted
 
 
 def silent(_line: str) -> None:

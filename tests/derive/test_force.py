@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import pytest
 import sympy as sp
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from pmjoint_derive import OutsideClassError, real_symbol
+from pmjoint_derive.balance import Balance
 from pmjoint_derive.force import CONTRACTION, PRESSURE, attached, split
+from pmjoint_derive.joint import reduce_joint
 from pmjoint_derive.muscle import ANGLE, paper_pair
 
 P, EPS = PRESSURE, CONTRACTION
 S = real_symbol
+NUMBERS = {
+    "J": 0.05, "b_v": 0.109, "r": 0.015, "l0": 0.185, "eps0": 0.15, "C1": 0.8, "k0": 1e5, "u0": 2.5,
+    "k_u": 1e5, "P_max": 5e5, "u_max": 4.0,
+}  # fmt: skip
 PAPER = P * (S("C1") * EPS**2 + S("C2") * EPS + S("C3")) + S("C4")
 
 coefficients = st.integers(-9, 9).map(lambda n: sp.Rational(n, 4))
@@ -95,3 +101,51 @@ def test_torque_and_contraction_obey_virtual_work(
     torque = muscle.pull.gain * P + muscle.pull.passive
     assert sp.simplify(torque - muscle.tension(P) * shortening) == 0
     assert muscle.contraction.xreplace({ANGLE: sp.Integer(0)}) == S("eps0")
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    gains=st.tuples(parts, parts),
+    passives=st.tuples(parts, parts),
+    arm=st.sampled_from([S("r"), S("r") * sp.cos(ANGLE), S("r") * (2 + ANGLE - ANGLE**2)]),
+    keep=st.sampled_from([(), ("damping",), ("gain",), ("damping", "gain")]),
+    angle=st.floats(-0.8, 0.8),
+    speed=st.floats(-2.0, 2.0),
+    v=st.floats(-9.0, 9.0),
+)
+def test_design_and_disturbance_make_up_a_drawn_joint(
+    gains: tuple[sp.Expr, sp.Expr],
+    passives: tuple[sp.Expr, sp.Expr],
+    arm: sp.Expr,
+    keep: tuple[str, ...],
+    angle: float,
+    speed: float,
+    v: float,
+) -> None:
+    """The rate of x2 of the class with its D is that of the torques in plain numbers, clipped or not."""
+    point = {S(name): value for name, value in NUMBERS.items()}
+    muscles = [
+        attached(split(P * gain + passive), arm, S("eps0"), S("l0"), side, "joint.r1")
+        for gain, passive, side in zip(gains, passives, (1, -1), strict=True)
+        if gain != 0
+    ]
+    assume(len(muscles) == 2)
+    first, second = muscles
+    balance = Balance((first.pull, second.pull))
+    assume(abs(float(balance.gain.subs(point).subs({ANGLE: 0}))) > 1e-3)
+    joint = reduce_joint(keep, balance, lagged=False, limits=(-S("u_max"), S("u_max")))
+    a = NUMBERS["b_v"] / NUMBERS["J"] if "damping" in keep else 0.0
+    point |= {item.symbol: float(item.expression.subs(point)) for item in joint.constants}
+    point |= {S("y"): angle, S("x1"): angle, S("x2"): speed + a * angle, S("v"): v}
+    point |= {item.symbol: float(item.value.subs(point)) for item in joint.channels}
+    plant = joint.plant
+    found = plant.phi[1] + plant.b[0] * plant.sigma * S("u") + plant.disturbance[1]
+    found += sum((entry * th for entry, th in zip(plant.Phi[1], plant.theta, strict=True)), sp.Integer(0))
+
+    torque = -NUMBERS["b_v"] * speed
+    for muscle, name, side in zip(muscles, ("p1", "p2"), (1, -1), strict=True):
+        pressure = NUMBERS["k0"] * NUMBERS["u0"] + side * point[S(name)]
+        here = {**point, ANGLE: angle, P: pressure}
+        torque += float((muscle.lever * muscle.tension(P)).subs(here))
+    expected = torque / NUMBERS["J"] + a * speed
+    assert float(found.subs(point)) == pytest.approx(expected, rel=1e-9, abs=1e-7 * max(1.0, abs(expected)))

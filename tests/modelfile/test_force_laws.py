@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+from pathlib import Path
 
 import pytest
 import sympy as sp
@@ -96,3 +98,20 @@ def test_the_paper_s_law_is_2() -> None:
     found = law("paper")
     assert sp.expand(found.gain - (C1 * CONTRACTION**2 + C2 * CONTRACTION + C3)) == 0
     assert found.passive == C4
+
+
+def test_the_page_of_models_has_every_law_as_it_is() -> None:
+    page = (Path(__file__).resolve().parents[2] / "docs" / "models.md").read_text(encoding="utf-8")
+    rows = [line for line in page.splitlines() if line.startswith("| `")]
+    for name, found in FORCE_LAWS.items():
+        (row,) = (line for line in rows if f"`{name}`" in line.split("|")[1])
+        if "the same" not in row.split("|")[2]:
+            assert f"`{found.formula}`" in row
+        needed = {key for key, item in found.constants.items() if item.value is None}
+        stated = row.split("|")[3]
+        of_needs = {key for key in found.constants if re.search(rf"\b{key}\b", stated)}
+        if "all but" in stated:
+            of_needs = set(found.constants) - of_needs
+        elif "..." in stated:  # the first and the last one
+            needed = {min(needed), max(needed)} if needed else set()
+        assert of_needs == needed

@@ -36,6 +36,7 @@ SEED = 20200529
 POINTS = 8  # of each kind
 TAYLOR_POINTS = 2
 LARGEST = float(np.finfo(np.float64).max)
+STEEP = LARGEST**0.5  # beyond it, the product of two coefficients overflows
 
 
 @dataclass(frozen=True)
@@ -132,7 +133,15 @@ def prepare(subject: Subject, function: Function, count: int | None = None) -> P
     """Points, exact results and bounds for one kernel."""
     reference = kernel_reference(subject, function)
     wanted = count or (TAYLOR_POINTS if reference.taylor else POINTS)
-    found = batches(subject.interpreted, function, wanted, SEED, extreme=False, features=subject.features)
+    found = batches(
+        subject.interpreted,
+        function,
+        wanted,
+        SEED,
+        extreme=False,
+        features=subject.features,
+        y_range=subject.model.y_range,
+    )
     arguments = tuple(
         np.concatenate(arrays) for arrays in zip(*(batch.arguments for batch in found), strict=True)
     )
@@ -168,6 +177,8 @@ def judge(prepared: Prepared, results: Sequence[Array]) -> Judgement:
                 continue  # the exact value overflows, and so does the code
             error = float(abs(numbers.exactly(found) - table[row][column])) if np.isfinite(found) else np.inf
             if not np.isfinite(allowed):
+                if prepared.reference.taylor and max(map(abs, table[row])) > STEEP:
+                    continue  # so high a coefficient takes products that overflow, though it does not
                 unbounded += 1
                 first = first or _difference(prepared, output, row, column, found, error)
                 continue

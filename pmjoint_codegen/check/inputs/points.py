@@ -45,6 +45,7 @@ def batches(
     *,
     extreme: bool,
     features: Features | None = None,
+    y_range: tuple[float, float] | None = None,
 ) -> list[Batch]:
     """Points for one kernel.
 
@@ -55,28 +56,47 @@ def batches(
         seed: of the random numbers; equal seeds give equal points.
         extreme: include magnitudes that overflow and underflow.
         features: of the model, to visit each place where its functions are of order one at least once.
+        y_range: least and greatest y that the design is for. Angles beyond are folded into it: a muscle's
+            exponential force overflows at a hundred turns.
     """
     random = np.random.default_rng([seed, *function.name.encode()])
+
+    def drawn(draw: Draw, rows: int) -> tuple[Array, ...]:
+        return _folded(function, _arguments(evaluator, function, draw, rows, random), y_range)
+
     draws = _draws(random) if extreme else _moderate_draws(random)
-    found = [
-        Batch(kind, _arguments(evaluator, function, draw, count, random)) for kind, draw in draws.items()
-    ]
+    found = [Batch(kind, drawn(draw, count)) for kind, draw in draws.items()]
     for kind, level in (("v near a limit", "limit"), ("v cancels", "zero")):
-        arguments = _arguments(evaluator, function, draws["random"], count, random)
+        arguments = drawn(draws["random"], count)
         placed = _place(evaluator, function, arguments, level, random)
         found += [Batch(kind, placed)] if placed is not None else []
     for kind, draw in (("slow", "slow"), ("at rest", "all zero")):
-        arguments = _arguments(evaluator, function, draws[draw], count, random)
+        arguments = drawn(draws[draw], count)
         found.append(Batch(f"{kind} and unforced", _unforced(function, arguments)))
     if extreme and any(label == "p" for label, _ in function.inputs):
         # Near their defaults, parameters keep their signs, and |p| is p.
-        arguments = _arguments(evaluator, function, draws["random"], count, random)
+        arguments = drawn(draws["random"], count)
         found.append(Batch("parameters of either sign", _signed_parameters(function, arguments, random)))
     if features is not None and (needed := features.count(function)):
-        arguments = _arguments(evaluator, function, draws["random"], max(count, needed), random)
-        moved = features.near(function, arguments, random)
-        found += [Batch("functions of order one", moved)] if moved is not None else []
+        moved = features.near(function, drawn(draws["random"], max(count, needed)), random)
+        if moved is not None:
+            found.append(Batch("functions of order one", _folded(function, moved, y_range)))
     return found
+
+
+def _folded(
+    function: Function, arguments: tuple[Array, ...], y_range: tuple[float, float] | None
+) -> tuple[Array, ...]:
+    """Points with y, the first state, within a range; those within it already stay."""
+    if y_range is None:
+        return arguments
+    low, high = y_range
+    folded = [array.copy() for array in arguments]
+    for (label, size), array in zip(function.inputs, folded, strict=True):
+        if label in ("y", "x", "X") and size:
+            y = array[:, 0]
+            array[:, 0] = np.where((low <= y) & (y <= high), y, low + np.mod(y - low, high - low))
+    return tuple(folded)
 
 
 def _unforced(function: Function, arguments: tuple[Array, ...]) -> tuple[Array, ...]:

@@ -6,8 +6,8 @@ With hats for computed values, ``e`` for bounds on their errors, unit roundoff `
     a + b      e_a + e_b + u |c^|                        a b     |a^| e_b + |b^| e_a + e_a e_b + u |c^|
     a / b      (e_a + |c^| e_b) / (|b^| - e_b) + u |c^|  sqrt a  min(e_a / c^, sqrt e_a) + u |c^|
     exp        c^ (exp(e_a) - 1) + ULP                   log     -log(1 - e_a/|a^|) + ULP
-    tan        e_a / (|cos a^| (|cos a^| - e_a)) + ULP   min, max  max(e_a, e_b)
-    others     e_a times the largest slope + ULP
+    tan        e_a / (|cos a^| (|cos a^| - e_a)) + ULP   min, max  max(e_a, e_b), or that of the one
+    others     e_a times the largest slope + ULP                   chosen, where the bounds leave no doubt
 
 ULP is the accuracy that the C library documents for the function; it and the slope are in the function's row
 of the table of operations.
@@ -80,6 +80,20 @@ def root(a: Bounded) -> tuple[Array, Array]:
     value = np.sqrt(a.value)
     propagated = np.minimum(np.where(value > 0, a.error / (value * (1 - ROUNDOFF)), np.inf), np.sqrt(a.error))
     return value, np.where(a.value >= a.error, propagated + ROUNDOFF * value, np.inf)
+
+
+def extreme(least: bool) -> Rule:
+    """The less or the greater of two: a limit far below v passes on nothing of v's error."""
+
+    def rule(a: Bounded, b: Bounded) -> tuple[Array, Array]:
+        value = np.fmin(a.value, b.value) if least else np.fmax(a.value, b.value)
+        with np.errstate(invalid="ignore"):  # of two infinities; that is a doubt
+            ahead = b.value - a.value if least else a.value - b.value
+            doubt = (a.error + b.error) * (1 + 8 * ROUNDOFF)
+        unclear = np.maximum(a.error, b.error)
+        return value, np.where(ahead > doubt, a.error, np.where(-ahead > doubt, b.error, unclear))
+
+    return rule
 
 
 def _by_library(name: str, *operands: Array) -> Array:

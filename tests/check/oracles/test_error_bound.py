@@ -98,6 +98,16 @@ def test_one_operation_on_rounded_operands_stays_within_its_bound(operation: str
     assert operation == "sign" or max(ratios) > 0.02, "the bound is too wide to see anything"
 
 
+@pytest.mark.parametrize(("operation", "size"), [("fmin", 1e139), ("fmax", -1e139)])
+def test_a_value_far_beyond_its_limit_passes_on_no_error(operation: str, size: float) -> None:
+    """A command of 1e278 V, known to some digits only, is clipped to exactly its limit."""
+    tape = tape_of([("mul", (0, 1)), (operation, (2, 3))], 3)
+    (product,) = walk(tape_of([("mul", (0, 1))], 2), [np.array([[size, 1e139]])])
+    (clipped,) = walk(tape, [np.array([[size, 1e139, 3.0]])])
+    assert product.error[0, 0] > 1e250
+    assert (clipped.value[0, 0], clipped.error[0, 0]) == (3.0, 0.0)
+
+
 STEPS = st.lists(
     st.tuples(st.sampled_from(sorted(ARITIES)), st.integers(0, 30), st.integers(0, 30)),
     min_size=1,
