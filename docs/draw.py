@@ -7,16 +7,18 @@ from __future__ import annotations
 
 import shlex
 import tempfile
+from collections.abc import Callable
 from contextlib import redirect_stdout
 from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from docs import story
 from docs.stated import REGION, SATURATION, fill
 from pmjoint_codegen import ClosedLoop, Run
 from pmjoint_codegen.cli.main import run
 from pmjoint_codegen.simulate import style
-from pmjoint_codegen.storage import write_bytes
+from pmjoint_codegen.storage import write_bytes, write_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -57,15 +59,20 @@ def compensator_figure(with_it: Run, without: Run) -> Figure:
     return figure
 
 
-def from_command(arguments: str, drawn: str, shown: str) -> None:
+def from_command(
+    arguments: str, drawn: str, shown: str, prepare: Callable[[Path], str] | None = None
+) -> None:
     """Run a command as the documentation gives it, in a folder of its own, and keep one of its figures.
 
     Args:
         arguments: of `pmjoint`, with OUT for the place of its results.
         drawn: the figure, in that place.
         shown: its name among the documentation's figures.
+        prepare: writes files that the command needs, and gives its arguments.
     """
     with tempfile.TemporaryDirectory() as folder:
+        if prepare is not None:
+            arguments = prepare(Path(folder))
         command = [word.replace("OUT", folder) for word in shlex.split(arguments)]
         with redirect_stdout(StringIO()):
             code = run(command)
@@ -80,6 +87,14 @@ TUNE = (
 )
 
 
+def forearm(folder: Path) -> str:
+    """Write the files of docs/howto/change-the-model.md; gives its command."""
+    *_, (_, text) = story.models()
+    write_text(folder / "forearm.toml", text)
+    write_text(folder / "gait.csv", story.gait())
+    return f"simulate OUT/forearm.toml {story.GAIT.replace('gait.csv', 'OUT/gait.csv')} --out OUT"
+
+
 def main() -> None:
     """Write every figure but that of the benchmarks, which `make bench` draws."""
     loop = ClosedLoop.load("paper")
@@ -88,6 +103,7 @@ def main() -> None:
     from_command(f"{REGION} --out OUT", "region.png", "region.png")
     from_command(f"{SATURATION} --out OUT", "region.png", "saturation.png")
     from_command(TUNE, "paper-tuned.png", "tune.png")
+    from_command("", "overview.png", "forearm.png", forearm)
     fill()
 
 

@@ -142,6 +142,8 @@ class Manifest:
         chain: key of ``[actuator]``, ``[sensor]`` or the clock -> name of its parameter, ``limit`` left out.
         leading: expression of b_m.
         disturbance_bound: D_max, or None.
+        linear: (a_1, a_2, b_0), expressions of parameters in Python's notation, of a simulated plant that is
+            ``x1' = x2 + a_1 x1, x2' = a_2 x1 + b_0 u + d`` with ``|d| <= D_max``; empty for other plants.
         kinks: arguments of abs and sign in the plant's rates, inner ones first; each has its zeros located.
         windows: whether one evaluation of the plant's guard serves many holds.
         guards: the rule for steps of each Taylor kernel, by its name.
@@ -174,6 +176,7 @@ class Manifest:
     chain: Mapping[str, str]
     leading: str
     disturbance_bound: float | None
+    linear: tuple[str, ...]
     kinks: tuple[str, ...]
     windows: bool
     guards: Mapping[str, GuardRule]
@@ -330,7 +333,7 @@ class Manifest:
         )
         contents["functions"] = tuple(_function(item) for item in contents["functions"])
         contents["blocks"] = {key: tuple(value) for key, value in contents["blocks"].items()}
-        contents = _with_tuples(contents, "partials", "kinks", "chosen")
+        contents = _with_tuples(contents, "partials", "kinks", "chosen", "linear")
         guards = contents["guards"].items()
         contents["guards"] = {key: GuardRule(**_with_tuples(item, "inside")) for key, item in guards}
         contents["simulation"] = Simulation(**_with_tuples(contents["simulation"], "x0", "disturbance"))

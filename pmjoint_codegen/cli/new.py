@@ -21,6 +21,7 @@ It simulates as it stands; change it from there. A file that exists is never ove
 _EXAMPLES = """\b
 Examples
   pmjoint new elbow                    models/elbow.toml, a joint with two muscles
+  pmjoint new motor --system           models/motor.toml, any states and rates, brought to the class
   pmjoint new oscillator --plant       models/oscillator.toml, any plant of the class
   pmjoint new elbow --out designs      designs/elbow.toml
 """
@@ -32,6 +33,7 @@ Examples
 @click.option(
     "--plant", "kind", flag_value="plant", help="A plant in output-feedback form, by its equations."
 )
+@click.option("--system", "kind", flag_value="system", help="A plant by its own states and their rates.")
 @click.option(
     "--out",
     type=Place(),
@@ -50,7 +52,7 @@ def create(name: str, kind: str, folder: Path) -> Path:
 
     Args:
         name: of the model; it also names its folder under ``generated/``.
-        kind: ``joint`` or ``plant``.
+        kind: ``joint``, ``system`` or ``plant``.
         folder: created if needed.
 
     Raises:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -132,22 +132,9 @@ def check_saturation(saturation: str | None, asked: CommandOptions) -> None:
         raise click.UsageError(f"--no-compensator contradicts --saturation {saturation}")
 
 
-def tell_design(manifest: Manifest, controller: str, p: Iterable[float], sample_time: float) -> None:
-    """Say what keys of the design came to, and whether the law is too fast for a sampled controller.
-
-    Args:
-        manifest: the model.
-        controller: ``continuous`` or ``sampled``.
-        p: every parameter, as the kernels take it; of a sweep, those of a run in which nothing varies.
-        sample_time: T, s.
-    """
-    from pmjoint_codegen.simulate.pace import too_fast
-
-    lines = list(manifest.chosen)
-    if controller == "sampled":
-        values = dict(zip(manifest.parameter_names, map(float, p), strict=False))
-        lines.append(too_fast(manifest, values, sample_time) or "")
-    for line in filter(None, lines):
+def tell_design(manifest: Manifest, warning: str | None = None) -> None:
+    """Say what keys of the design came to, and a warning, such as of a law that is too fast for its clock."""
+    for line in filter(None, (*manifest.chosen, warning)):
         message(f"pmjoint: {line}")
 
 

@@ -117,7 +117,7 @@ def command(
     folder = out or Path("runs") / loop.manifest.name
     ensure_folder(folder)
     run, failure = _run(loop, asked)
-    tell_design(run.manifest, run.settings.controller, run.settings.p, run.settings.sample_time)
+    tell_design(run.manifest, _warning(run))
     notes = (f"disturbance = ({', '.join(disturbance)})",) if disturbance else ()
     log = _compared(run, against, against_column)
     files = write_results(run, folder)
@@ -156,6 +156,15 @@ def _load(
             notify=lambda line: message(f"pmjoint: {line}"),
             stage=shown.stage,
         )
+
+
+def _warning(run: Run) -> str | None:
+    """Whether the law is too fast for a sampled controller."""
+    from pmjoint_codegen.simulate.pace import too_fast
+
+    if run.settings.controller != "sampled":
+        return None
+    return too_fast(run.manifest, run.settings.parameters, run.settings.sample_time)
 
 
 def _run(loop: ClosedLoop, asked: CommandOptions) -> tuple[Run, SimulationError | None]:

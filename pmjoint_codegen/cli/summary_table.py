@@ -83,7 +83,8 @@ def _tracking(run: Run) -> Iterator[tuple[str, ...]]:
     unit = next((item.unit for item in run.manifest.signals if item.name == "y"), "")
     if run.summary["status"] == "done" and not summary["held"]:
         yield "diverging", "u is at its limit and |e| is largest at the end: tracking is lost for good"
-    yield "settling", _settling(summary["settling_s"], float(run["e"][0]), float(run.t[-1]), unit)
+    if summary["status"] == "done":
+        yield "settling", _settling(summary["settling_s"], float(run["e"][0]), float(run.t[-1]), unit)
     for label, key, of in (("ISE", "ise", "^2 s"), ("max |e|", "max_abs_e", ""), ("final e", "final_e", "")):
         value = summary[key]
         yield label, _BEYOND if value is None else f"{value:.6g} {unit}{of}"

@@ -134,6 +134,7 @@ def command(
     """Run ``pmjoint sweep``: click passes the parsed arguments."""
     from pmjoint_codegen.provision import provide
     from pmjoint_codegen.sweep.formats import require
+    from pmjoint_codegen.sweep.pace import too_fast_runs
     from pmjoint_codegen.sweep.plan import make_plan
     from pmjoint_codegen.sweep.request import make_request
     from pmjoint_codegen.sweep.store import Store
@@ -152,7 +153,7 @@ def command(
     )
     tell_clock(asked, provided.manifest)
     request = make_request(provided.manifest, plan, **asked)
-    tell_design(provided.manifest, request.controller, request.p, request.sample_time)
+    tell_design(provided.manifest, too_fast_runs(provided.manifest, request))
     folder = out or Path("runs") / f"{provided.manifest.name}-sweep"
     store = Store(folder, request, provided.manifest.nX)
     with store.alone():

@@ -23,7 +23,7 @@ from pmjoint_codegen.cli.terminal import activity, document, message, result, ta
 from pmjoint_codegen.loops.metrics import REPORTED
 
 if TYPE_CHECKING:
-    from pmjoint_codegen.provision import Provided
+    from pmjoint_codegen.provision import Provided, Reference
     from pmjoint_codegen.tune.comparison import Comparison
     from pmjoint_codegen.tune.cost import CostFunction
     from pmjoint_codegen.tune.request import Request, TuneOptions
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 _ABOUT = """Choose gains of MODEL that minimise an objective.
 
 Writes a copy of MODEL with the gains found and a new name, comments kept, and a figure of both designs.
+A start or saturation that is given is written there too; a reference is not.
 The same seed finds the same gains.
 """
 
@@ -40,6 +41,7 @@ Examples
   pmjoint tune paper --max-v 200
   pmjoint tune paper --gain c=2:60 --gain ck=0.5:20 --objective "ise + 0.01*max_abs_v"
   pmjoint tune paper --perturb "b0~uniform(1.6,2.4)" --plants 16 --seed 7 --max-v 300
+  pmjoint tune paper --start matched --saturation braking --reference gait.csv --max-v 200
   pmjoint tune joint-damped --objective settling_s --controller sampled --sample-time 0.002
 """
 _TUNED = "with gains tuned for least"  # in the note at the head of a file that tune writes
@@ -84,7 +86,7 @@ _FILE_STEM = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
 @click.option(
     "--population", type=int, default=8, show_default=True, help="Designs in a generation, for each gain."
 )
-@run_options(x0={}, horizon={}, controller={}, sample_time={})
+@run_options(x0={}, reference={}, horizon={}, controller={}, sample_time={}, start={}, saturation={})
 @click.option("--threads", type=click.IntRange(1), help="Number of threads [default: all processors].")
 @click.option(
     "--out",
@@ -96,6 +98,8 @@ _FILE_STEM = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
 @click.option("--json", "wants_json", is_flag=True, help="Print one JSON document.")
 def command(
     model: str,
+    reference: Reference,
+    saturation: str | None,
     threads: int | None,
     out: Path | None,
     no_figure: bool,
@@ -108,6 +112,7 @@ def command(
     from pmjoint_codegen.storage import ensure_folder
     from pmjoint_codegen.tune.comparison import compare
     from pmjoint_codegen.tune.request import make_request
+    from pmjoint_codegen.tune.rewrite import rewrite
     from pmjoint_codegen.workspace import find_model, is_stream
 
     source = find_model(model)
@@ -119,17 +124,28 @@ def command(
         )
     file = out or _default_file(source)
     _check_target(file, source)
-    provided = provide(source, environment=os.environ, notify=_notify, lanes=True)
+    provided = provide(
+        source,
+        reference=reference,
+        saturation=saturation,
+        environment=os.environ,
+        notify=_notify,
+        lanes=True,
+    )
     tell_clock(asked, provided.manifest)
     request = make_request(provided.manifest, **asked)
-    runs = request.runs
-    tell_design(provided.manifest, runs.controller, runs.p, runs.sample_time)
-    text = _text_of(source, file, request)
+    tell_design(provided.manifest)
+    words = _words(saturation, asked.get("start"))
+    text = _text_of(source, file, request, words)
     ensure_folder(file.parent)
     costing = _costing(provided, request, threads or processors())
     found = _search(costing)
     comparison = compare(costing, found)
-    _write_model(text, file, comparison, str(source), request.own)
+    edited = rewrite(
+        text, file.stem, found.gains, _note(comparison, reference), str(source), request.own, words
+    )
+    _write_model(edited, file)
+    _notify_pace(comparison)
     files = [file]
     try:
         if not no_figure:
@@ -140,6 +156,15 @@ def command(
 
 def _notify(line: str) -> None:
     message(f"pmjoint: {line}")
+
+
+def _notify_pace(comparison: Comparison) -> None:
+    """Warn where the gains found are too fast for the clock: those before matter no more."""
+    from pmjoint_codegen.tune.comparison import too_fast_plants
+
+    line = too_fast_plants(comparison)
+    if line:
+        _notify(line)
 
 
 def _default_file(source: Path) -> Path:
@@ -189,7 +214,13 @@ def _search(costing: CostFunction) -> Found:
         return search(costing, lambda tried: progress(tried / total))
 
 
-def _text_of(source: Path, file: Path, request: Request) -> str:
+def _words(saturation: str | None, start: str | None) -> dict[str, str]:
+    """Keys of the design that options replace: the gains are found for these."""
+    given = {"saturation": saturation, "start": start}
+    return {key: word for key, word in given.items() if word is not None}
+
+
+def _text_of(source: Path, file: Path, request: Request, words: Mapping[str, str]) -> str:
     """The model file's text, after a trial edit: a search should not end at a file that cannot be edited."""
     from pmjoint_codegen.tune.rewrite import rewrite
 
@@ -201,17 +232,16 @@ def _text_of(source: Path, file: Path, request: Request) -> str:
         "",
         str(source),
         request.own,
+        words,
     )
     return text
 
 
-def _write_model(text: str, file: Path, comparison: Comparison, where: str, own: Mapping[str, float]) -> None:
+def _write_model(edited: str, file: Path) -> None:
     """Write the model with the gains found, after validating it; whole or not at all."""
     from pmjoint_codegen.modelfile.reader import parse_document
     from pmjoint_codegen.storage import write_bytes
-    from pmjoint_codegen.tune.rewrite import rewrite
 
-    edited = rewrite(text, file.stem, comparison.found.gains, _note(comparison), where, own)
     found = parse_document(edited, str(file))
     try:
         from pmjoint_codegen.modelfile import model_of
@@ -222,7 +252,7 @@ def _write_model(text: str, file: Path, comparison: Comparison, where: str, own:
     write_bytes(file, edited.encode())
 
 
-def _note(comparison: Comparison) -> str:
+def _note(comparison: Comparison, reference: Reference) -> str:
     """How the gains were found, in one line."""
     request = comparison.request
     parts = [f"{comparison.manifest.name} {_TUNED} {request.objective.text}"]
@@ -233,6 +263,8 @@ def _note(comparison: Comparison) -> str:
             f"{item.name}~{item.law}({item.first:g},{item.second:g})" for item in request.drawn.samples
         )
         parts.append(f"{request.over} of {request.count} plants, {drawn}")
+    if reference is not None:  # it stays out of the file: a task, not the design
+        parts.append(f"y_r = {request.runs.reference}")
     return f"{'; '.join(parts)}; seed {request.seed}"
 
 

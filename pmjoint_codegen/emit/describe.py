@@ -109,6 +109,7 @@ def describe(
         chain={key: symbol.name for key, symbol in model.chain.items()},
         leading=plain_text(model.plant.b[0]),
         disturbance_bound=model.disturbance_bound,
+        linear=linear_of(model, words),
         kinks=tuple(plain_text(argument) for argument in words.kinks),
         windows=windows,
         guards=guards,
@@ -133,6 +134,23 @@ def describe(
         ),
         files=dict(files),
     )
+
+
+def linear_of(model: Model, words: Vocabulary) -> tuple[str, ...]:
+    """The coefficients of a linear plant of two states with one input and a bounded d, `Manifest.linear`."""
+    plant, y = model.plant, real_symbol("y")
+    if (plant.order, plant.rho, len(words.x), len(words.w)) != (2, 2, 2, 1) or model.start is not None:
+        return ()
+    unbounded = plant.disturbance[1] != 0 and model.disturbance_bound is None
+    if plant.disturbance[0] != 0 or unbounded:
+        return ()
+    constants = {item.symbol: item.expression for item in model.constants}
+    slopes = [sp.diff(entry, y) for entry in plant.drift]
+    rest = [sp.expand(entry - slope * y) for entry, slope in zip(plant.drift, slopes, strict=True)]
+    found = [*slopes, plant.b[0] * plant.sigma]
+    if any(rest) or any(entry.has(y) for entry in found):
+        return ()
+    return tuple(_python(entry.xreplace(constants)) for entry in found)
 
 
 def _states(derivation: Derivation, words: Vocabulary) -> tuple[Variable, ...]:

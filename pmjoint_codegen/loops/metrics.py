@@ -1,7 +1,7 @@
 """The metrics of each run in a batch: one row per metric, from its C expression to its label in figures.
 
-A run's numbers are those of ``summary.json``: peaks and instants are taken on the dense output in both. But a
-run that ends early has no ``settling_s`` here, as a distribution of such instants would mean nothing.
+A run's numbers are those of ``summary.json``: peaks and instants are taken on the dense output in both. A run
+that ends early has no ``settling_s`` in either: nobody knows what it would have done.
 `rows_header` gives the C loops the rows' expressions; a row needs no other code.
 """
 
@@ -24,6 +24,7 @@ class Row:
             with the error ``e``; empty if it is the sum of `added`.
         added: C expression that each accepted ``step`` (``pmj_span``) adds, on all lanes; or empty.
         integer: whether it is a whole number.
+        of_kinks: whether only models with a kink that can hold the plant have it.
         words: its label in figures. A metric with a label is in the totals and can be a tuning objective.
         logarithmic: whether a logarithmic scale suits it.
         mapped: whether a sweep over two axes draws a map of it.
@@ -34,6 +35,7 @@ class Row:
     at_end: str = ""
     added: str = ""
     integer: bool = False
+    of_kinks: bool = False
     words: str = ""
     logarithmic: bool = False
     mapped: bool = False
@@ -98,6 +100,14 @@ class Column(IntEnum):
     )
     FINAL_E = Row("{e}", "e at the end", at_end="e")
     FINAL_SATURATED = Row("1", "1 where u is at a limit at the end", at_end="runs->limited[w]", integer=True)
+    STUCK_S = Row("s", "time that a kink holds the plant", added="step->h * step->stuck", of_kinks=True)
+    STICKS = Row(
+        "1",
+        "times that a kink began to hold the plant",
+        at_end="(double)runs->lanes[w].sticks",
+        integer=True,
+        of_kinks=True,
+    )
 
 
 REPORTED: Final[Mapping[str, Column]] = {column.variable: column for column in Column if column.row.words}

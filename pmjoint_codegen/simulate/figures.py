@@ -37,6 +37,7 @@ LEFT, RIGHT, TOP, BOTTOM = 0.62, 0.16, 0.24, 0.42  # inches around the panels
 GAP, COLUMN_GAP = 0.22, 0.42  # inches between panels
 LABEL = 0.37  # inches from a panel to its vertical label
 CAPTION_LINE = 0.165  # inches
+LONG_LEGEND: Final = 60  # characters of all labels, as Matplotlib's mathematics, above a panel of half a page
 SHADE = {-1: "#d9e3ee", 1: "#f3dcd6"}  # saturated below, above
 STYLE: Final = {
     "axes.labelsize": 10.0,
@@ -203,10 +204,12 @@ def _legend(axes: Axes, panel: Panel) -> None:
             "borderpad": 0.1,
             "handlelength": 1.8,
             "handletextpad": 0.5,
+            "columnspacing": 1.2,
         }
-        axes.legend(
-            loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(panel.lines), columnspacing=1.2, **tight
-        )
+        names = axes.get_legend_handles_labels()[1]
+        if sum(map(len, names)) > LONG_LEGEND:  # it would run into the panel on the left
+            tight |= {"handlelength": 0.9, "handletextpad": 0.3, "columnspacing": 0.8, "fontsize": 7.5}
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(panel.lines), **tight)
 
 
 def _finish(figure: Figure, grid: list[list[Axes]], caption_lines: Sequence[str]) -> None:

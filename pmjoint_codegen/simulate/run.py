@@ -343,7 +343,7 @@ def _figures(manifest: Manifest, memory: Memory, state: Progress) -> dict[str, A
     return {
         "peaks": dict(zip(names, pairs, strict=False)),  # the last entry may be unused
         "ise": state.integral,
-        "settling_s": state.settled if state.band > 0.0 else None,
+        "settling_s": state.settled if state.band > 0.0 and state.status == Status.DONE else None,
     }
 
 

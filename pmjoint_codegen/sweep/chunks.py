@@ -52,7 +52,7 @@ def simulate_chunk(library: BatchLibrary, request: Request, columns: Mapping[str
     table = np.full((count, len(Column) + manifest.nX), np.nan)
     trajectories = np.full((count, rows, manifest.nX + 2), np.nan)
     table[:, Column.STATUS] = INVALID
-    periods = _periods(request, columns, count)
+    periods = periods_of(request, columns, count)
     valid = valid_rows(manifest, p, x0[:, : manifest.nx]) & valid_periods(manifest, request, p, periods)
     for period in np.unique(periods[valid]).tolist():  # the runs of one call have one clock
         among = valid & (periods == period)
@@ -67,22 +67,30 @@ def simulate_chunk(library: BatchLibrary, request: Request, columns: Mapping[str
     return Result(table, trajectories)
 
 
-def _periods(request: Request, columns: Mapping[str, Array], count: int) -> Array:
+def periods_of(request: Request, columns: Mapping[str, Array], count: int) -> Array:
     """The sample time of every run, s; 0 for the continuous controller."""
     if request.sample_time and SAMPLE_TIME in columns:
         return columns[SAMPLE_TIME]
     return np.full(count, request.sample_time)
 
 
-def fill_in(manifest: Manifest, request: Request, columns: Mapping[str, Array]) -> tuple[Array, Array]:
+def fill_in(
+    manifest: Manifest, request: Request, columns: Mapping[str, Array], count: int | None = None
+) -> tuple[Array, Array]:
     """X(0) with the controller at zero, and p: the fixed values with the varied ones put in.
 
     The plant's own parameters equal the controller's unless they are set or varied.
 
+    Args:
+        manifest: the model.
+        request: the sweep.
+        columns: values of every varied name, shape (runs,).
+        count: number of runs; needed where nothing varies.
+
     Returns:
         Shapes (runs, nX) and (runs, np).
     """
-    count = len(next(iter(columns.values())))
+    count = len(next(iter(columns.values()))) if count is None else count
     x0 = np.zeros((count, manifest.nX))
     given = np.tile(np.array(request.x0), (count, 1))
     p = np.tile(np.array(request.p), (count, 1))

@@ -24,7 +24,7 @@ from pmjoint_codegen.loops.metrics import Column
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.storage import explained, settle, write_text
 from pmjoint_codegen.sweep.blocks import Block, block_shape, blocks
-from pmjoint_codegen.sweep.metrics import quantities, status_meanings
+from pmjoint_codegen.sweep.metrics import columns_of, quantities, status_meanings
 from pmjoint_codegen.sweep.plan import CODES, DRAW, SATURATION
 from pmjoint_codegen.sweep.request import Request
 from pmjoint_codegen.sweep.store import Store
@@ -109,7 +109,9 @@ def fill(folder: Path, store: Store, manifest: Manifest, wanted: Collection[str]
     group = zarr.create_group(folder, zarr_format=3, attributes=_attributes(request, manifest))
     for name, variable, values in _coordinates(request, manifest):
         _create(group, name, variable)[...] = values
-    _pour([_create(group, *item) for item in _metrics(request, manifest)], store.table, wanted)
+    columns = list(columns_of(manifest))
+    arrays = [_create(group, *item) for item in _metrics(request, manifest)]
+    _pour(arrays, lambda start, stop: store.table(start, stop)[:, columns], wanted)
     if request.output_step:
         arrays = [_create(group, *item) for item in _trajectories(request, manifest)]
         _pour(arrays, store.trajectories, wanted)

@@ -28,12 +28,19 @@ class Quantity:
     integer: bool = False
 
 
+def columns_of(manifest: Manifest) -> tuple[int, ...]:
+    """The columns of a chunk's table that a model's dataset has: metrics that it can have, final states."""
+    metrics = (int(item) for item in Column if manifest.can_hold or not item.row.of_kinks)
+    return (*metrics, *range(len(Column), len(Column) + manifest.nX))
+
+
 def quantities(manifest: Manifest) -> tuple[Quantity, ...]:
     """Every variable with one value per run: the metrics, then the final states."""
     units = {item.name: item.unit for item in manifest.signals}
     metrics = (
         Quantity(item.variable, item.row.unit.format(**units), item.row.about, item.row.integer)
         for item in Column
+        if manifest.can_hold or not item.row.of_kinks
     )
     states = (
         Quantity(f"final_{item.name}", item.unit, f"{item.name} at the end") for item in manifest.states

@@ -12,6 +12,7 @@ from types import MappingProxyType
 from typing import Final, Literal, get_args
 
 import numpy as np
+import numpy.typing as npt
 
 from pmjoint_codegen.errors import UsageError
 from pmjoint_codegen.kernels.evaluator import Array
@@ -129,7 +130,13 @@ class Plan:
 
     def columns(self, start: int, stop: int) -> dict[str, Array]:
         """Values of every varied name in the runs start..stop-1, shape (stop - start,)."""
-        places = np.unravel_index(np.arange(start, stop), tuple(self.dimensions.values()))
+        return self.at(np.arange(start, stop))
+
+    def at(self, runs: npt.NDArray[np.int64]) -> dict[str, Array]:
+        """Values of every varied name in some runs, each of the shape of `runs`."""
+        if not self.dimensions:
+            return {}
+        places = np.unravel_index(runs, tuple(self.dimensions.values()))
         by_name = dict(zip(self.dimensions, places, strict=True))
         grid = {name: values[by_name[name]] for name, values in self.grid.items()}
         return grid | {name: values[by_name[DRAW]] for name, values in self.drawn.items()}

@@ -7,9 +7,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
+import numpy as np
+
 from pmjoint_codegen.loops.status import holds
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.sweep.blocks import blocks
+from pmjoint_codegen.values import Rule, evaluate
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -22,11 +25,11 @@ class Border:
     """``|x1 + x2/slope| = offset``: outside, the limit is less than what the unstable mode may need.
 
     With the worst disturbance it does need more; with a helpful one of that size, the limit may be enough up
-    to an offset of (b0 u_max + D_max)/d1.
+    to an offset of (|b_0| u_max + D_max)/slope^2.
 
     Attributes:
-        slope: sqrt(d1), 1/s.
-        offset: (b0 u_max - D_max)/d1, in the unit of x1.
+        slope: the unstable pole, 1/s: sqrt(a_2) where a_1 = 0.
+        offset: (|b_0| u_max - D_max)/slope^2, in the unit of x1.
     """
 
     slope: float
@@ -34,20 +37,29 @@ class Border:
 
 
 def border(manifest: Manifest, values: Mapping[str, float]) -> Border | None:
-    """The border of the paper's plant, ``x1'' = d1 x1 + b0 u + d``, where ``d1 > 0``; None for other plants.
+    """The border of a plant ``x1' = x2 + a_1 x1, x2' = a_2 x1 + b_0 u + d`` with one unstable pole.
+
+    q = x1 + x2/slope obeys ``q' = slope q + (b_0 u + d)/slope``, whatever a_1 is.
 
     Args:
         manifest: the model.
         values: the plant's values of the parameters that are the same in all runs.
+
+    Returns:
+        None for other plants, for a limit that differs to both sides, and where a value that it needs varies.
     """
-    needed = ("d1", "b0", manifest.limit)
-    sizes = (manifest.n, manifest.m, manifest.nx, manifest.nw)
-    if sizes != (2, 0, 2, 1) or manifest.leading != "b0" or any(name not in values for name in needed):
+    rule = Rule("linear", "finite", manifest.linear, "", "")
+    needed = {*rule.names & {*manifest.parameter_names}, *manifest.limit_parameters}
+    if not manifest.linear or any(name not in values for name in needed):
         return None
-    d1, b0, limit = (values[name] for name in needed)
-    if d1 <= 0:
+    lower, upper = manifest.limits(values)
+    columns = {name: np.array([values[name]]) for name in needed}
+    a_1, a_2, b_0 = (float(np.ravel(evaluate(tree, columns))[0]) for tree in rule.trees)
+    if a_2 <= 0 or lower != -upper:  # the product of the poles is -a_2
         return None
-    return Border(math.sqrt(d1), (abs(b0) * limit - (manifest.disturbance_bound or 0.0)) / d1)
+    slope = (a_1 + math.sqrt(a_1**2 + 4 * a_2)) / 2
+    square = a_2 + a_1 * slope  # of the pole, without rounding where a_1 = 0
+    return Border(slope, (abs(b_0) * upper - (manifest.disturbance_bound or 0.0)) / square)
 
 
 def held(dataset: xr.Dataset) -> xr.DataArray:

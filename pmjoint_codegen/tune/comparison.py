@@ -14,6 +14,7 @@ from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.sweep.chunks import simulate_chunk
 from pmjoint_codegen.sweep.metrics import quantities
+from pmjoint_codegen.sweep.pace import too_fast_among
 from pmjoint_codegen.tune.cost import CostFunction, cross
 from pmjoint_codegen.tune.request import Request
 from pmjoint_codegen.tune.search import Found, own_gains
@@ -62,6 +63,13 @@ def compare(costing: CostFunction, found: Found) -> Comparison:
     before = own_gains(costing)
     metrics = costing.metrics(_both(before, found.gains))
     return Comparison(costing.library.manifest, costing.request, found, before, metrics)
+
+
+def too_fast_plants(comparison: Comparison) -> str | None:
+    """One line if the gains found are too fast for the clock on some plants, which may vary it; or None."""
+    request = comparison.request
+    gains = {name: np.array([value]) for name, value in comparison.found.gains.items()}
+    return too_fast_among(comparison.manifest, request.runs, cross(gains, request.plants))
 
 
 def _both(before: Mapping[str, float], after: Mapping[str, float]) -> dict[str, Array]:

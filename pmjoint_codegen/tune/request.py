@@ -10,12 +10,13 @@ from typing import Final, Literal, Unpack
 
 import numpy as np
 
+from pmjoint_codegen.chain import SAMPLE_TIME
 from pmjoint_codegen.errors import UsageError, did_you_mean
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.simulate.settings import RunOptions
+from pmjoint_codegen.simulate.settings import CommandOptions, RunOptions
 from pmjoint_codegen.sweep.chunks import fill_in
-from pmjoint_codegen.sweep.plan import Plan, Sample, read_sample
+from pmjoint_codegen.sweep.plan import SATURATION, Plan, Sample, read_sample
 from pmjoint_codegen.sweep.request import Request as Runs
 from pmjoint_codegen.sweep.request import check_clock, varied_names
 from pmjoint_codegen.sweep.request import make_request as make_runs
@@ -80,7 +81,7 @@ class Request:
         return max(5, self.population * self.space.size)
 
 
-class TuneOptions(RunOptions, total=False):
+class TuneOptions(CommandOptions, total=False):
     """Keywords of a tuning, besides those of its runs; see `make_request`."""
 
     gains: tuple[str, ...]
@@ -150,7 +151,11 @@ def make_request(
         seed=seed,
         generations=generations,
         population=population,
-        own={**dict(zip(manifest.start.names, runs.x0, strict=True)), **values},
+        own={
+            SAMPLE_TIME: runs.sample_time,
+            **dict(zip(manifest.start.names, runs.x0, strict=True)),
+            **values,
+        },
     )
     if request.members * request.count > MOST_RUNS:
         raise UsageError(
@@ -211,7 +216,8 @@ def _of_plant(manifest: Manifest, sample: Sample) -> Sample:
 
 
 def _check_perturbed(manifest: Manifest, space: Space, name: str, names: list[str]) -> None:
-    known = [item for item in varied_names(manifest) if item not in manifest.parameter_names]
+    chosen = {SATURATION, *manifest.parameter_names}
+    known = [item for item in varied_names(manifest) if item not in chosen]
     known += [item.name for item in manifest.parameters if item.kind in ("plant", "own")]
     if name not in known:
         hint = did_you_mean(name, known, str)

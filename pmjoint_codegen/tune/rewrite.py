@@ -1,5 +1,8 @@
 """A model file with other gains and another name; every other character stays, comments too.
 
+Where a search was told of another start or saturation, these keys of the design change with the gains: gains
+found for one compensator mean nothing for another.
+
 Where a gain is replaced, the line's comment is kept after the former value, which it may describe:
 ``k = [31.2, 977] # was [40, 400]: both poles of A0 at -20``. The result is parsed again: it
 is the model with these gains, or there is no result.
@@ -14,12 +17,14 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from pmjoint_codegen.errors import ModelError
-from pmjoint_codegen.values import GAINS
+from pmjoint_codegen.values import BRAKING, COMPENSATOR, GAINS
 
 _ARRAY: Final = r"^([ \t]*{key}[ \t]*=[ \t]*)(\[[^\]]*\])[ \t]*(#[^\r\n]*)?"
 _POLES: Final = r"^([ \t]*{key}[ \t]*=[ \t]*)(\[(?:[^\[\]]|\[[^\]]*\])*\]|[^\s#]+)[ \t]*(#[^\r\n]*)?"
+_SCALAR: Final = r"^[ \t]*{key}[ \t]*=[ \t]*([^\s#]+)[ \t]*(#[^\r\n]*)?"
 _NAME: Final = re.compile(r"^(name[ \t]*=[ \t]*)(\"[^\"\r\n]*\"|'[^'\r\n]*')", re.MULTILINE)
 _TABLE: Final = re.compile(r"^[ \t]*\[(?![ \t\r\n]*[\"'\d])", re.MULTILINE)
+_SATURATION: Final = "saturation"
 _DESIGN: Final = re.compile(r"^[ \t]*\[[ \t]*design[ \t]*\][^\r\n]*", re.MULTILINE)
 
 
@@ -30,6 +35,7 @@ def rewrite(
     note: str,
     where: str,
     own: Mapping[str, float] | None = None,
+    words: Mapping[str, str] | None = None,
 ) -> str:
     """Put gains and a name into a model file's text.
 
@@ -40,21 +46,19 @@ def rewrite(
         note: one line for the comment at the head.
         where: file at the start of a message.
         own: every gain of the model, for lists of which the file gives none: they follow from other keys.
+        words: ``start`` and ``saturation``, where they are not to stay as they are.
 
     Raises:
         ModelError: the file is written in a way that cannot be edited in place.
     """
     document = tomllib.loads(text)
-    wanted = _changed(document, name, gains, own or {})
+    wanted = _changed(document, name, gains, own or {}, words or {})
     edited = _NAME.sub(lambda match: f'{match[1]}"{name}"', text, count=1)
     heading = _DESIGN.search(edited)
     if heading is not None:
         following = _TABLE.search(edited, heading.end())
         end = following.start() if following else len(edited)
-        section = edited[heading.end() : end]
-        for kind in (item.name for item in GAINS):
-            if wanted["design"].get(kind) != document["design"].get(kind):
-                section = _replaced(section, _key_of(kind, document), kind, wanted["design"][kind])
+        section = _redesigned(edited[heading.end() : end], document["design"], wanted["design"])
         edited = edited[: heading.end()] + section + edited[end:]
     newline = "\r\n" if "\r\n" in text else "\n"
     edited = f"# {' '.join(note.split())}{newline}{edited}"
@@ -67,11 +71,35 @@ def rewrite(
     return edited
 
 
+def _redesigned(section: str, present: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
+    """The lines of [design] with other gains and words."""
+    for kind in (item.name for item in GAINS):
+        if wanted.get(kind) != present.get(kind):
+            section = _replaced(section, _key_of(kind, present), kind, wanted[kind])
+    for key in ("start", _SATURATION):
+        if wanted.get(key) != present.get(key):
+            section = _worded(section, _word_of(key, present), key, wanted[key])
+    for key in (COMPENSATOR, BRAKING):
+        if key in present and key not in wanted:
+            pattern = re.compile(_SCALAR.format(key=key), re.MULTILINE)
+            section = pattern.sub(rf"# was {key} = \1", section, count=1)
+    return section
+
+
 def _changed(
-    document: Mapping[str, Any], name: str, gains: Mapping[str, float], own: Mapping[str, float]
+    document: Mapping[str, Any],
+    name: str,
+    gains: Mapping[str, float],
+    own: Mapping[str, float],
+    words: Mapping[str, str],
 ) -> dict[str, Any]:
     changed = copy.deepcopy(dict(document))
     changed["name"] = name
+    changed["design"].update(words)
+    if _SATURATION in words:
+        changed["design"].pop(COMPENSATOR, None)
+        if words[_SATURATION] != BRAKING:
+            changed["design"].pop(BRAKING, None)
     for gain, value in gains.items():
         kind = gain.rstrip("0123456789")
         if kind not in changed["design"]:
@@ -82,10 +110,28 @@ def _changed(
     return changed
 
 
-def _key_of(kind: str, document: Mapping[str, Any]) -> str | None:
+def _key_of(kind: str, design: Mapping[str, Any]) -> str | None:
     """The key whose line gives a list of gains now: poles may stand for k; None if there is none."""
     keys = (kind, "poles") if kind == "k" else (kind,)
-    return next((key for key in keys if key in document["design"]), None)
+    return next((key for key in keys if key in design), None)
+
+
+def _word_of(key: str, design: Mapping[str, Any]) -> str | None:
+    """The key whose line says this now: the compensator's switch may stand for saturation."""
+    keys = (key, COMPENSATOR) if key == _SATURATION else (key,)
+    return next((item for item in keys if item in design), None)
+
+
+def _worded(section: str, old: str | None, key: str, word: str) -> str:
+    """The section with ``key = "word"`` in place of a line, or as its first line."""
+    if old is None:
+        return f'\n{key} = "{word}"{section}'
+
+    def line(match: re.Match[str]) -> str:
+        about = f": {match[2].lstrip('# ')}" if match[2] else ""
+        return f'{key} = "{word}" # was {old} = {match[1]}{about}'
+
+    return re.sub(_SCALAR.format(key=old), line, section, count=1, flags=re.MULTILINE)
 
 
 def _replaced(section: str, old: str | None, key: str, values: Sequence[float]) -> str:

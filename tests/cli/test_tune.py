@@ -37,6 +37,27 @@ def test_a_tuned_model_simulates_at_once_to_what_was_said(
     }
 
 
+def test_start_saturation_and_reference_are_those_of_simulate(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, gait = tmp_path / "mine.toml", tmp_path / "gait.csv"
+    gait.write_text("t,y\n0,1.2\n1,0.4\n2,0.9\n4,0\n", encoding="utf-8")
+    task = ["--reference", str(gait), "--reference-filter", "9"]
+    design = ["--start", "matched", "--saturation", "braking"]
+    assert run(["tune", "paper", *QUICK, *task, *design, "--out", str(file), "--no-figure", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    again = ["--horizon", "4", "--json", "--no-figures", "--out", str(tmp_path / "run")]
+    assert run(["simulate", "paper", *task, *design, *again]) == 0
+    before = json.loads(capsys.readouterr().out)
+    assert run(["simulate", str(file), *task, *again]) == 0  # the file has the design, and not the task
+    after = json.loads(capsys.readouterr().out)
+    assert (after["start"], after["saturation"]) == ("matched", "braking")
+    assert "y_r = gait.csv" in file.read_text(encoding="utf-8").split("\n")[0]
+    for name in ("ise", "max_abs_v"):
+        assert before[name] == pytest.approx(told["nominal"][name]["before"], rel=1e-4)
+        assert after[name] == pytest.approx(told["nominal"][name]["after"], rel=1e-4)
+
+
 def test_the_table_says_before_and_after(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["--gain", "c=3:60", "--no-figure", "--out", str(tmp_path / "x.toml")]
     assert run(["tune", "paper", *QUICK, *arguments]) == 0
@@ -46,6 +67,18 @@ def test_the_table_says_before_and_after(tmp_path: Path, capsys: pytest.CaptureF
         assert word in text
     assert "nan" not in text
     assert not (tmp_path / "x.png").exists()
+
+
+def test_the_gains_found_are_judged_by_the_clock(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    slow = ["--controller", "sampled", "--sample-time", "0.02", "--x0", "0.3,0"]
+    bounds = ["--gain", "c=5:60", "--perturb", "sample_time~uniform(0.001,0.05)", "--plants", "6"]
+    arguments = [*QUICK, *slow, *bounds, "--no-figure", "--json", "--out", str(tmp_path / "x.toml")]
+    assert run(["tune", "paper", *arguments]) == 0
+    printed = capsys.readouterr()
+    gains = json.loads(printed.out)["gains"]
+    fastest = max(gains["c1"]["after"] + 0.1, gains["c2"]["after"])
+    assert fastest * 0.05 > 0.42
+    assert " of 7 runs the law may be too fast; in the worst, the fastest rate of the errors z" in printed.err
 
 
 def test_the_mean_stands_beside_the_worst_where_it_was_asked_for(

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pmjoint_codegen.emit.describe import rules_of
+from pmjoint_codegen.emit.describe import linear_of, rules_of
+from pmjoint_codegen.emit.vocabulary import vocabulary
 from pmjoint_codegen.errors import ModelError
 from pmjoint_codegen.modelfile import model_of
 from pmjoint_codegen.modelfile.reader import read_document
@@ -56,6 +57,31 @@ def test_a_reference_is_finite_at_the_start_as_far_as_parameters_decide(document
     with pytest.raises(ModelError, match=r"^reference: has no finite value at these parameters; allowed: "):
         check_rules(values | {"d1": 0.0}, found)
     assert [item.name for item in rules(document, reference="d1*sin(b0*t)")] == ["b_m"]
+
+
+@pytest.mark.parametrize(
+    ("plant", "found"),
+    [
+        ({}, ("0", "d1", "b0")),
+        ({"phi": ["-3*y", "u_max*y"], "b": ["-b0/2"], "sigma": "4"}, ("-3", "d1 + u_max", "-2*b0")),
+        ({"phi": ["0", "y**3"]}, ()),
+        ({"sigma": "1 + y**2"}, ()),
+        ({"phi": ["0", "1"]}, ()),
+        ({"disturbance": ["0.1*sin(t)", "0"]}, ()),
+        ({"disturbance_bound": None}, ()),
+        ({"disturbance": ["0", "0"], "disturbance_bound": None}, ("0", "d1", "b0")),
+        ({"b": ["b0", "b0"]}, ()),
+    ],
+)
+def test_a_linear_plant_of_two_states_is_recognised_whatever_its_names(
+    document: dict[str, Any], plant: dict[str, Any], found: tuple[str, ...]
+) -> None:
+    other = copy.deepcopy(document)
+    other["plant"] = {key: item for key, item in {**other["plant"], **plant}.items() if item is not None}
+    if len(plant.get("b", "1")) == 2:
+        other["design"] |= {"c": [15], "e": [0.1], "ck": [1]}
+    derivation = derive(model_of(other, "paper.toml"))
+    assert linear_of(derivation.model, vocabulary(derivation)) == found
 
 
 def test_twins_of_a_joint_s_values_obey_the_same(root: Path) -> None:

@@ -81,6 +81,8 @@ def test_lanes_rest_where_single_runs_do(cache: Path, period: float) -> None:
         assert np.max(np.abs(found - run.states) / scale) < 2e-8
         assert np.array_equal(found[:, 1] == 0.0, run["x2"] == 0.0)
         assert outcome.metrics[i, Column.ISE] == pytest.approx(run.ise, rel=1e-7)
+        assert outcome.metrics[i, Column.STICKS] == len(run.sticks)
+        assert outcome.metrics[i, Column.STUCK_S] == pytest.approx(run.summary["stuck_s"], abs=1e-7)
         rested += len(run.sticks)
     assert rested > len(STARTS)
 

@@ -212,6 +212,7 @@ def polynomial_manifest() -> Manifest:
         chain={},
         leading="limit",
         disturbance_bound=None,
+        linear=(),
         kinks=(),
         windows=True,
         guards={"taylor": GuardRule(ORDER, (), 1.0, 0.1)},

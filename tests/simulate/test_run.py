@@ -107,6 +107,7 @@ def test_a_diverging_run_keeps_its_trajectory_and_says_why(paper: Evaluator, con
     assert 2 < len(found.t) < settings.rows
     assert np.all(np.isfinite(found.states))
     assert found.summary["status"] == "diverged"
+    assert found.settling_s is None and found.summary["settling_s"] is None
     # Beyond 100 no |u| <= 10 holds the joint: x1 grows by exp(sqrt(d1) t) and faster than any bound allows.
     assert found.peaks["x1"][0] > 105.0
 

@@ -76,7 +76,29 @@ def test_the_border_is_where_the_actuator_just_balances_the_unstable_mode(case: 
     assert line.slope * line.offset - (2.0 * 10.0 - 0.1) / line.slope == pytest.approx(0.0, abs=1e-12)
     assert border(case.manifest, {**values, "d1": -0.2}) is None
     assert border(case.manifest, {name: value for name, value in values.items() if name != "b0"}) is None
-    assert border(replace(case.manifest, nw=2), values) is None
+    assert border(replace(case.manifest, linear=()), values) is None
+
+
+def test_the_border_follows_from_the_plant_not_from_names(case: Case) -> None:
+    """In the left eigenvector's coordinate the pole is alone, so the border is exact with damping as well."""
+    other = replace(case.manifest, linear=("-damp", "stiff/2", "-gain"), limit="top", disturbance_bound=0.3)
+    names = [
+        replace(item, name=name)
+        for item, name in zip(case.manifest.parameters, ("damp", "stiff", "gain", "top"), strict=False)
+    ]
+    other = replace(other, parameters=tuple(names))
+    values = {"damp": 0.7, "stiff": 3.0, "gain": 2.5, "top": 4.0}
+    line = border(other, values)
+    assert line is not None
+    A = np.array([[-0.7, 1.0], [1.5, 0.0]])
+    left = np.array([1.0, 1.0 / line.slope])
+    np.testing.assert_allclose(left @ A, line.slope * left, rtol=1e-14)
+    assert line.slope > 0.0
+    assert line.slope * line.offset == pytest.approx((2.5 * 4.0 - 0.3) / line.slope)
+    assert border(other, {**values, "stiff": -3.0}) is None
+    unequal = replace(other, chain={"lower": "bottom", "upper": "top"})
+    assert border(unequal, {**values, "bottom": -3.9}) is None
+    assert border(unequal, {**values, "bottom": -4.0}) == line
 
 
 @pytest.mark.parametrize(

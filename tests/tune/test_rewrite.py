@@ -67,3 +67,36 @@ c = [1, 2]
         "k": [9, 22, 20],
     }
     assert "k = [9, 22, 20] # was poles = [[3, 1], 2]: of A0" in edited
+
+
+@pytest.mark.parametrize(
+    ("design", "words", "wanted", "comment"),
+    [
+        (
+            "c = [1]\ncompensator = true # (23)\n",
+            {"saturation": "braking"},
+            {"saturation": "braking"},
+            "# was compensator = true: (23)",
+        ),
+        (
+            'c = [1]\nsaturation = "braking"\nbraking = 0.6\nstart = "zero"\n',
+            {"saturation": "clip", "start": "matched"},
+            {"saturation": "clip", "start": "matched"},
+            "# was braking = 0.6",
+        ),
+        ("c = [1]\n", {"start": "matched"}, {"start": "matched"}, ""),
+        (
+            'c = [1]\nsaturation = "clip"\ncompensator = false\n',
+            {"saturation": "compensator"},
+            {"saturation": "compensator"},
+            "# was compensator = false",
+        ),
+    ],
+)
+def test_the_saturation_and_start_of_a_search_are_written_too(
+    design: str, words: dict[str, str], wanted: dict[str, str], comment: str
+) -> None:
+    text = f'name = "a"\n[design]\n{design}[plant]\nstart = 1\n'
+    edited = rewrite(text, "b", {"c1": 2.0}, "note", "a.toml", words=words)
+    assert tomllib.loads(edited) == {"name": "b", "design": {"c": [2], **wanted}, "plant": {"start": 1}}
+    assert comment in edited

@@ -203,7 +203,11 @@ static pmj_mask judge(const pmj_sweep *sweep, const pmj_results *results, const 
     for (int i = 1; i < PMJ_NS; ++i) {
         largest = pmj_max(pmj_abs(all->runs.X[i]), largest);
     }
-    const pmj_span step = {accepted, all->t_before, all->h, all->e, PMJ_ORDER, all->v, PMJ_ORDER, all->square, all->limited_before};
+    const pmj_span step = {
+        accepted,  all->t_before, all->h,      all->e,
+        PMJ_ORDER, all->v,        PMJ_ORDER,   all->square,
+        all->limited_before,      pmj_stuck(all->g_before + 2 * PMJ_NW),
+    };
     pmj_note_step(&all->runs.metrics, &step);
     pmj_note_control(&all->runs.metrics, all->v, PMJ_ORDER, accepted);
     all->runs.steps = all->runs.steps + pmj_select(accepted, pmj_all(1.0), pmj_all(0.0));

@@ -251,6 +251,7 @@ pmj_lanes pmj_hold_lanes(const pmj_sweep *sweep, const pmj_results *results, pmj
         pmj_scale(all->c + E, CHANNELS, PMJ_HOLD_ORDER, h, a);
         const pmj_span step = {
             going & (h > 0.0), t, h, a, PMJ_HOLD_ORDER, &all->v, 0, pmj_mean_square(a, PMJ_HOLD_ORDER), all->runs.limited,
+            pmj_stuck(all->w + PMJ_NW),
         };
         pmj_note_step(&all->runs.metrics, &step);
         all->runs.steps = all->runs.steps + pmj_select(going, pmj_all(1.0), pmj_all(0.0));

@@ -27,6 +27,7 @@ typedef struct {
     int v_degree;
     pmj_lanes square;    /* mean of e^2 */
     pmj_lanes limited;   /* 1.0 where u is at a limit */
+    pmj_lanes stuck;     /* 1.0 where a kink holds the plant */
 } pmj_span;
 
 /* Reset lane w. */

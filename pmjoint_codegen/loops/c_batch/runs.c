@@ -72,6 +72,7 @@ void pmj_load(const pmj_sweep *sweep, pmj_runs *runs, int w)
     one->held = -1;
     one->flips = 0;
     one->switches = 0;
+    one->sticks = 0;
     one->row = 0;
     one->crossing = -1;
     one->undecided = 0;

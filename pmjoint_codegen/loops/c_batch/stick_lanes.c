@@ -25,6 +25,7 @@ static void hold_on(pmj_lane *one, pmj_lanes *x, pmj_lanes *sides, int w, int j,
         x[i][w] = place[i];
     }
     one->held = j;
+    one->sticks += 1;
     one->touching = -1;
     sides[PMJ_NK + j][w] = 1.0;
 }

@@ -14,6 +14,17 @@ static inline pmj_mask pmj_held(const pmj_lanes *sides)
     return held;
 }
 
+/* 1.0 in the lanes that a kink holds. */
+static inline pmj_lanes pmj_stuck(const pmj_lanes *sides)
+{
+#ifdef PMJ_HOLDS
+    return pmj_select(pmj_held(sides), pmj_all(1.0), pmj_all(0.0));
+#else
+    (void)sides;
+    return pmj_all(0.0);
+#endif
+}
+
 /* Results of a kernel, and for the lanes that a kink holds those of its twin for them. */
 #ifdef PMJ_HOLDS
 #define PMJ_EITHER(sides, size, result, kernel, twin, ...)     \
