@@ -31,10 +31,8 @@ from pmjoint_codegen.simulate.settings import make_settings
 
 Array = npt.NDArray[np.float64]
 
-LONGEST_STEPS: Final = (
-    2e-3,
-    2e-4,
-)  # s; the shorter one if a run with the longer one deviates from its equations
+LONGEST_STEPS: Final = (2e-3, 2e-4)  # s; the shorter one if a run with the longer one deviates
+HORIZON: Final = 20.0  # s: steps of a longer run, as a ship's, are longer in proportion
 POINTS: Final = (0.25, 0.5, 0.75, 1.0)  # of a step, where its polynomial is compared with the right-hand side
 ONE_THRESHOLD: Final = 1e-3 * ACCURACY  # relative distance below which two thresholds are one
 
@@ -136,7 +134,8 @@ class Loop:
             SlidingError: both sides of a discontinuity point to it.
             UntrustedError: the trajectory deviates from its own equations between the ends of its steps.
         """
-        *longer, last = LONGEST_STEPS
+        slow = max(1.0, float(t[-1]) / HORIZON)
+        *longer, last = (slow * longest for longest in LONGEST_STEPS)
         for longest in longer:
             try:
                 return self._run(t, start, limit, actuator, longest)
