@@ -227,7 +227,7 @@ def test_a_long_derivation_names_its_stage_and_ends_at_once(
         assert child.stderr is not None
         for line in child.stderr:
             told.append(line.rstrip())
-            if "partial derivatives of alpha_5, step 5 of 7" in line:
+            if "partial derivatives of alpha_" in line:  # which of them is named depends on the machine
                 break
         begun = time.monotonic()
         child.send_signal(signal.SIGINT)
