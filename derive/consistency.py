@@ -14,10 +14,10 @@ from pmjoint_derive.compensator import compensator_matrix
 from pmjoint_derive.design import Derivation
 from pmjoint_derive.equation import Equation, Equations, Identity
 from pmjoint_derive.filters import filter_matrix
-from pmjoint_derive.lyapunov import expand_to_zero
 from pmjoint_derive.sampling import Hold
 from pmjoint_derive.signals import derivative_name
 from pmjoint_derive.start import start_symbol
+from pmjoint_derive.vanishing import expand_to_zero
 
 
 def reference_identities(derivation: Derivation) -> list[Identity]:

@@ -40,27 +40,7 @@ from pmjoint_derive.filters import filter_matrix
 from pmjoint_derive.lyapunov_matrix import lyapunov_matrix, lyapunov_residual, symmetric_matrix
 from pmjoint_derive.model import real_symbol
 from pmjoint_derive.signals import Signals, derivative_name, partial_name
-
-_SIGMA = real_symbol("sigma(y)")  # with brackets, as s(2) below: a parameter may be called sigma or s2
-
-
-def expand_to_zero(expression: sp.Expr, sigma: sp.Expr) -> sp.Expr:
-    """Expand polynomials and quotients of functions of y; 0 exactly when the expression vanishes identically.
-
-    Args:
-        expression: what should vanish.
-        sigma: the input nonlinearity. Where it is a sum, it stands for itself as one symbol first, as
-            products by it and quotients of it then cancel without a common denominator.
-
-    Returns:
-        0, or the remainder.
-    """
-    whole = expression.xreplace({sigma: _SIGMA}) if sigma.is_Add else expression
-    rest = sp.expand(whole)
-    if rest == 0:
-        return sp.Integer(0)
-    numerator = sp.expand(sp.fraction(sp.together(rest.xreplace({_SIGMA: sigma})))[0])
-    return sp.Integer(0) if numerator == 0 else rest
+from pmjoint_derive.vanishing import expand_to_zero
 
 
 def unfold(derivation: Derivation, name: str, keep: frozenset[sp.Symbol] = frozenset()) -> sp.Expr:

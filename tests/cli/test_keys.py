@@ -135,6 +135,13 @@ JOINTS: dict[str, dict[str, str]] = {
         'F0 = { value = 40, unit = "N" }',
         "rest": GRAVITY,
     },
+    "preset": {
+        "keep": '"damping", "torque", "gain"',
+        "radius": 'r1 = { value = 14, unit = "mm" }\nr2 = "R0*(1 + theta/4)"',
+        "muscles": 'force = "hunt-20"',
+        "parameters": 'eps_max = { value = 0.25 }\nR0 = { value = 15, unit = "mm" }',
+        "rest": f"{GRAVITY}\nrange = [-1, 1]",
+    },
 }
 SYSTEMS = {
     "system": """[system]

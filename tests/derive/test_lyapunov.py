@@ -11,9 +11,10 @@ import sympy as sp
 
 from pmjoint_derive import Derivation, Model, derive, real_symbol
 from pmjoint_derive.consistency import consistency_identities
-from pmjoint_derive.lyapunov import expand_to_zero, prove, squares
+from pmjoint_derive.lyapunov import prove, squares
 from pmjoint_derive.lyapunov_matrix import lyapunov_matrix
 from pmjoint_derive.signals import derivative_name
+from pmjoint_derive.vanishing import expand_to_zero
 
 S = real_symbol
 
@@ -44,6 +45,15 @@ def test_expansion_sees_through_quotients_by_sigma() -> None:
     assert expand_to_zero((a + y) / sigma * sigma - a - y, sigma) == 0
     assert expand_to_zero(1 / (1 + y) - (1 - y) / (1 - y**2), sp.Integer(1)) == 0
     assert expand_to_zero(1 / sigma - 1, sigma) != 0
+
+
+def test_exponentials_of_sums_cancel_in_a_quotient_that_is_written_in_another_way() -> None:
+    a, y = real_symbol("a"), real_symbol("y")
+    near, far = sp.exp(-a * (1 + y / 3) ** 2), sp.exp(-a * (1 - y**2 / 8 - y) ** 2)
+    gain = (1 + y / 4) * far + near
+    other = 4 * near + 4 * far + y * far
+    assert expand_to_zero(a * gain / other - a / 4, gain) == 0
+    assert expand_to_zero(a * gain / other - a / 5, gain) != 0
 
 
 @pytest.mark.parametrize("order", [(1, 1), (3, 3)])
