@@ -48,12 +48,13 @@ def test_expansion_sees_through_quotients_by_sigma() -> None:
 
 
 def test_exponentials_of_sums_cancel_in_a_quotient_that_is_written_in_another_way() -> None:
-    a, y = real_symbol("a"), real_symbol("y")
-    near, far = sp.exp(-a * (1 + y / 3) ** 2), sp.exp(-a * (1 - y**2 / 8 - y) ** 2)
-    gain = (1 + y / 4) * far + near
-    other = 4 * near + 4 * far + y * far
-    assert expand_to_zero(a * gain / other - a / 4, gain) == 0
-    assert expand_to_zero(a * gain / other - a / 5, gain) != 0
+    a, b, length, q, r, y = (S(name) for name in ("a", "b", "length", "q", "r", "y"))
+    near = sp.exp(-a * (b + r * y / length) ** 2 / q**2)
+    far = sp.exp(-a * (b - r * (y**2 / 8 + y) / length) ** 2 / q**2)
+    gain = r * (1 + y / 4) * far / length + r * near / length
+    other = r * y * far + 4 * r * far + 4 * r * near
+    assert expand_to_zero(a * gain / other - a / (4 * length), gain) == 0
+    assert expand_to_zero(a * gain / other - a / (5 * length), gain) != 0
 
 
 @pytest.mark.parametrize("order", [(1, 1), (3, 3)])
