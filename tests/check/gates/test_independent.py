@@ -34,8 +34,6 @@ from pmjoint_codegen.simulate.run import run
 from pmjoint_codegen.simulate.settings import make_settings
 from pmjoint_codegen.simulate.start import initial_state
 
-MODELS = ("paper", "joint", "joint-damped", "joint-exact", "joint-lag", "third-order")
-
 
 @pytest.fixture(scope="module")
 def heyoka() -> Any:
@@ -49,8 +47,8 @@ def subject_of(root: Path, model: str) -> Subject:
 
 
 @pytest.mark.usefixtures("heyoka")
-@pytest.mark.parametrize("model", MODELS)
-def test_every_shipped_model_is_held_where_u_saturates(root: Path, cache: Path, model: str) -> None:
+@pytest.mark.parametrize("model", ["paper", "joint-lag"])  # `pmjoint check` in CI runs it on the others
+def test_a_shipped_model_is_held_where_u_saturates(root: Path, cache: Path, model: str) -> None:
     subject = subject_of(root, model)
     if subject.compiler is None:
         pytest.skip("no C compiler")
