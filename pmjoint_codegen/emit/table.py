@@ -239,10 +239,10 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
         Kernel(
             "disturbance",
             (t, x, w, p),
-            (("D", disturbance_symbols(derivation.plant)),),
+            _acting(derivation),
             "(12)",
-            "effective disturbance: what the controller faces",
-            {**effective, **delivered},
+            "effective disturbance: what the controller faces; what else the plant reports",
+            {**own, **effective, **delivered},
         ),
         Kernel(
             "plant",
@@ -305,6 +305,13 @@ def _named(derivation: Derivation, symbols: Iterable[sp.Symbol]) -> list[sp.Symb
     return [*names, *twins(derivation, names, own_symbol).values()]
 
 
+def _acting(derivation: Derivation) -> tuple[Block, ...]:
+    """D and, where there are any, the physical quantities that a run reports."""
+    physical = tuple(item.symbol for item in derivation.model.reported)
+    found = ("D", disturbance_symbols(derivation.plant))
+    return (found, ("reported", physical)) if physical else (found,)
+
+
 def _held_kernels(
     derivation: Derivation,
     words: Vocabulary,
@@ -316,8 +323,7 @@ def _held_kernels(
     t, x, p = ("t", (derivation.signals.t,)), ("x", words.x), ("p", words.p)
     X, sided = ("X", (*words.x, *words.s)), (*words.sides, *held.flags)
     e, v = ("e", (tracking_error(derivation.model),)), ("v", (derivation.signals.v,))
-    symbols = disturbance_symbols(derivation.plant)
-    effective = twins(derivation, symbols, effective_symbol)
+    effective = twins(derivation, disturbance_symbols(derivation.plant), effective_symbol)
     kinks = ("kinks", held.channels)
     controller = rate_block("X", words.s)[1]
     return [
@@ -365,7 +371,7 @@ def _held_kernels(
         Kernel(
             "disturbance_held",
             (t, x, ("w", words.w), ("held", held.flags), p),
-            (("D", symbols),),
+            _acting(derivation),
             "(12)",
             "disturbance, held on the kinks whose flags are 1",
             {**given, **held.reported, **effective},

@@ -15,10 +15,8 @@ from pmjoint_codegen.loops.constants import SAME_INSTANT
 from pmjoint_codegen.loops.problem import Memory, Problem
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.located import Holds
-from pmjoint_codegen.values import of_plant
 
 INSTANTANEOUS: Final = ("y", "y_r", "e")  # signals that a sampled controller does not hold constant
-LAGGED: Final = frozenset({"q1", "q2"})  # states of pressures that lag
 ROWS: Final = 4096  # computed at a time where each has its own segment of the reference
 
 
@@ -41,13 +39,8 @@ def signals_of(evaluator: Evaluator, problem: Problem, states: Array, memory: Me
     # Constant since the last sample, except for the plant and the reference.
     since, samples = memory.row_sample_times[:rows, np.newaxis], memory.row_samples[:rows]
     signals = _evaluated(evaluator, problem, "signals", since, samples)
-    _put_live(evaluator, problem, states, signals, holds)
-    names = [item.name for item in evaluator.manifest.signals]
-    D = [f"D{i}" for i in range(1, evaluator.manifest.n + 1)]
-    if D[0] in names:
-        w = _actuated(evaluator, problem, signals[:, names.index("v")])
-        x = states[:, : evaluator.manifest.nx]
-        signals[:, [*map(names.index, D)]] = _reported(evaluator, problem, holds, "disturbance", times, x, w)
+    w = _actuated(evaluator, problem, signals[:, _place(evaluator.manifest, "v")])
+    _put_live(evaluator, problem, states, w, signals, holds)
     return signals
 
 
@@ -61,40 +54,41 @@ def _chained_signals(
     seen[:, 0] = held[:, FILTERED]
     signals = _evaluated(evaluator, problem, "signals", held[:, CLOCK, np.newaxis], seen)
     places = {item.name: i for i, item in enumerate(manifest.signals)}
-    w, times = held[:, ACTING:], problem.times[:rows, np.newaxis]
-    D = _reported(evaluator, problem, holds, "disturbance", times, states[:, : manifest.nx], w)
+    w = held[:, ACTING:]
     known = {
         "y_m": held[:, MEASURED],
         "y_f": held[:, FILTERED],
         "u": held[:, U],
         "u_command": held[:, COMMAND],
     }
-    known |= {f"D{i}": column for i, column in enumerate(D.T, start=1)}
     if "u_valve" in places:
         known["u_valve"] = w[:, 1]
-    physical = set(manifest.start.names)
-    if "P1" in places and not physical >= LAGGED and "P1" not in physical:
-        values = dict(zip(manifest.parameter_names, problem.p.tolist(), strict=False))
-        base = of_plant(values, "k0") * of_plant(values, "u0")
-        known |= {"P1": base + w[:, -2], "P2": base - w[:, -1]}
     for name, column in known.items():
         if name in places:
             signals[:, places[name]] = column
-    _put_live(evaluator, problem, states, signals, holds)
+    _put_live(evaluator, problem, states, w, signals, holds)
     return signals
 
 
-def _put_live(evaluator: Evaluator, problem: Problem, states: Array, signals: Array, holds: Holds) -> None:
-    """Signals of a sampled run that move between samples: y, y_r, e, and states of a joint."""
-    times = problem.times[: len(states), np.newaxis]
-    y, y_r, e = map([item.name for item in evaluator.manifest.signals].index, INSTANTANEOUS)
+def _put_live(
+    evaluator: Evaluator, problem: Problem, states: Array, w: Array, signals: Array, holds: Holds
+) -> None:
+    """Signals of a sampled run that move between samples: y, y_r, e, and all that the plant reports.
+
+    These are D and, of a joint or a system, the physical quantities; they depend on what acts, w.
+    """
+    manifest, times = evaluator.manifest, problem.times[: len(states), np.newaxis]
+    y, y_r, e, D = (_place(manifest, name) for name in (*INSTANTANEOUS, "D1"))
     signals[:, y] = states[:, 0]
     signals[:, y_r] = _evaluated(evaluator, problem, "reference", times)[:, 0]
     signals[:, e] = signals[:, y] - signals[:, y_r]
-    moving = _moving(evaluator.manifest)
-    if moving:
-        live = _reported(evaluator, problem, holds, "signals", times, states)
-        signals[:, moving] = live[:, moving]
+    acting = _reported(evaluator, problem, holds, "disturbance", times, states[:, : manifest.nx], w)
+    signals[:, D : D + acting.shape[1]] = acting
+
+
+def _place(manifest: Manifest, name: str) -> int:
+    """Where a signal stands among the signals."""
+    return next(i for i, item in enumerate(manifest.signals) if item.name == name)
 
 
 def _reported(
@@ -108,9 +102,9 @@ def _reported(
 
 
 def _evaluated(evaluator: Evaluator, problem: Problem, kernel: str, times: Array, *others: Array) -> Array:
-    """A kernel's first result at instants, shape (rows, size), each in its own segment of the reference."""
+    """A kernel's results side by side, shape (rows, size), each instant in its segment of the reference."""
     if not problem.n_breaks:
-        return evaluator.call(kernel, times, *others, problem.p)[0]
+        return np.hstack(evaluator.call(kernel, times, *others, problem.p))
     slack = SAME_INSTANT * problem.sample_time  # as the sampled loop has it
     places = np.searchsorted(problem.breaks, times[:, 0] + slack, side="right")
     found = []
@@ -118,18 +112,8 @@ def _evaluated(evaluator: Evaluator, problem: Problem, kernel: str, times: Array
         part = slice(start, start + ROWS)
         p = np.tile(problem.p, (len(places[part]), 1))
         p[:, -problem.n_segment :] = problem.segments[places[part]]
-        found.append(evaluator.call(kernel, times[part], *(array[part] for array in others), p)[0])
+        found.append(np.hstack(evaluator.call(kernel, times[part], *(array[part] for array in others), p)))
     return np.concatenate(found)
-
-
-def _moving(manifest: Manifest) -> list[int]:
-    """A joint's physical signals that depend only on the plant's states, and so change between samples."""
-    names = set(manifest.start.names)
-    if (
-        names >= LAGGED
-    ):  # pressures with their own states; otherwise they are commands, constant between samples
-        names |= {"P1", "P2"}
-    return [i for i, item in enumerate(manifest.signals) if item.name in names]
 
 
 def _actuated(evaluator: Evaluator, problem: Problem, v: Array) -> Array:

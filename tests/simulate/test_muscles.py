@@ -155,11 +155,26 @@ def test_the_run_is_that_of_the_physics(case: str, keep: str, tmp_path: Path) ->
     np.testing.assert_allclose(run["theta_dot"], expected[:, 1], rtol=0, atol=1e-8)
 
 
-def test_the_reported_forces_are_the_muscles_(tmp_path: Path) -> None:
-    loop = loaded(tmp_path, CASES["hunt"][0])
-    run = loop.simulate(horizon=0.5)
+@pytest.mark.parametrize(
+    ("lines", "tables", "options"),
+    [
+        ("", "", {}),
+        ("", "", {"controller": "sampled", "sample_time": 0.02}),
+        ("tau = 0.05", "", {"controller": "sampled", "sample_time": 0.02}),
+        ("", "[sensor]\nnoise = 1e-3\nseed = 1", {"sample_time": 0.02, "parameters": {"eps0_plant": 0.14}}),
+        ("tau = 0.05", "[sensor]\nresolution = 1e-3", {"sample_time": 0.02}),
+    ],
+    ids=["continuous", "sampled", "sampled and lagging", "sensor", "sensor and lagging"],
+)
+def test_the_reported_forces_are_the_muscles_(
+    lines: str, tables: str, options: dict[str, Any], tmp_path: Path
+) -> None:
+    """At every output instant, also between samples: of the angle and the pressures there."""
+    text = CASES["hunt"][0].replace("[parameters]", f"{lines}\n[parameters]", 1) + f"\n{tables}\n"
+    run = loaded(tmp_path, text).simulate(horizon=0.5, output_step=0.003, **options)
+    rest = run.settings.parameters.get("eps0_plant", EPS0)
     for side, name in ((1, "1"), (-1, "2")):
-        eps = EPS0 + side * R * run["theta"] / L0
+        eps = rest + side * R * run["theta"] / L0
         expected = [hunt_force(P, e) for P, e in zip(run[f"P{name}"], eps, strict=True)]
         np.testing.assert_allclose(run[f"F{name}"], expected, rtol=1e-11)
 
