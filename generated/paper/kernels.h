@@ -38,7 +38,7 @@ int pmjoint_estimate(const double **arg, double **res, long long int *iw, double
 int pmjoint_estimate_work(long long int *sz_arg, long long int *sz_res,
     long long int *sz_iw, long long int *sz_w);
 
-/* effective disturbance: what the controller faces, (12): (t[1], x[2], w[1], p[15]) -> (D[2]); 12 operations */
+/* effective disturbance: what the controller faces; what else the plant reports, (12): (t[1], x[2], w[1], p[15]) -> (D[2]); 12 operations */
 int pmjoint_disturbance(const double **arg, double **res, long long int *iw, double *w, int mem);
 int pmjoint_disturbance_work(long long int *sz_arg, long long int *sz_res,
     long long int *sz_iw, long long int *sz_w);
