@@ -33,10 +33,15 @@ class Force:
     gain: sp.Expr
     passive: sp.Expr
 
+    def stretched(self, contraction: sp.Expr) -> Force:
+        """Both parts at a contraction."""
+        at = {CONTRACTION: contraction}
+        return Force(self.gain.xreplace(at), self.passive.xreplace(at))
+
     def at(self, pressure: sp.Expr, contraction: sp.Expr) -> sp.Expr:
         """The force in N at a pressure in Pa and a contraction."""
-        stretched = {CONTRACTION: contraction}
-        return pressure * self.gain.xreplace(stretched) + self.passive.xreplace(stretched)
+        stretched = self.stretched(contraction)
+        return pressure * stretched.gain + stretched.passive
 
 
 @dataclass(frozen=True)
@@ -56,9 +61,8 @@ class Muscle:
     @property
     def pull(self) -> Pull:
         """Its torque on the joint."""
-        stretched = {CONTRACTION: self.contraction}
-        gain, passive = (part.xreplace(stretched) for part in (self.force.gain, self.force.passive))
-        return Pull(self.lever * gain, self.lever * passive)
+        stretched = self.force.stretched(self.contraction)
+        return Pull(self.lever * stretched.gain, self.lever * stretched.passive)
 
     def tension(self, pressure: sp.Expr) -> sp.Expr:
         """Its force in N at a pressure in Pa; a muscle only pulls, so a negative one is outside the law."""

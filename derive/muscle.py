@@ -35,21 +35,17 @@ class Pull:
 Pair = tuple[Pull, Pull]  # muscle 1 pulls theta up, muscle 2 down
 
 
-def paper_pair(r1: sp.Expr | None = None, r2: sp.Expr | None = None) -> Pair:
+def paper_pair() -> Pair:
     """The two muscles of (2), (3).
 
     Each pulls with ``F = P (C1 eps^2 + C2 eps + C3) + C4`` at ``eps_{1,2} = eps0 +- r theta / l0``.
-
-    Args:
-        r1: radius of muscle 1, m; by default r of the paper.
-        r2: radius of muscle 2, m; by default r of the paper.
     """
-    r = real_symbol("r")
-    return _paper_muscle(r if r1 is None else r1, 1), _paper_muscle(r if r2 is None else r2, -1)
+    return _paper_muscle(1), _paper_muscle(-1)
 
 
-def _paper_muscle(radius: sp.Expr, side: int) -> Pull:
+def _paper_muscle(side: int) -> Pull:
     C1, C2, C3, C4, l0, eps0 = (real_symbol(name) for name in ("C1", "C2", "C3", "C4", "l0", "eps0"))
+    radius = real_symbol("r")
     contraction = eps0 + side * radius * ANGLE / l0
     per_pressure = C1 * contraction**2 + C2 * contraction + C3
     return Pull(side * radius * per_pressure, side * radius * C4)

@@ -10,6 +10,7 @@ from typing import Any
 
 from pmjoint_codegen.check import harness
 from pmjoint_codegen.check.inputs.features import Features
+from pmjoint_codegen.check.inputs.points import Batch, batches
 from pmjoint_codegen.compile.compiler import Compiler, find_compiler
 from pmjoint_codegen.emit.table import Kernel, kernel_table
 from pmjoint_codegen.emit.vocabulary import vocabulary
@@ -18,7 +19,7 @@ from pmjoint_codegen.kernels import compiled, interpreted
 from pmjoint_codegen.kernels.evaluator import Evaluator
 from pmjoint_codegen.kernels.processor import usable_levels
 from pmjoint_codegen.kernels.tape import FILE_NAME, Tape, read_tapes
-from pmjoint_codegen.manifest import Manifest
+from pmjoint_codegen.manifest import Function, Manifest
 from pmjoint_codegen.workspace import cache_dir, generated_root
 from pmjoint_derive import Derivation, Model, derive
 from pmjoint_derive.progress import Stage, unwatched
@@ -94,6 +95,18 @@ class Subject:
     def interpreted(self) -> Evaluator:
         """The emitted functions in CasADi's interpreter."""
         return interpreted.load(self.folder, self.manifest)
+
+    def points(self, function: Function, count: int, seed: int) -> list[Batch]:
+        """Points of a kernel at magnitudes of a run, with y in the range that the design is for."""
+        return batches(
+            self.interpreted,
+            function,
+            count,
+            seed,
+            extreme=False,
+            features=self.features,
+            y_range=self.model.y_range,
+        )
 
     @cached_property
     def fed(self) -> tuple[bytes, bytes]:

@@ -10,7 +10,7 @@ of the derivation, as ``r1`` is.) ``r1`` and ``r2`` are radii, then parameters `
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Final
 
 import sympy as sp
@@ -33,6 +33,7 @@ SIDES: Final = (1, 2)
 OF_LAW: Final = ("C1", "C2", "C3", "C4")  # constants of (2), lines of [joint]
 OF_MUSCLE: Final = ("l0", "eps0", *OF_LAW)  # quantities of [joint] that each muscle may have its own of
 RADIUS: Final = "r"
+SIGNALS: Final = (PRESSURE.name, CONTRACTION.name)  # of which a force is a function
 FORCES: Final = ("F1", "F2")  # columns of a joint whose muscles are not those of the paper
 _NAME = re.compile(r"\b[A-Za-z_]\w*")
 _SIGNS: Final = {1: 1, 2: -1}  # muscle 1 pulls theta up
@@ -107,7 +108,7 @@ def check_muscles(joint: JointSpec, given: Mapping[str, ParameterSpec], where: s
     _check_used(joint, where)
     for side in SIDES:
         _check_own(joint, given, side, where)
-    for name in () if is_paper_pair(joint) else (*_signals(joint), *FORCES):
+    for name in () if is_paper_pair(joint) else (*(() if joint.force is None else SIGNALS), *FORCES):
         if name in given:
             raise ModelError(
                 "already names a quantity of the muscles",
@@ -136,8 +137,8 @@ def _muscle(joint: JointSpec, symbols: Mapping[str, sp.Symbol], side: int, where
     own = {real_symbol(name): real_symbol(own_name(name, side)) for name in own_values(joint, side)}
     of_force = {**symbols, **{symbol.name: symbol for symbol in own}}
     of_force |= {symbol.name: symbol for symbol in (PRESSURE, CONTRACTION)}
-    place, signals = f"{where}: joint.force", (PRESSURE.name, CONTRACTION.name)
-    force = split(parse(law_of(joint).formula, of_force, place, signals=signals).xreplace(own))
+    place = f"{where}: joint.force"
+    force = split(parse(law_of(joint).formula, of_force, place, signals=SIGNALS).xreplace(own))
     rest, length, radius = (own.get(real_symbol(name), real_symbol(name)) for name in ("eps0", "l0", RADIUS))
     key, text = f"joint.r{side}", joint.r1 if side == 1 else joint.r2
     arm: sp.Expr = radius
@@ -150,10 +151,6 @@ def _muscle(joint: JointSpec, symbols: Mapping[str, sp.Symbol], side: int, where
 def _names(text: str) -> set[str]:
     """What an expression speaks of, its functions aside."""
     return set(_NAME.findall(text)) - {*functions(), *CONSTANTS}
-
-
-def _signals(joint: JointSpec) -> tuple[str, ...]:
-    return () if joint.force is None else (PRESSURE.name, CONTRACTION.name)
 
 
 def _is_own_of_both(joint: JointSpec, name: str) -> bool:
@@ -211,7 +208,7 @@ def _check_used(joint: JointSpec, where: str) -> None:
 def _check_own(joint: JointSpec, given: Mapping[str, ParameterSpec], side: int, where: str) -> None:
     """Check the names that a muscle gives its own values of."""
     shared = set(type(joint).model_fields) - set(OF_MUSCLE)
-    allowed = sorted({"l0", "eps0"} | _names(law_of(joint).formula) - shared - {*_signals_of_force()})
+    allowed = sorted({"l0", "eps0"} | _names(law_of(joint).formula) - shared - {*SIGNALS})
     for name in joint.muscle1 if side == 1 else joint.muscle2:
         place = f"{where}: joint.muscle{side}.{name}"
         if name not in allowed:
@@ -232,10 +229,6 @@ def _check_own(joint: JointSpec, given: Mapping[str, ParameterSpec], side: int, 
             raise ModelError(
                 reason, where=f"{where}: joint.muscle{side}.{name}", remedy="choose another name"
             )
-
-
-def _signals_of_force() -> Iterable[str]:
-    return PRESSURE.name, CONTRACTION.name
 
 
 def _has_common(joint: JointSpec, given: Mapping[str, ParameterSpec], name: str) -> bool:

@@ -18,6 +18,7 @@ from pmjoint_codegen.modelfile.muscle import check_muscles, law_lines, own_names
 from pmjoint_codegen.modelfile.names import MODEL_NAME, key_path, why_not
 from pmjoint_codegen.modelfile.system import SystemSpec, check_system, refuse_beyond
 from pmjoint_codegen.modelfile.tables import (
+    LARGEST_ORDER,
     Expression,
     Expressions,
     InputScale,
@@ -36,7 +37,6 @@ from pmjoint_codegen.values import BRAKING, CLIP, GAINS
 from pmjoint_derive.joint import TAKEN
 
 PHYSICS = ("plant", "joint", "system")  # tables that describe a plant: a file has one
-LARGEST_ORDER = 9  # beyond it, names such as Xi111 would be ambiguous
 
 
 class PlantSpec(Table):

@@ -16,14 +16,13 @@ from pydantic import Field
 from pmjoint_codegen.errors import ModelError, quoted
 from pmjoint_codegen.modelfile.expressions import parse
 from pmjoint_codegen.modelfile.names import why_not
-from pmjoint_codegen.modelfile.tables import Expression, Expressions, Range, Table, Unit
+from pmjoint_codegen.modelfile.tables import LARGEST_ORDER, Expression, Expressions, Range, Table, Unit
 from pmjoint_codegen.modelfile.units import ANY, Scales
 from pmjoint_codegen.values import SI
 from pmjoint_derive import Parameter, Plant, real_symbol
 from pmjoint_derive.physics import U
 from pmjoint_derive.system import System, reduce_system, transfer_plant
 
-LARGEST_ORDER = 9  # as of [plant]
 OF_ERROR, OF_RATE = "e", "theta_dot"  # columns that no expression of a model file names
 
 
@@ -47,7 +46,7 @@ class SystemSpec(Table):
         default=None,
         min_length=1,
         max_length=LARGEST_ORDER,
-        description='a list of at most 9 names, such as ["theta", "omega"]',
+        description=f'a list of at most {LARGEST_ORDER} names, such as ["theta", "omega"]',
     )
     rates: Expressions | None = Field(
         default=None, description="a list with an expression of states, input and parameters for each state"

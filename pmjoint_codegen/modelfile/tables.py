@@ -44,6 +44,8 @@ def _pair(value: tuple[object, ...]) -> tuple[float, float]:
     return _positive(re), _positive(im)
 
 
+LARGEST_ORDER = 9  # of a plant: beyond it, names such as Xi111 would be ambiguous
+
 Expression = Annotated[str, BeforeValidator(_as_text)]
 Expressions = tuple[Expression, ...]
 Number = Annotated[float, Field(allow_inf_nan=False)]

@@ -12,11 +12,10 @@ NUMBERS = {"l0": 0.185, "eps0": 0.15, "C1": 8.032e-3, "C2": -1.285e-2, "C3": 3.2
 
 @pytest.mark.parametrize("theta", [-0.4, 0.0, 0.7])
 def test_the_paper_pair_pulls_both_ways(theta: float) -> None:
-    """Muscle 1 shortens and pulls up as theta grows; muscle 2 the other way, each with its own radius."""
+    """Muscle 1 shortens and pulls up as theta grows; muscle 2 the other way."""
     values = {real_symbol(name): value for name, value in NUMBERS.items()}
-    values |= {real_symbol("theta"): theta, real_symbol("ra"): 0.015, real_symbol("rb"): 0.02}
-    pair = paper_pair(real_symbol("ra"), real_symbol("rb"))
-    for pull, side, radius, pressure in zip(pair, (1, -1), (0.015, 0.02), (2e5, 3e5), strict=True):
-        eps = 0.15 + side * radius * theta / 0.185
+    values |= {real_symbol("theta"): theta, real_symbol("r"): 0.015}
+    for pull, side, pressure in zip(paper_pair(), (1, -1), (2e5, 3e5), strict=True):
+        eps = 0.15 + side * 0.015 * theta / 0.185
         force = pressure * (8.032e-3 * eps**2 - 1.285e-2 * eps + 3.2e-3) + 7.0
-        assert float(pull.torque(pressure).subs(values)) == pytest.approx(side * radius * force, rel=1e-12)
+        assert float(pull.torque(pressure).subs(values)) == pytest.approx(side * 0.015 * force, rel=1e-12)

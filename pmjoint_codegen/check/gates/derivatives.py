@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from pmjoint_codegen.check.inputs.points import batches, describe_point
+from pmjoint_codegen.check.inputs.points import describe_point
 from pmjoint_codegen.check.oracles.error_bound import walk
 from pmjoint_codegen.check.oracles.rounding import Bounded
 from pmjoint_codegen.check.result import Difference, GateResult, failed, not_run, passed
@@ -35,15 +35,7 @@ def check(subject: Subject) -> GateResult:
     if subject.manifest.rho == 1:
         return passed("a plant of relative degree one has no virtual controls", 0, 0)
     function = subject.manifest.function("partials")
-    found = batches(
-        subject.interpreted,
-        function,
-        POINTS,
-        SEED,
-        extreme=False,
-        features=subject.features,
-        y_range=subject.model.y_range,
-    )
+    found = subject.points(function, POINTS, SEED)
     arguments = tuple(
         np.concatenate(arrays) for arrays in zip(*(batch.arguments for batch in found), strict=True)
     )

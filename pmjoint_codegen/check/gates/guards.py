@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from pmjoint_codegen.check.inputs.points import batches, describe_point
+from pmjoint_codegen.check.inputs.points import describe_point
 from pmjoint_codegen.check.oracles.precise import Numbers
 from pmjoint_codegen.check.oracles.reference import Array, Reference, reference_of
 from pmjoint_codegen.check.result import Difference, GateResult, failed, passed
@@ -35,15 +35,7 @@ def check(subject: Subject) -> GateResult:
     for guard in (row for row in loop_rows(subject.table) if isinstance(row, Guard)):
         function = subject.manifest.function(guard.name)
         reference = reference_of(subject.derivation, subject.table[guard.of])
-        found = batches(
-            subject.interpreted,
-            function,
-            POINTS,
-            SEED,
-            extreme=False,
-            features=subject.features,
-            y_range=subject.model.y_range,
-        )
+        found = subject.points(function, POINTS, SEED)
         for batch in found:
             (bounds,) = evaluator.call(guard.name, *batch.arguments)
             for row, bound in enumerate(bounds):

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from pmjoint_codegen.check.inputs.points import batches, describe_point
+from pmjoint_codegen.check.inputs.points import describe_point
 from pmjoint_codegen.check.oracles.error_bound import LITERAL_ROUNDINGS, walk
 from pmjoint_codegen.check.oracles.precise import Numbers
 from pmjoint_codegen.check.oracles.reference import (
@@ -133,15 +133,7 @@ def prepare(subject: Subject, function: Function, count: int | None = None) -> P
     """Points, exact results and bounds for one kernel."""
     reference = kernel_reference(subject, function)
     wanted = count or (TAYLOR_POINTS if reference.taylor else POINTS)
-    found = batches(
-        subject.interpreted,
-        function,
-        wanted,
-        SEED,
-        extreme=False,
-        features=subject.features,
-        y_range=subject.model.y_range,
-    )
+    found = subject.points(function, wanted, SEED)
     arguments = tuple(
         np.concatenate(arrays) for arrays in zip(*(batch.arguments for batch in found), strict=True)
     )
