@@ -8,7 +8,6 @@ import pickle
 import threading
 from collections.abc import Callable
 from dataclasses import asdict, replace
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -20,33 +19,14 @@ from scipy.integrate import DOP853
 from pmjoint_codegen import ClosedLoop
 from pmjoint_codegen.controller import ControllerState
 from pmjoint_codegen.errors import SimulationError, UsageError
-from pmjoint_codegen.simulate.run import Run
+from tests.sampled_runs import T, loaded, sampled
 
 Array = npt.NDArray[np.float64]
-
-T = 0.002  # s, and the output step of runs, so that each row is a sample
-
-
-@cache
-def loaded(model: str, evaluator: str = "compiled", saturation: str | None = None) -> ClosedLoop:
-    if evaluator == "interpreted":
-        pytest.importorskip("casadi")
-    return ClosedLoop.load(model, evaluator, saturation=saturation)
 
 
 @pytest.fixture(params=["compiled", "interpreted"])
 def evaluator(request: pytest.FixtureRequest) -> str:
     return str(request.param)
-
-
-def sampled(loop: ClosedLoop, **asked: Any) -> Run:
-    """A sampled run with a row for each sample, as far as it goes."""
-    step = asked.setdefault("sample_time", T)
-    try:
-        return loop.simulate(controller="sampled", output_step=step, **asked)
-    except SimulationError as error:
-        assert isinstance(error.run, Run)
-        return error.run
 
 
 def test_a_reference_given_at_each_step_is_the_same_as_the_models(evaluator: str) -> None:

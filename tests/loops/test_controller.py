@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -17,33 +16,16 @@ from pmjoint_codegen.controller import Controller
 from pmjoint_codegen.errors import SimulationError, UsageError
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.run import Run
+from tests.sampled_runs import T, loaded, sampled
 
 Array = npt.NDArray[np.float64]
 
 MODELS = ("paper", "joint", "joint-damped", "joint-exact", "joint-lag", "third-order")
-T = 0.002  # s, and the output step of runs, so that each row is a sample
-
-
-@cache
-def loaded(model: str, evaluator: str = "compiled", saturation: str | None = None) -> ClosedLoop:
-    if evaluator == "interpreted":
-        pytest.importorskip("casadi")
-    return ClosedLoop.load(model, evaluator, saturation=saturation)
 
 
 @pytest.fixture(params=["compiled", "interpreted"])
 def evaluator(request: pytest.FixtureRequest) -> str:
     return str(request.param)
-
-
-def sampled(loop: ClosedLoop, **asked: Any) -> Run:
-    """A sampled run with a row for each sample, as far as it goes."""
-    step = asked.setdefault("sample_time", T)
-    try:
-        return loop.simulate(controller="sampled", output_step=step, **asked)
-    except SimulationError as error:
-        assert isinstance(error.run, Run)
-        return error.run
 
 
 def columns(run: Run, names: list[str]) -> Array:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from copy import deepcopy
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from pmjoint_codegen.modelfile.reader import read_document
+from tests.modelfile.edits import with_changes
 
 Edit = Callable[..., dict[str, Any]]
 PAPER = Path(__file__).resolve().parents[2] / "models" / "paper.toml"
@@ -24,17 +25,4 @@ def paper() -> dict[str, Any]:
 @pytest.fixture
 def edited(paper: dict[str, Any]) -> Edit:
     """Make a copy with some keys set, given as {"plant.order": 3}; a value of None takes the key away."""
-
-    def edit(changes: dict[str, Any]) -> dict[str, Any]:
-        document = deepcopy(paper)
-        for path, value in changes.items():
-            *tables, key = path.split(".")
-            table = document
-            for name in tables:
-                table = table[name]
-            table[key] = value
-            if value is None:
-                del table[key]
-        return document
-
-    return edit
+    return partial(with_changes, paper)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from copy import deepcopy
 from typing import Any
 
 import pytest
@@ -10,6 +9,7 @@ import pytest
 from pmjoint_codegen.errors import ModelError
 from pmjoint_codegen.modelfile import model_of
 from pmjoint_derive import Model, real_symbol
+from tests.modelfile.edits import with_changes
 
 AXIS: dict[str, Any] = {
     "schema": 1,
@@ -41,16 +41,7 @@ TRANSFER = {
 
 def changed(changes: dict[str, Any]) -> dict[str, Any]:
     """A copy of the axis with some keys set; None takes one away."""
-    document = deepcopy(AXIS)
-    for path, value in changes.items():
-        *tables, key = path.split(".")
-        table = document
-        for name in tables:
-            table = table[name]
-        table[key] = value
-        if value is None:
-            del table[key]
-    return document
+    return with_changes(AXIS, changes)
 
 
 def read(changes: dict[str, Any]) -> Model:
