@@ -97,16 +97,10 @@ class Printer:
         for item in statements:
             yield from self.lines(item, f"{self.spelling[item.symbol]} =")
 
-    def locals(self, statements: Iterable[Statement], given: Mapping[sp.Symbol, str]) -> Iterator[Line]:
-        """Statements that define local variables.
-
-        Args:
-            statements: what to print.
-            given: left-hand sides that are no new variable.
-        """
+    def locals(self, statements: Iterable[Statement]) -> Iterator[Line]:
+        """Statements that define local variables."""
         for item in statements:
-            opening = f"const {self.precision.name} {identifier(item.symbol.name)} ="
-            yield from self.lines(item, given.get(item.symbol, opening))
+            yield from self.lines(item, f"const {self.precision.name} {identifier(item.symbol.name)} =")
 
     def lines(self, item: Statement, opening: str) -> Iterator[Line]:
         """One statement: a line with its remark before it, or a line for each term."""

@@ -118,7 +118,7 @@ def source_lines(
         "rest": list(_rest(program, printer)),
         "start": [Line("    " + line.text) for line in _start(program, printer)],
         "update": list(_update(program, printer)),
-        "law": [*printer.locals(program.law, {}), *_outputs(program)],
+        "law": [*printer.locals(program.law), *_outputs(program)],
         "actuate": list(_actuate(program, printer)),
         "measure": list(_measure(program, precision)),
         "report": [Line(f"    out->{name} = state->{name};") for name in ("v", "command", "u")],
@@ -185,14 +185,14 @@ def _left(program: Program, printer: Printer) -> Iterator[Line]:
 
 def _start(program: Program, printer: Printer) -> Iterator[Line]:
     s = program.derivation.signals
-    yield from printer.locals(program.start, {})
+    yield from printer.locals(program.start)
     for state, value in program.starts.items():
         text = printer.text(value * s.compensator if state in s.r else value)
         yield Line(f"    s->{state} = {text};")
 
 
 def _update(program: Program, printer: Printer) -> Iterator[Line]:
-    yield from printer.locals(program.update, {})
+    yield from printer.locals(program.update)
     for state in program.states:
         yield Line(f"    s->{state} = {next_symbol(state)};")
 

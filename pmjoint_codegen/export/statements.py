@@ -9,7 +9,7 @@ each term and becomes a constant too, so a step divides by none of them.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import sympy as sp
@@ -174,7 +174,7 @@ class _Reader:
         chained = {symbol for key, symbol in d.model.chain.items() if key in CHAINED}
         used = _used(program) | {s.compensator, *chained, *_limits(d)}
         present = tuple(symbol for symbol in self.settable if symbol in used)
-        return Program(**{**program.__dict__, "parameters": present})
+        return replace(program, parameters=present)
 
     def group(self, targets: Iterable[sp.Symbol], taken: set[sp.Symbol]) -> tuple[Statement, ...]:
         """The equations that some names need, each after what it needs, without those of parameters alone.
