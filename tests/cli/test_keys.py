@@ -82,13 +82,13 @@ u_max = {{ value = 5, unit = "V" }}
 {parameters}
 {physics}
 [actuator]
-limit = "u_max"
+{actuator}
 [design]
 bandwidth = 25
 input_scale = "auto"
 start = "matched"
 [simulation]
-reference = "0.3*(1 - cos(2*t))"
+reference = "{reference}"
 x0 = {x0}
 horizon = 1.2
 sample_time = 0.005
@@ -149,18 +149,27 @@ states = ["q", "w"]
 rates = ["w", "-m*g*d*sin(q)/0.05 - 2*w + 40*u/(1 + q**2)"]
 output = "q"
 disturbance = ["0", "0.2*sin(w)"]""",
+    "magnet": """[system]
+states = ["gap", "speed"]
+rates = ["speed", "g - u/(m*gap**2)"]
+output = "gap"
+range = [0.2, 2]""",
     "transfer": """[system]
 transfer_function = { num = ["40*m"], den = ["1", "2", "g"] }""",
 }
 
 
+PULLING = {"actuator": "lower = 0\nupper = 20", "reference": "1 - 0.1*cos(2*t)", "x0": "[0.95, 0.0]"}
+
+
 def physical(name: str) -> str:
-    """The text of a model with [joint] or [system]."""
-    if name in SYSTEMS:
-        return PHYSICAL.format(parameters="", physics=SYSTEMS[name], x0="[0.05, 0.0]")
+    """The text of a model with [joint] or [system]; a magnet only pulls, and its sigma has a pole."""
     usual = {"muscles": MUSCLES, "parameters": "", "radius": RADIUS, "x0": "[0.05, 0.0]"}
+    usual |= {"actuator": 'limit = "u_max"', "reference": "0.3*(1 - cos(2*t))"}
+    if name in SYSTEMS:
+        return PHYSICAL.format(**{**usual, "physics": SYSTEMS[name], **(PULLING if name == "magnet" else {})})
     given = {**usual, **JOINTS[name]}
-    return PHYSICAL.format(physics=JOINT.format(**given), parameters=given["parameters"], x0=given["x0"])
+    return PHYSICAL.format(**{**given, "physics": JOINT.format(**given)})
 
 
 GATES = ("proof", "interpreter", "lanes", "symbolic", "guards", "derivatives", "trajectory.invariants")
@@ -217,7 +226,8 @@ def test_a_key_passes_through_every_command(
             assert data[key].values[0] == pytest.approx(one, abs=1e-7)
         assert ("stuck_s" in told) is ("stuck_s" in data) is (name in ("friction", "bench", "dry"))
     capsys.readouterr()
-    gates = [option for gate in GATES for option in ("--gate", gate)]
+    further = ("trajectory.independent",) if name == "magnet" else ()
+    gates = [option for gate in (*GATES, *further) for option in ("--gate", gate)]
     assert run(["check", model, *gates, "--json"]) == 0, capsys.readouterr().out[:3000]
     capsys.readouterr()
     for form in ("text", "latex", "json", "markdown") if name in ("bench", "dry") else ("markdown",):

@@ -21,7 +21,7 @@ from pmjoint_codegen.check.oracles.heyoka_events import MOST_FLIPS, Crossings, D
 from pmjoint_codegen.check.oracles.heyoka_expressions import Expressions
 from pmjoint_codegen.check.oracles.heyoka_kinks import UNIT, Kinks, SlidingError, UntrustedError
 from pmjoint_codegen.check.oracles.heyoka_rests import Rests
-from pmjoint_codegen.check.oracles.program import Program, compile_program
+from pmjoint_codegen.check.oracles.program import Program, compile_program, operation_count
 from pmjoint_codegen.check.subject import Subject
 from pmjoint_codegen.check.trajectory import ACCURACY, Switches, Trajectory
 from pmjoint_codegen.emit.stick import NEVER
@@ -32,6 +32,7 @@ from pmjoint_codegen.simulate.settings import make_settings
 Array = npt.NDArray[np.float64]
 
 LONGEST_STEPS: Final = (2e-3, 2e-4)  # s; the shorter one if a run with the longer one deviates
+MOST_STEPS: Final = 200_000  # twice as many as the short ones; heyoka may meet one event over and over
 HORIZON: Final = 20.0  # s: steps of a longer run, as a ship's, are longer in proportion
 POINTS: Final = (0.25, 0.5, 0.75, 1.0)  # of a step, where its polynomial is compared with the right-hand side
 ONE_THRESHOLD: Final = 1e-3 * ACCURACY  # relative distance below which two thresholds are one
@@ -169,7 +170,12 @@ class Loop:
             solver.reset_cooldowns()
             solver.time, solver.state[:] = time, state
             solver.pars[:] = [*given, *thresholds]
-            output = solver.propagate_until(ends[0], max_delta_t=longest, c_output=True)[4]
+            outcome = solver.propagate_until(
+                ends[0], max_delta_t=longest, c_output=True, max_steps=MOST_STEPS
+            )
+            if outcome[0] == self._heyoka.taylor_outcome.step_limit:
+                raise UntrustedError(f"does not pass t = {float(solver.time):.6g} s")
+            output = outcome[4]
             if crossings.ended is not None:
                 raise crossings.ended
             found += crossings.found
@@ -363,15 +369,6 @@ class Loop:
             )
             self._solvers[count, held] = solver, crossings
         return self._solvers[count, held]
-
-
-def operation_count(program: Program) -> int:
-    """Roundings of a program at most: one an operation of two numbers, two a function (an ulp)."""
-    counts = {"input": 0, "constant": 1}
-    return sum(
-        len(step.operands) - 1 if step.kind in ("add", "multiply") else counts.get(step.kind, 2)
-        for step in program.operations
-    )
 
 
 def without_narrow_modes(actuator: Actuator) -> Actuator:

@@ -144,3 +144,12 @@ def compile_program(
 
     results = tuple(place(sp.sympify(expression)) for expression in expressions)
     return Program(tuple(operations), results)
+
+
+def operation_count(program: Program) -> int:
+    """Roundings of a program at most: one an operation of two numbers, two a function (an ulp)."""
+    counts = {"input": 0, "constant": 1}
+    return sum(
+        len(step.operands) - 1 if step.kind in ("add", "multiply") else counts.get(step.kind, 2)
+        for step in program.operations
+    )
