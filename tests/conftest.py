@@ -30,7 +30,7 @@ hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "desk")
 
 @pytest.fixture(scope="session", autouse=True)
 def interruptible() -> None:
-    """Let tests send Ctrl-C to commands: what a shell starts in the background inherits that it is ignored."""
+    """Let tests send Ctrl-C: what a shell starts in the background inherits that it is ignored."""
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 

@@ -131,20 +131,20 @@ def _check_input(b: list[float], table: str, where: str) -> None:
     """Check the input polynomial ``b_m s^m + ... + b_0``."""
     if b[0] == 0 and table == "joint":
         raise ModelError(
-            "b0 of (8) is 0 at the given parameters, so no input acts",
+            "b0, the input gain at theta = 0, is 0 at the given parameters, so no input acts",
             where=f"{where}: joint",
-            remedy="allowed: C1, C2, C3 and eps0 with C1*eps0**2 + C2*eps0 + C3 other than 0",
+            remedy="allowed: muscles with another gain there; of (2), C1*eps0**2 + C2*eps0 + C3 other than 0",
         )
-    where = f"{where}: {'system' if table == 'system' else 'plant'}.b"
+    own = table == "system"
     if b[0] == 0:
         raise ModelError(
             "b_m is 0 at the given parameters, so no input acts",
-            where=f"{where}, entry 1",
+            where=f"{where}: system" if own else f"{where}: plant.b, entry 1",
             remedy="allowed: a value other than 0; without that entry, the relative degree is higher by 1",
         )
     if not is_hurwitz(b):
         raise ModelError(
             f"the zero dynamics are unstable: b_m s^m + ... + b_0 has the roots {roots_text(b)}",
-            where=where,
-            remedy="allowed: roots with negative real parts only",
+            where=f"{where}: system" if own else f"{where}: plant.b",
+            remedy="allowed: roots with negative real parts only" + "; measure another output" * own,
         )

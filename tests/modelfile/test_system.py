@@ -101,7 +101,7 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     ),
     (rates("K*p", "-p"), "system.rates: u does not reach the output"),
     (rates("K*p + sin(theta)*u"), "system.rates: u acts by way of two functions of the output"),
-    (rates("K*(p - u*tau/2)"), "system.b: the zero dynamics are unstable"),
+    (rates("K*(p - u*tau/2)"), "system: the zero dynamics are unstable"),
     ({"parameters.K": {"value": 0.0}}, "design.input_scale: b_m is 0 or not finite at the given"),
     (rates("K*p - abs(omega)"), "system.rates, entry 2: 'K*p - abs(omega)': abs has a kink"),
     (rates("K*p - sqrt(theta*theta)"), "system.rates, entry 2: 'K*p - sqrt(theta*theta)': abs has a kink"),
