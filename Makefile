@@ -54,13 +54,14 @@ docs: environment-dev ## draw docs/figures (make bench draws its own) and rewrit
 # Extras stay in the locks: an old pip treats `coverage[toml]` as a different requirement from `coverage==...`.
 pin = UV_CUSTOM_COMPILE_COMMAND="make lock" $(run) uv pip compile --quiet --universal --python-version 3.11 \
 	--generate-hashes --no-emit-index-url --no-strip-extras $(UPGRADE)
+extras = $(addprefix --extra ,test dev sweep control compiler fmu logs)
 compile = $(pin) --group editable --extra derive pyproject.toml
 
 lock: environment-dev ## pin every dependency, and the pip that installs them, with its hashes in requirements/
 	@$(pin) --group installer --output-file requirements/installer.txt
 	@$(compile) --output-file requirements/simulate.txt
-	@$(compile) --extra test --extra dev --extra sweep --extra control --constraint requirements/simulate.txt --output-file requirements/dev.txt
-	@$(compile) --extra test --extra dev --extra sweep --extra control --extra bench --constraint requirements/dev.txt \
+	@$(compile) $(extras) --constraint requirements/simulate.txt --output-file requirements/dev.txt
+	@$(compile) $(extras) --extra bench --constraint requirements/dev.txt \
 		--output-file requirements/bench.txt
 
 environment:

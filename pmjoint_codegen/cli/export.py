@@ -2,30 +2,43 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
+from typing import Any
 
 import click
 
 from pmjoint_codegen.cli.options import ModelName, Place
-from pmjoint_codegen.cli.terminal import activity, document, result
+from pmjoint_codegen.cli.terminal import activity, document, message, result
+from pmjoint_codegen.export.targets.target import TARGETS
 
 _ABOUT = """Write the controller of MODEL for another tool chain.
 
-Target c is a folder of readable C99: the controller with a self test of recorded data, an example, a
-Makefile, and trace.json, which names the line of each term of the equations. `make -C DIR test` builds and
-runs all of it.
-"""
+Every target has the same arithmetic, printed from the derivation's equations, and a self test of recorded
+data. With --run it is also built and run with the target's own tools, and the command fails if it does not
+hold there. Several targets go into one folder each, named after them, inside DIR.
+
+\b
+Targets
+""" + "\n".join(f"  {item.name:<12}{item.line}" for item in TARGETS)
 
 _EXAMPLES = """\b
 Examples
-  pmjoint export paper --target c --out controller && make -C controller test
+  pmjoint export paper --target c --run --out controller
   pmjoint export joint-lag --target c --precision float --out controller
 """
 
 
 @click.command(help=_ABOUT, epilog=_EXAMPLES)
 @click.argument("model", type=ModelName())
-@click.option("--target", type=click.Choice(["c"]), required=True, help="What to write.")
+@click.option(
+    "--target",
+    "targets",
+    type=click.Choice([item.name for item in TARGETS]),
+    multiple=True,
+    required=True,
+    help="What to write; repeatable.",
+)
 @click.option("--out", type=Place(), required=True, metavar="DIR", help="Folder to write to.")
 @click.option(
     "--precision",
@@ -34,17 +47,23 @@ Examples
     show_default=True,
     help="Type of all numbers; float throughout is for processors whose hardware has no double.",
 )
+@click.option("--run", "runs", is_flag=True, help="Build and run what was written.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
-def command(model: str, target: str, out: Path, precision: str, as_json: bool) -> None:
+def command(
+    model: str, targets: tuple[str, ...], out: Path, precision: str, runs: bool, as_json: bool
+) -> None:
     """Run ``pmjoint export``: click passes the parsed arguments."""
-    from pmjoint_codegen.storage import ensure_folder, write_text
+    from pmjoint_codegen.storage import ensure_folder, write_bytes
 
+    names = list(dict.fromkeys(targets))
     ensure_folder(out)
+    records: list[dict[str, Any]] = []
+    lines: list[str] = []
     with activity(f"exporting {model}") as shown:
         shown.stage("loading the toolchain", 0.0)
         from pmjoint_codegen import __version__
-        from pmjoint_codegen.export.package import cost_of, export_c
         from pmjoint_codegen.export.source import Identity
+        from pmjoint_codegen.export.targets.target import Order, target_named
         from pmjoint_codegen.export.tree import DOUBLE, FLOAT
         from pmjoint_codegen.identity import model_hash
         from pmjoint_codegen.modelfile import model_of
@@ -56,29 +75,29 @@ def command(model: str, target: str, out: Path, precision: str, as_json: bool) -
         shown.stage("reading the model", 0.0)
         contents = read_document(path)
         source = model_of(contents, str(path))
-        derivation = derive(source, shown.stage)
-        shown.stage("writing", 0.0)
         identity = Identity(source.name, model_hash(contents), __version__)
-        made = export_c(derivation, identity, {"double": DOUBLE, "float": FLOAT}[precision])
-        cost = cost_of(made.program, made.precision)
-        for name, text in made.files.items():
-            write_text(out / name, text)
-    record = {
-        "model": source.name,
-        "model_hash": identity.model_hash,
-        "target": target,
-        "precision": precision,
-        "folder": str(out),
-        "files": sorted(made.files),
-        "v_error_bound": cost.bound,
-        "v_largest": cost.largest,
-    }
+        kind = {"double": DOUBLE, "float": FLOAT}[precision]
+        order = Order(derive(source, shown.stage), identity, contents, kind, os.environ, message)
+        for name in names:
+            folder = out / name if len(names) > 1 else out
+            shown.stage(f"writing {name}", 0.0)
+            target = target_named(name)
+            delivery = target.deliver(order)
+            for place, contained in delivery.files.items():
+                (folder / place).parent.mkdir(parents=True, exist_ok=True)
+                write_bytes(folder / place, contained.encode() if isinstance(contained, str) else contained)
+            lines.append(f"{source.name}: {name}: {len(delivery.files)} files in {folder}")
+            lines += delivery.report.lines
+            record = {"target": name, "folder": str(folder), "files": sorted(delivery.files)}
+            record |= delivery.report.record
+            if runs:
+                shown.stage(f"running {name}", 0.0)
+                ran = target.run(order, folder)
+                record |= ran.record
+                lines += ran.lines
+            records.append(record)
+    head = {"model": source.name, "model_hash": identity.model_hash, "precision": precision}
     if as_json:
-        document(record)
+        document({**head, **records[0]} if len(records) == 1 else {**head, "targets": records})
     else:
-        bound, reach = f"{cost.bound:.2g} {source.u_unit}", f"{cost.largest:.3g} {source.u_unit}"
-        result(
-            f"{source.name}: {len(made.files)} files in {out}; test them with make -C {out} test\n"
-            f"{precision} moves v by at most {bound} where |v| reaches {reach} "
-            "(derived bound, over the samples of the self test)"
-        )
+        result("\n".join(lines))

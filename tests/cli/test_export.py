@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
 
 from pmjoint_codegen.cli.main import run
+from pmjoint_codegen.export.targets.target import TARGETS
 from pmjoint_codegen.identity import model_hash
 from pmjoint_codegen.modelfile.reader import read_document
 
@@ -59,3 +61,31 @@ def test_bad_usage_is_told(
     monkeypatch.chdir(tmp_path)
     assert run(arguments) == 2
     assert told in capsys.readouterr().err
+
+
+def test_several_targets_get_a_folder_each(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    asked = [option for item in TARGETS for option in ("--target", item.name)]
+    assert run(["export", "paper", *asked, "--out", str(tmp_path), "--json"]) == 0
+    records = json.loads(capsys.readouterr().out)
+    found = records["targets"] if len(TARGETS) > 1 else [records]
+    assert [record["target"] for record in found] == [item.name for item in TARGETS]
+    for record in found:
+        assert all((Path(record["folder"]) / name).is_file() for name in record["files"])
+
+
+@pytest.mark.skipif(shutil.which("make") is None or shutil.which("cc") is None, reason="no make or compiler")
+def test_run_builds_and_tests_what_was_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["export", "paper", "--target", "c", "--run", "--out", str(tmp_path), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["ran"] == "self test and example: all holds"
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="no make")
+def test_run_without_a_compiler_says_what_installs_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "bin").mkdir()
+    (tmp_path / "bin" / "make").symlink_to(shutil.which("make") or "")
+    monkeypatch.setenv("PATH", str(tmp_path / "bin"))
+    monkeypatch.delenv("CC", raising=False)
+    assert run(["export", "paper", "--target", "c", "--run", "--out", str(tmp_path / "c")]) == 3
+    assert "a C compiler is needed" in capsys.readouterr().err

@@ -1,0 +1,49 @@
+"""Target ``c``: a folder of readable C99, tested with ``make test``."""
+
+from __future__ import annotations
+
+import shlex
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Final
+
+from pmjoint_codegen.compile.compiler import INSTALL, find_compiler
+from pmjoint_codegen.errors import BuildError, CheckFailed, MissingToolError
+from pmjoint_codegen.export.package import cost_of, export_c
+from pmjoint_codegen.export.targets.target import Delivery, Order, Report, Target
+
+_LIMIT: Final = 300.0  # s; a build takes one
+
+
+def deliver(order: Order) -> Delivery:
+    """The controller's folder, and what its precision costs."""
+    made = export_c(order.derivation, order.identity, order.precision)
+    cost = cost_of(made.program, made.precision)
+    unit = order.derivation.model.u_unit
+    line = (
+        f"{order.precision.name} moves v by at most {cost.bound:.2g} {unit} where |v| reaches "
+        f"{cost.largest:.3g} {unit} (derived bound, over the samples of the self test)"
+    )
+    return Delivery(made.files, Report({"v_error_bound": cost.bound, "v_largest": cost.largest}, (line,)))
+
+
+def run(order: Order, folder: Path) -> Report:
+    """``make test``: build without a warning, run the self test and the example."""
+    make = shutil.which("make", path=order.environment.get("PATH"))
+    compiler = find_compiler(order.environment, order.notify)
+    if make is None or compiler is None:
+        absent = "make" if make is None else "a C compiler"
+        raise MissingToolError(f"{absent} is needed to run the export", remedy=f"install it: {INSTALL} make")
+    command = [make, "-C", str(folder), f"CC={shlex.join(compiler.command)}", "test"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=_LIMIT, check=False)
+    if done.returncode != 0:
+        told = (done.stdout + done.stderr).strip()
+        if "warning" in told or "error:" in told:
+            raise BuildError("the export does not build", where=str(folder), output=told)
+        raise CheckFailed(told.splitlines()[-1], where=str(folder))
+    last = done.stdout.strip().splitlines()[-1]
+    return Report({"ran": last}, (f"make test: {last}",))
+
+
+TARGET: Final = Target(deliver, run)

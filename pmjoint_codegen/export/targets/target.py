@@ -1,0 +1,93 @@
+"""What a target takes and gives, and the table of targets."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+if TYPE_CHECKING:
+    from pmjoint_codegen.export.source import Identity
+    from pmjoint_codegen.export.tree import Precision
+    from pmjoint_derive import Derivation
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One target: its name, the module that holds it as ``TARGET``, its line in the help."""
+
+    name: str
+    module: str
+    line: str
+
+
+TARGETS = (Entry("c", "pmjoint_codegen.export.targets.c", "readable C99 with a self test and an example"),)
+
+
+@dataclass(frozen=True)
+class Order:
+    """What to export.
+
+    Attributes:
+        derivation: of the model.
+        identity: names and hash.
+        document: the model file's contents.
+        precision: of the numbers.
+        environment: of the process: CC, PATH, the place of the cache.
+        notify: called with one line that the reader should see.
+    """
+
+    derivation: Derivation
+    identity: Identity
+    document: Mapping[str, Any]
+    precision: Precision
+    environment: Mapping[str, str]
+    notify: Callable[[str], None] | None = None
+
+
+@dataclass(frozen=True)
+class Report:
+    """What is told of an export or of a run of it.
+
+    Attributes:
+        record: joins the JSON document.
+        lines: joins the text.
+    """
+
+    record: Mapping[str, Any] = field(default_factory=dict)
+    lines: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Delivery:
+    """What an export consists of.
+
+    Attributes:
+        files: path inside the folder, with slashes -> contents.
+        report: what is told of it.
+    """
+
+    files: Mapping[str, str | bytes]
+    report: Report
+
+
+@dataclass(frozen=True)
+class Target:
+    """How one target is written and run.
+
+    Attributes:
+        deliver: makes the files; it writes none.
+        run: builds the written folder with the target's own tools, and runs it. Raises `MissingToolError`
+            if a tool is absent, `BuildError` if it does not build, `CheckFailed` if it does not hold.
+    """
+
+    deliver: Callable[[Order], Delivery]
+    run: Callable[[Order, Path], Report]
+
+
+def target_named(name: str) -> Target:
+    """The target of a name in the table."""
+    (entry,) = (item for item in TARGETS if item.name == name)
+    return cast(Target, import_module(entry.module).TARGET)
