@@ -32,13 +32,15 @@ def document(name: str) -> dict[str, Any]:
     if name == "third-nonlinear":
         file = ROOT / "tests" / "reference" / "third-nonlinear.toml"
         return tomllib.loads(file.read_text(encoding="utf-8"))
-    shipped = name if name not in ("braking", "chain") else "paper"
+    shipped = name if name not in ("braking", "chain", "pi") else "paper"
     found = tomllib.loads((ROOT / "models" / f"{shipped}.toml").read_text(encoding="utf-8"))
     if name == "braking":
         found["design"] |= {"saturation": "braking", "braking": 0.5}
         del found["design"]["compensator"]
     if name == "chain":
         found |= CHAIN
+    if name == "pi":  # a number that no literal of the C holds exactly
+        found["plant"]["b"] = ["4*b0/pi"]
     return found
 
 
@@ -52,7 +54,7 @@ def made(name: str, precision: str) -> Export:
 
 @pytest.fixture(scope="session")
 def exports() -> Make:
-    """Export a model by name: a shipped one, ``braking``, ``chain`` or ``third-nonlinear``."""
+    """Export a model by name: a shipped one, ``braking``, ``chain``, ``pi`` or ``third-nonlinear``."""
     return lambda name, precision="double": made(name, precision)
 
 

@@ -11,7 +11,7 @@ from pmjoint_codegen.export.package import TRACE, Export
 from pmjoint_codegen.export.trace import trace_faults
 
 SHIPPED = ("paper", "joint", "joint-damped", "joint-exact", "joint-lag", "third-order")
-MODELS = (*SHIPPED, "braking", "chain", "third-nonlinear")
+MODELS = (*SHIPPED, "braking", "chain", "pi", "third-nonlinear")
 
 
 @pytest.mark.parametrize("name", MODELS)
