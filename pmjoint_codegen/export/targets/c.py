@@ -35,7 +35,7 @@ def run(order: Order, folder: Path) -> Report:
     if make is None or compiler is None:
         absent = "make" if make is None else "a C compiler"
         raise MissingToolError(f"{absent} is needed to run the export", remedy=f"install it: {INSTALL} make")
-    command = [make, "-C", str(folder), f"CC={shlex.join(compiler.command)}", "test"]
+    command = [make, "--no-print-directory", "-C", str(folder), f"CC={shlex.join(compiler.command)}", "test"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=_LIMIT, check=False)
     if done.returncode != 0:
         told = (done.stdout + done.stderr).strip()
