@@ -35,6 +35,7 @@ from pmjoint_codegen.values import OPERATORS
 _LONGEST = 2000  # characters
 _DEEPEST = 60  # brackets or operators inside each other
 _MOST_NODES = 2000
+_LEVELS = ((ast.Add, ast.Sub), (ast.Mult, ast.Div))  # operators that follow one another without nesting
 
 _NOT_REAL = (sp.zoo, sp.oo, -sp.oo, sp.nan, sp.I)
 _SIGNAL = re.compile(r"t|y|x\d+")  # reserved: no parameter may have this name
@@ -167,14 +168,28 @@ def _build(node: ast.expr, place: _Place, depth: int) -> _Term:
             return build(operand)
         case ast.BinOp(left=left, op=ast.Pow(), right=right):
             return _power(build(left), build(right))
-        case ast.BinOp(left=left, op=op, right=right) if type(op) in OPERATORS:
-            combine = OPERATORS[type(op)]
-            return _apply(combine, combine, build(left), build(right))
+        case ast.BinOp(op=op) if type(op) in OPERATORS:
+            return _chain(node, place, depth)
         case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]) if name in place.functions and len(
             arguments
         ) == _arity(name):
             return _call(name, *(build(argument) for argument in arguments))
     raise _refused_node(node, place)
+
+
+def _chain(node: ast.BinOp, place: _Place, depth: int) -> _Term:
+    """Build a sum or a product of any length: it counts as one level, though Python's grammar nests it."""
+    level = next(kinds for kinds in _LEVELS if isinstance(node.op, kinds))
+    parts: list[tuple[ast.operator, ast.expr]] = []
+    first: ast.expr = node
+    while isinstance(first, ast.BinOp) and isinstance(first.op, level):
+        parts.append((first.op, first.right))
+        first = first.left
+    term = _build(first, place, depth - 1)
+    for op, part in reversed(parts):
+        combine = OPERATORS[type(op)]
+        term = _apply(combine, combine, term, _build(part, place, depth - 1))
+    return term
 
 
 def _literal(text: str, value: float) -> _Term:

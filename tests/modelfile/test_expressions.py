@@ -82,6 +82,15 @@ def test_means_what_it_says(text: str, meaning: sp.Expr) -> None:
     assert read(text) == meaning
 
 
+def test_long_sums_and_products_are_flat() -> None:
+    terms = range(1, 101)
+    assert read("+".join(f"sin({k}*y)" for k in terms)) == sp.Add(*(sp.sin(k * y) for k in terms))
+    assert read("-".join(f"{k}*y" for k in terms)) == y - sum(terms[1:]) * y
+    assert read("*".join(f"cos({k}*y)" for k in terms)) == sp.Mul(*(sp.cos(k * y) for k in terms))
+    assert read("y" + "/2" * 100) == y / 2**100
+    assert "the exponent 65" in complaint("*".join("y" * 100))
+
+
 def test_decimals_are_exact() -> None:
     assert read("0.1 + 0.2 - 0.3") == 0
     assert read("123456789.123456789e-5") == sp.Rational(123456789123456789, 10**14)
