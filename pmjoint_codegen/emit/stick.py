@@ -218,6 +218,8 @@ def _rest(
     if sp.expand(pull) == 0:
         return None
     fixed, still = _fixed(argument, time, dict(zip(slopes, at_rest, strict=True)))
+    if sp.expand(pull.xreplace(_zero(argument, slopes))) == 0:  # sign(g)*g: a bend at g = 0, not a jump
+        return None
     return _Rest(argument, rate.xreplace({side: sp.Integer(0)}), pull, fixed, still)
 
 
@@ -238,6 +240,15 @@ def _replaced(rate: sp.Expr, argument: sp.Expr, side: sp.Expr, power: sp.Expr, m
 
     replaced = rate.replace(is_power, lambda part: power if part.exp % 2 == 0 else power * side)
     return replaced.xreplace({kink: side, sp.Abs(argument): magnitude})
+
+
+def _zero(argument: sp.Expr, states: Iterable[sp.Symbol]) -> dict[sp.Expr, sp.Expr]:
+    """A replacement for g = 0: of a state in which g is linear, else of g itself."""
+    for state in states:
+        slope = sp.diff(argument, state)
+        if slope != 0 and state not in slope.free_symbols:
+            return {state: -argument.xreplace({state: sp.Integer(0)}) / slope}
+    return {argument: sp.Integer(0)}
 
 
 def _fixed(

@@ -105,16 +105,18 @@ def crossings(q: Sequence[float], h: float) -> Iterator[float]:
         yield root * h
 
 
-def _on_level(q: list[float], h: float, touching: int) -> float:
+def _on_level(q: list[float], h: float, touching: int, outward: int) -> float:
     """The value of q at the start of a step: 0 where the run stands on q's zero; arguments as of `passes`.
 
-    When a kink changes its side, the argument of another may jump past its zero without taking that value.
+    When a kink changes its side, the argument of another may jump past its zero without taking that value: it
+    is well inside its new side. Outside, it is on its zero to rounding, however little it moves, as where
+    a run comes to rest on the kink of abs.
     """
     rest, power = 0.0, 1.0
     for coefficient in q[1:]:
         power *= h
         rest += abs(coefficient) * power
-    jumped = touching == ON_KINK and abs(q[0]) > JUMPED * rest
+    jumped = touching == ON_KINK and -q[0] * outward > JUMPED * rest
     return q[0] if touching == 0 or jumped else 0.0
 
 
@@ -133,7 +135,7 @@ def passes(q: list[float], level: float, touching: int, outward: int, h: float) 
         h: size of the step, s.
     """
     q = [q[0] - level, *q[1:]]
-    q[0] = _on_level(q, h, touching)
+    q[0] = _on_level(q, h, touching, outward)
     if touching == LET_GO and len(q) > 2 and q[1] * outward > 0.0:
         q[1] = 0.0  # it leaves at a rate of 0, to rounding
     zeros = leading_zeros(q, h)

@@ -88,9 +88,10 @@ class Stepper:
         """The kink that is passed first within h and before tau, or -1; the time until then, or tau.
 
         One that holds the run is found where it lets go. At the start, the run is on kink `touching`, or
-        n_kinks more if that has just let go.
+        n_kinks more if that has just let go. Where rounding alone moves the run from side to side, as at rest
+        on the kink of abs, a kink is passed at the tolerance.
         """
-        count = self.problem.n_kinks
+        count, tolerance = self.problem.n_kinks, self.problem.tolerance
         first, found = self.problem.n_channels - count, -1
         for j, side in enumerate(self.memory.sides[:count].tolist()):
             if j == self.progress.held:
@@ -99,8 +100,11 @@ class Stepper:
                 continue
             low, high = (0.0, math.inf) if side > 0.0 else (-math.inf, 0.0)
             on = ON_KINK if touching == j else LET_GO if touching == count + j else 0
+            level = 0.0
+            if self.progress.flips > count and all(abs(c[:2, first + j]) <= tolerance):
+                on, level = 0, -side * tolerance
             if on or not self.stays(c, term_sums, first + j, low, high, h):
-                when = passes(c[:, first + j].tolist(), 0.0, on, -1 if side > 0.0 else 1, tau)
+                when = passes(c[:, first + j].tolist(), level, on, -1 if side > 0.0 else 1, tau)
                 found, tau = (found, tau) if when is None else (j, when)
         return found, tau
 

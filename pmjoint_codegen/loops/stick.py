@@ -73,7 +73,7 @@ class Stick:
         )
         self._places = places.reshape(self.problem.n_kinks, self.problem.n_plant)
         side = float(value[kink])
-        return abs(side) < 1.0 and float(pull[kink]) < 0.0, side
+        return abs(side) <= 1.0 and float(pull[kink]) < 0.0, side
 
     def hold_on(self, kink: int, x: Array) -> None:
         """From now on a kink holds the run; x goes to its zero if one state alone decides that."""

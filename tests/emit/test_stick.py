@@ -38,6 +38,8 @@ def changed(document: dict[str, Any]) -> Changed:
         ("-0.3*sign(x2 - 0.1*sin(t) + x1)", True),
         (REST, True),
         ("-0.3*abs(x2)", False),  # no jump
+        ("-0.3*sign(x2)*x2", False),  # none either
+        ("0.3*min(x2 - 0.5*x1, 0)", False),
         ("0.3*sign(x1)", False),  # the side is not in x1'
         ("0.3*sign(t - 1)", False),
         ("-0.3*sign(x2)*exp(sign(x2))", False),  # not affine

@@ -29,10 +29,12 @@ STARTS = [(0.0, 0.0), (0.3, -0.4), (0.0, 1.5), (-0.5, 0.0), (0.1, 0.0), (0.7, 0.
 PERIODS = [0.0, 0.01]
 
 
-def lanes(cache: Path, level: str = "", force: tuple[str, str] = FORCE) -> BatchLibrary:
+def lanes(
+    cache: Path, level: str = "", force: tuple[str, str] = FORCE, reference: str = REFERENCE
+) -> BatchLibrary:
     provided = provide(
         "paper",
-        reference=REFERENCE,
+        reference=reference,
         disturbance=force,
         environment=os.environ,
         notify=lambda line: None,
@@ -43,12 +45,14 @@ def lanes(cache: Path, level: str = "", force: tuple[str, str] = FORCE) -> Batch
     return batch.load(batch.batch_sources(provided.folder), provided.manifest, levels, COMPILER, cache)
 
 
-def runs_of(one: BatchLibrary, starts: list[tuple[float, float]], period: float) -> Runs:
+def runs_of(
+    one: BatchLibrary, starts: list[tuple[float, float]], period: float, horizon: float = 3.0
+) -> Runs:
     own = np.array([item.value for item in one.manifest.parameters])
     x0 = np.zeros((len(starts), one.manifest.nX))
     x0[:, :2] = starts
-    times = np.arange(301, dtype=np.float64) * 0.01
-    runs = Runs(x0, np.tile(own, (len(starts), 1)), 3.0, 1e-9, 0.0, np.empty((0, 0)), times, 1e6, 100_000)
+    times = np.linspace(0.0, horizon, 301)
+    runs = Runs(x0, np.tile(own, (len(starts), 1)), horizon, 1e-9, 0.0, np.empty((0, 0)), times, 1e6, 100_000)
     return sampled(one, runs, period) if period else runs
 
 
@@ -119,3 +123,13 @@ def test_more_friction_at_rest_holds_a_start_at_rest(cache: Path, period: float)
     rests, slides = one.simulate(runs).trajectories[:, :, :2]
     assert np.all(rests == [0.1, 0.0])
     assert slides[-1, 1] == pytest.approx(1e-3 + 0.2 * 3.0, abs=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("force", "period"),
+    [("0.3*abs(x2 - 0.7*x1 + 0.21)", 0.0), ("0.038*abs(x2 - 0.51*x1 + 0.1521) - 0.1*sign(x2)", 0.001)],
+)
+def test_a_run_may_come_to_rest_on_a_kink_without_a_jump(cache: Path, force: str, period: float) -> None:
+    one = lanes(cache, force=("0", force), reference="0.3")
+    outcome = one.simulate(runs_of(one, [(0.2, 1.0), (0.3, 0.0), (1.0, 0.0), (0.0, 0.0)], period, 60.0))
+    assert np.all(outcome.metrics[:, Column.STATUS] == Status.DONE)

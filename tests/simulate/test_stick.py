@@ -10,6 +10,7 @@ import pytest
 from scipy.optimize import brentq
 
 from pmjoint_codegen import ClosedLoop
+from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.simulate.run import Run
 
 CONTROLLERS: dict[str, dict[str, Any]] = {
@@ -200,3 +201,30 @@ def test_a_force_between_both_frictions_does_not_start_a_mass_at_rest(
         load(f"{force} {AT_REST}", evaluator), 0.0, [0.1, math.copysign(1e-3, force)], 1.0, controller
     )
     assert pushed.sticks == () and abs(pushed["x2"][-1]) == pytest.approx(0.201, abs=1e-9)
+
+
+# Arguments that are 0 at rest, x1 = 0.3 and x2 = 0: a run that settles there stays on the kink, to rounding.
+BENDS = (
+    "0.3*abs(x2 - 0.7*x1 + 0.21)",
+    "0.3*max(x2 + 0.45*x1 - 0.135, 0)",
+    "0.4*min(x2 - 0.52*x1 + 0.156, 0) - 0.2*x2",
+    "0.3*abs(x2 - 0.35*x1 + 0.105) + 0.2*abs(x2)",
+    "0.038*abs(x2 - 0.51*x1 + 0.1521) - 0.1*sign(x2)",  # and a force that friction just holds
+)
+
+
+@pytest.mark.parametrize("name", CONTROLLERS)
+@pytest.mark.parametrize("force", BENDS)
+def test_a_run_may_come_to_rest_on_a_kink_without_a_jump(force: str, name: str) -> None:
+    """Rounding alone decides the side there, and the rates on both sides are the same."""
+    control = CONTROLLERS[name] | {"sample_time": 0.001}
+    loop, other = (load(force, kind, "0.3") for kind in ("compiled", "interpreted"))
+    for x0 in ([0.2, 1.0], [0.3, 0.0], [1.0, 0.0]):
+        for tolerance in (1e-10, 1e-13):
+            run = loop.simulate(x0=x0, horizon=60.0, tolerance=tolerance, **control)
+            assert run.status is Status.DONE
+            assert "sign(x2)" in force or not run.sticks
+            assert abs(run["x1"][-1] - run["x1"][-2]) < 1e-5
+    twin = other.simulate(x0=x0, horizon=1.0, tolerance=tolerance, **control)
+    first = loop.simulate(x0=x0, horizon=1.0, tolerance=tolerance, **control)
+    assert np.array_equal(twin.states, first.states)

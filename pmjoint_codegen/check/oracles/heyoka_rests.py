@@ -77,7 +77,7 @@ class Rests:
         if kink not in self._compiled:
             return False
         side, pull = self.pull(kink, t, state, given)
-        return abs(side) < 1.0 and pull < 0.0
+        return abs(side) <= 1.0 and pull < 0.0
 
     def pull(self, kink: int, t: float, state: Array, given: Array) -> tuple[float, float]:
         """The side that would hold the run, and its slope in the argument's rate; see `holds`."""

@@ -94,7 +94,7 @@ static long long first_passage(const pmj_problem *problem, const pmj_progress *p
             }
         }
     }
-    const long long kink = pmj_first_kink(problem, memory, c, progress->touching - problem->n_thresholds, progress->held, h, tau);
+    const long long kink = pmj_first_kink(problem, progress, memory, c, progress->touching - problem->n_thresholds, h, tau);
     found = kink >= 0 ? problem->n_thresholds + kink : found;
     return found;
 }

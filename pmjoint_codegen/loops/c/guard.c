@@ -161,9 +161,10 @@ static int lets_go(const pmj_problem *problem, const pmj_memory *memory, const d
 }
 
 /* The kink that is passed first within h and before `*tau`, which then becomes the time until that, or the kink `held` if
- * it lets go of the run before; or -1. At the start, the run is on kink `touching`, or n_kinks more if it has just let go. */
-long long pmj_first_kink(const pmj_problem *problem, const pmj_memory *memory, const double *c, long long touching,
-                         long long held, double h, double *tau)
+ * it lets go of the run before; or -1. At the start, the run is on kink `touching`, or n_kinks more if it has just let go.
+ * Where rounding alone moves the run from side to side, as at rest on the kink of abs, a kink is passed at the tolerance. */
+long long pmj_first_kink(const pmj_problem *problem, const pmj_progress *progress, const pmj_memory *memory, const double *c,
+                         long long touching, double h, double *tau)
 {
     const long long first = problem->n_channels - problem->n_kinks;
     long long found = -1;
@@ -172,11 +173,18 @@ long long pmj_first_kink(const pmj_problem *problem, const pmj_memory *memory, c
         const int above = memory->sides[j] > 0.0;
         const double low = above ? 0.0 : -HUGE_VAL;
         const double high = above ? HUGE_VAL : 0.0;
-        const int on = touching == j ? PMJ_ON_KINK : touching == problem->n_kinks + j ? PMJ_LET_GO : 0;
-        if (j == held) {
+        const double outward = above ? -1.0 : 1.0;
+        int on = touching == j ? PMJ_ON_KINK : touching == problem->n_kinks + j ? PMJ_LET_GO : 0;
+        double level = 0.0;
+        if (progress->flips > problem->n_kinks && fabs(c[first + j]) <= problem->tolerance
+            && fabs(c[problem->n_channels + first + j]) <= problem->tolerance) {
+            on = 0;
+            level = outward * problem->tolerance;
+        }
+        if (j == progress->held) {
             found = lets_go(problem, memory, c, first + j, h, tau) ? j : found;
         } else if ((on || !pmj_stays(problem, memory, c, first + j, low, high, h))
-                   && pmj_channel_passes(problem, c, first + j, 0.0, on, above ? -1 : 1, *tau, &when)) {
+                   && pmj_channel_passes(problem, c, first + j, level, on, (int)outward, *tau, &when)) {
             found = j;
             *tau = when;
         }

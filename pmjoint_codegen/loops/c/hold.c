@@ -173,7 +173,7 @@ static double long_step(const pmj_problem *problem, const pmj_kernels *plant, pm
         }
         double tau = h;
         pmj_bounds(c, CHANNELS, problem->order, h, 0, memory->term_sums);
-        *kink = pmj_first_kink(problem, memory, c, progress->touching, progress->held, h, &tau);
+        *kink = pmj_first_kink(problem, progress, memory, c, progress->touching, h, &tau);
         if (*kink >= 0 && tau == 0.0) {
             return 0.0;
         }

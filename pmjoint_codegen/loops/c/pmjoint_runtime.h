@@ -250,8 +250,8 @@ int pmj_stays(const pmj_problem *problem, const pmj_memory *memory, const double
               double high, double h);
 int pmj_channel_passes(const pmj_problem *problem, const double *c, long long channel, double level, int touching,
                        int outward, double h, double *tau);
-long long pmj_first_kink(const pmj_problem *problem, const pmj_memory *memory, const double *c, long long touching,
-                         long long held, double h, double *tau);
+long long pmj_first_kink(const pmj_problem *problem, const pmj_progress *progress, const pmj_memory *memory, const double *c,
+                         long long touching, double h, double *tau);
 void pmj_note_settled(pmj_progress *progress, const double *c, long long width, long long order, double last, double tau,
                       double end);
 

@@ -234,8 +234,9 @@ long long pmj_crossings(const double *q, long long degree, double h, double *roo
 }
 
 /* The value of q at the start of a step of size h: 0 where the run stands on q's zero. When a kink changes its side, the
- * argument of another may jump past its zero without taking that value. */
-static double on_level(const double *q, long long degree, double h, int touching)
+ * argument of another may jump past its zero without taking that value. It is well inside its new side then. Outside, it is
+ * on its zero to rounding, however little it moves: as where a run comes to rest on the kink of abs. */
+static double on_level(const double *q, long long degree, double h, int touching, int outward)
 {
     double rest = 0.0;
     double power = 1.0;
@@ -243,7 +244,7 @@ static double on_level(const double *q, long long degree, double h, int touching
         power *= h;
         rest += fabs(q[k]) * power;
     }
-    return touching == 0 || (touching == PMJ_ON_KINK && fabs(q[0]) > PMJ_JUMPED * rest) ? q[0] : 0.0;
+    return touching == 0 || (touching == PMJ_ON_KINK && -q[0] * outward > PMJ_JUMPED * rest) ? q[0] : 0.0;
 }
 
 /* When a polynomial passes `level` in a direction (`outward` is +1 upwards, -1 downwards), from 0 to before h.
@@ -252,7 +253,7 @@ static double on_level(const double *q, long long degree, double h, int touching
 int pmj_passes(double *q, long long degree, double level, int touching, int outward, double h, double *tau)
 {
     q[0] -= level;
-    q[0] = on_level(q, degree, h, touching);
+    q[0] = on_level(q, degree, h, touching, outward);
     if (touching == PMJ_LET_GO && degree > 1 && q[1] * outward > 0.0) {
         q[1] = 0.0; /* it leaves at a rate of 0, to rounding */
     }

@@ -28,7 +28,7 @@ int pmj_can_hold(const pmj_problem *problem, const pmj_kernels *run, const pmj_m
         return -1;
     }
     *side = memory->holds[j];
-    return fabs(*side) < 1.0 && memory->holds[n + j] < 0.0;
+    return fabs(*side) <= 1.0 && memory->holds[n + j] < 0.0;
 }
 
 /* Record that kink j begins to hold the run, or lets go. */

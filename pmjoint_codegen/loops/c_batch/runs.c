@@ -71,6 +71,7 @@ void pmj_load(const pmj_sweep *sweep, pmj_runs *runs, int w)
     one->touching = -1;
     one->held = -1;
     one->flips = 0;
+    one->tolerance = sweep->tolerance;
     one->switches = 0;
     one->sticks = 0;
     one->row = 0;

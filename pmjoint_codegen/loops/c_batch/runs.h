@@ -20,6 +20,7 @@ typedef struct {
     int held;             /* the kink that holds the run, or -1 */
     int flips;            /* changes of side at kinks since time last advanced */
     int switches;
+    double tolerance;     /* local error */
     int sticks;           /* times that a kink began to hold the run */
     long long row;        /* next output instant */
     int next_mode;        /* continuous: mode after the trial step */

@@ -16,7 +16,7 @@ static int can_hold(const pmj_runs *runs, pmj_lanes t, const pmj_lanes *x, const
         place[i] = places[j * PMJ_NX + i][w];
     }
     *side = value[j][w];
-    return fabs(*side) < 1.0 && pull[j][w] < 0.0;
+    return fabs(*side) <= 1.0 && pull[j][w] < 0.0;
 }
 
 static void hold_on(pmj_lane *one, pmj_lanes *x, pmj_lanes *sides, int w, int j, const double *place)
@@ -106,9 +106,16 @@ int pmj_find_rest_lane(pmj_runs *runs, pmj_lanes t, pmj_lanes *x, const pmj_lane
 int pmj_passes_kink(const pmj_flow *flow, const pmj_lanes *c, const pmj_lane *one, int w, int first_channel, int j,
                     double side, int first, double h, double *when)
 {
-    const int on = one->touching == first + j ? PMJ_ON_KINK : one->touching == first + PMJ_NK + j ? PMJ_LET_GO : 0;
+    const double outward = side > 0.0 ? -1.0 : 1.0;
+    int on = one->touching == first + j ? PMJ_ON_KINK : one->touching == first + PMJ_NK + j ? PMJ_LET_GO : 0;
     if (one->held != j) {
-        return pmj_passes_lane(flow, c, w, first_channel + j, 0.0, on, side > 0.0 ? -1 : 1, h, when);
+        double level = 0.0;
+        if (one->flips > PMJ_NK && fabs(c[first_channel + j][w]) <= one->tolerance
+            && fabs(c[flow->channels + first_channel + j][w]) <= one->tolerance) {
+            on = 0;
+            level = outward * one->tolerance;
+        }
+        return pmj_passes_lane(flow, c, w, first_channel + j, level, on, (int)outward, h, when);
     }
     int found = 0;
     for (int end = -1; end <= 1; end += 2) {
