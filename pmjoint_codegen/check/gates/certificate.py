@@ -16,6 +16,7 @@ from pmjoint_codegen.check.result import Difference, GateResult, failed, not_run
 from pmjoint_codegen.check.subject import Subject
 from pmjoint_codegen.check.trajectory import ACCURACY, default_run
 from pmjoint_codegen.kernels.evaluator import Evaluator
+from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.simulate.run import Run
 
 Array = npt.NDArray[np.float64]
@@ -29,6 +30,8 @@ def check(subject: Subject) -> GateResult:
         return not_run("the certificate is that of the loop with compensator")
     evaluator, stated = subject.compiled or subject.interpreted, subject.model.disturbance_bound
     run = default_run(evaluator)
+    if run.status != Status.DONE:
+        return failed(f"the run ended early: {run.message}")
     largest = float(np.max(np.linalg.norm(disturbances(evaluator, run), axis=1)))
     if stated is not None and largest > stated * (1 + 4 * ROUNDOFF):
         return failed("the disturbance exceeds the model's disturbance_bound", largest, stated)

@@ -23,10 +23,10 @@ from pmjoint_codegen.check.result import GateResult, Verdict, failed, not_run
 from pmjoint_codegen.check.subject import Subject
 from pmjoint_codegen.check.trajectory import (
     ACCURACY,
-    TOLERANCE,
     Trajectory,
     compare,
     default_run,
+    exact_run,
     kept_rows,
     trajectory_of,
 )
@@ -35,7 +35,7 @@ from pmjoint_codegen.kernels.evaluator import Evaluator
 from pmjoint_codegen.loops.chain import actuator_of
 from pmjoint_codegen.loops.modes import Actuator
 from pmjoint_codegen.loops.status import Status
-from pmjoint_codegen.simulate.run import Run, run
+from pmjoint_codegen.simulate.run import Run
 from pmjoint_codegen.simulate.settings import Settings, make_settings
 from pmjoint_codegen.simulate.start import initial_state
 
@@ -113,7 +113,7 @@ def compare_drawn(
             saturates_and_returns(expected) and _stays_in_range(subject, expected)
         ):
             continue
-        done = run(evaluator, settings)
+        done = exact_run(evaluator, settings)
         if isinstance(expected, SlidingError):
             result = _both_stuck(expected, done)
         elif done.status != Status.DONE:
@@ -154,9 +154,7 @@ def _both_stuck(found: SlidingError, done: Run) -> GateResult:
 def drawn_settings(subject: Subject, draw: Draw) -> Settings:
     """The model's run with a drawn limit from a drawn state."""
     limits = subject.manifest.written(drawn_limits(subject.manifest, draw))
-    return make_settings(
-        subject.manifest, parameters=limits, x0=draw.x0, tolerance=TOLERANCE, controller="continuous"
-    )
+    return make_settings(subject.manifest, parameters=limits, x0=draw.x0, controller="continuous")
 
 
 def _within_range(subject: Subject, draw: Draw) -> Draw:
@@ -215,5 +213,5 @@ def _actuator(subject: Subject, settings: Settings) -> Actuator:
 def _options(subject: Subject, draw: Draw) -> str:
     """The options of `pmjoint simulate` that reproduce a drawn run."""
     x0 = ",".join(repr(value) for value in draw.x0.tolist())
-    limits = drawn_limits(subject.manifest, draw).items()
+    limits = subject.manifest.written(drawn_limits(subject.manifest, draw)).items()
     return f"{' '.join(f'--set {name}={value!r}' for name, value in limits)} --x0={x0}"

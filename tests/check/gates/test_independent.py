@@ -345,7 +345,7 @@ def test_where_both_are_stuck_nothing_is_held_and_nothing_passes(
     """The reference stops: friction then holds the joint, in both, at one instant."""
     product = "-1.5*sign(x2)*(1 + sign(x2)*sign(x1 - 50))"  # of two sides: neither can be solved for
     subject = interpreted_of(changed(paper, "0.5", ("0", product), [0.0, 0.3]))
-    settings = make_settings(subject.manifest, horizon=8.0, tolerance=trajectory.TOLERANCE)
+    settings = make_settings(subject.manifest, horizon=8.0, tolerance=trajectory.TOLERANCES[0])
     done = run(subject.interpreted, settings)
     loop = Loop(heyoka, subject, settings.parameters)
     with pytest.raises(SlidingError) as caught:
