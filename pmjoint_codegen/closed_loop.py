@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 import numpy.typing as npt
 
-from pmjoint_codegen.compile.compiler import INSTALL, find_compiler
+from pmjoint_codegen.compile.compiler import LOOKED_FOR, find_compiler, install_line
 from pmjoint_codegen.errors import MissingToolError, SimulationError, UsageError
 from pmjoint_codegen.kernels.evaluator import Array, PreparingEvaluator
 from pmjoint_codegen.kernels.law import Law
@@ -346,10 +346,13 @@ def _evaluator(
         return compiled.load(provided.folder, provided.manifest, compiler, cache, levels)
     if kind == "compiled":
         raise MissingToolError(
-            "no C compiler was found (CC, cc, gcc, clang)", remedy=f"install one: {INSTALL}"
+            f"no C compiler was found ({LOOKED_FOR})", remedy=f"install one: {install_line()}"
         )
     if kind is None:
-        notify(f"no C compiler was found, so the kernels run interpreted, slower; to compile them: {INSTALL}")
+        notify(
+            "no C compiler was found, so the kernels run interpreted, slower; "
+            f"to compile them: {install_line()}"
+        )
     from pmjoint_codegen.kernels import interpreted
 
     return interpreted.load(provided.folder, provided.manifest)

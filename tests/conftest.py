@@ -54,6 +54,12 @@ def cache(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Iterator[
         yield folder
 
 
+@pytest.fixture
+def no_ziglang(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Hide the compiler that Python's packages bring, as on a machine without it."""
+    monkeypatch.setattr("pmjoint_codegen.compile.compiler.packaged", lambda _env: None)
+
+
 @pytest.fixture(scope="session")
 def compiled_paper(root: Path, cache: Path) -> compiled.CompiledEvaluator:
     """Return the paper's kernels as C."""

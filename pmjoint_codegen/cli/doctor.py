@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from pmjoint_codegen.compile.compiler import Compiler
 
 _PROGRAM_PATIENCE_S = 10.0
+_PACKAGE_PATIENCE_S = 120.0
 
 _PACKAGES = {
     "numpy": ("simulates", "nothing runs without it"),
@@ -47,6 +48,10 @@ _OPTIONAL = {  # what it does, and what installs it
     "h5netcdf": ("`pmjoint sweep --format netcdf`", "pmjoint-codegen[sweep]"),
     "pyarrow": ("`pmjoint sweep --format parquet`", "pmjoint-codegen[sweep]"),
     "distributed": ("`pmjoint sweep --scheduler`: a Dask cluster", "pmjoint-codegen[sweep]"),
+    "ziglang": (
+        "compiles kernels where the system has no compiler, and exports for other machines",
+        "pmjoint-codegen[compiler]",
+    ),
     "heyoka": ("`pmjoint check`: the independent solver", "heyoka"),
 }
 _PROGRAMS = {
@@ -128,14 +133,14 @@ def _python() -> Finding:
 
 
 def _compiler(environment: Mapping[str, str]) -> Finding:
-    from pmjoint_codegen.compile.compiler import INSTALL, find_compiler
+    from pmjoint_codegen.compile.compiler import INSTALL, find_compiler, install_line
 
     compiler = find_compiler(environment, message)
     if compiler is None:
-        meaning = f"kernels run interpreted, same results, far slower; to compile them: {INSTALL}"
+        meaning = f"kernels run interpreted, same results, far slower; to compile them: {install_line()}"
         return Finding("C compiler", "machine", "absent", "", meaning)
     found = _first_line([*compiler.command, "--version"]) or "of unknown version"
-    command_line = " ".join(compiler.command)
+    command_line = compiler.shown
     if fault := _compiler_fault(compiler):
         meaning = (
             f"{command_line} compiles nothing ({fault}); choose another with CC=..., or: {INSTALL} libc6-dev"
@@ -153,9 +158,11 @@ def _compiler_fault(compiler: Compiler) -> str:
     from pmjoint_codegen.scratch import scratch
 
     source = b"#include <math.h>\ndouble root(double a);\ndouble root(double a) { return sqrt(a); }\n"
+    # The package's first use builds parts of a C library.
+    patience = _PACKAGE_PATIENCE_S if compiler.package else _PROGRAM_PATIENCE_S
     with scratch("pmjoint-doctor") as folder:
         try:
-            build({"root.c": source}, compiler, folder, patience=_PROGRAM_PATIENCE_S)
+            build({"root.c": source}, compiler, folder, patience=patience)
         except BuildError as error:
             lines = error.output.strip().splitlines()
             return next((line for line in lines if "error" in line), [*lines, error.what][0]).strip()

@@ -15,7 +15,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import shlex
 import signal
 import subprocess
 import sys
@@ -146,7 +145,7 @@ def _compile(
             for name, content in every.items():
                 (private / name).write_bytes(content)
             units = sorted(name for name in every if name.endswith(".c"))
-            _call([*compiler.command, *flags, *units, "-o", LIBRARY, "-lm"], private, patience)
+            _call(compiler, [*flags, *units, "-o", LIBRARY, "-lm"], private, patience)
             _ask(private / LIBRARY, compiler)
             return (private / LIBRARY).read_bytes()
     except OSError as error:
@@ -155,20 +154,21 @@ def _compile(
         raise UsageError(f"cannot be used to build in ({reason})", where=str(cache), remedy=remedy) from error
 
 
-def _call(command: list[str], folder: Path, patience: float) -> None:
+def _call(compiler: Compiler, arguments: Sequence[str], folder: Path, patience: float) -> None:
     """Run the compiler in a folder of its own."""
+    where = compiler.package or compiler.command[0]
     another = "choose another one with CC=..., or use --evaluator interpreted"
     try:
-        code, output = _run(command, folder, patience)
+        code, output = run_command([*compiler.command, *arguments], folder, patience)
     except subprocess.TimeoutExpired:
         raise BuildError(
-            f"the C compiler did not end within {patience:g} s", where=command[0], remedy=another
+            f"the C compiler did not end within {patience:g} s", where=where, remedy=another
         ) from None
     except OSError as error:  # such as a program for another machine
         code, output = -1, str(error)
     if code != 0 or not (folder / LIBRARY).is_file():
         raise BuildError(
-            f"the C compiler failed (exit code {code})", where=command[0], remedy=another, output=output
+            f"the C compiler failed (exit code {code})", where=where, remedy=another, output=output
         )
 
 
@@ -176,11 +176,11 @@ def _ask(library: Path, compiler: Compiler) -> None:
     """Load a new library in a separate process, which it may corrupt, and have it test itself."""
     command = [sys.executable, "-I", "-S", "-c", _ASK, str(library)]
     try:
-        code, output = _run(command, library.parent, ASK_S)
+        code, output = run_command(command, library.parent, ASK_S)
     except subprocess.TimeoutExpired:
         code, output = -1, f"no answer within {ASK_S:g} s"
     answer = output.strip()
-    where = shlex.join(compiler.command)
+    where = compiler.shown
     if code != 0 or not answer.isdecimal():
         raise BuildError(
             "the compiled library cannot be loaded here",
@@ -197,16 +197,25 @@ def _ask(library: Path, compiler: Compiler) -> None:
         )
 
 
-def _run(command: Sequence[str], folder: Path, patience: float) -> tuple[int, str]:
+def run_command(
+    command: Sequence[str], folder: Path, patience: float, variables: Mapping[str, str] | None = None
+) -> tuple[int, str]:
     """Exit code and all output of a program and its children; none of them outlives an interruption.
 
     Output goes to a file: a pipe would block as long as any of them has it open.
+
+    Args:
+        command: program and arguments.
+        folder: that it works in.
+        patience: s; a program that takes longer is killed, and `subprocess.TimeoutExpired` raised.
+        variables: of its environment, besides the process's own.
     """
     with tempfile.TemporaryFile() as output:
         child = subprocess.Popen(
             command,
             cwd=folder,
-            env={**os.environ, "TMPDIR": str(folder)},  # a compiler that is killed leaves files there
+            # a compiler that is killed leaves files in TMPDIR
+            env={**os.environ, "TMPDIR": str(folder), **(variables or {})},
             stdin=subprocess.DEVNULL,
             stdout=output,
             stderr=subprocess.STDOUT,

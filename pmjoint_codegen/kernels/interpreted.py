@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pmjoint_codegen.compile.compiler import INSTALL
+from pmjoint_codegen.compile.compiler import install_line
 from pmjoint_codegen.errors import MissingToolError, StaleError, installing
 from pmjoint_codegen.kernels.evaluator import (
     Array,
@@ -140,7 +140,7 @@ def load(folder: Path, manifest: Manifest) -> InterpretedEvaluator:
     except ImportError:
         raise MissingToolError(
             "casadi is needed to interpret the kernels",
-            remedy=f"install it: {installing('pmjoint-codegen[derive]')}, or a C compiler: {INSTALL}",
+            remedy=f"install it: {installing('pmjoint-codegen[derive]')}, or a C compiler: {install_line()}",
         ) from None
     path = folder / FILE_NAME
     try:

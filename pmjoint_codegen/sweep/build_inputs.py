@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from pmjoint_codegen.compile.compiler import INSTALL, find_compiler
+from pmjoint_codegen.compile.compiler import LOOKED_FOR, find_compiler, install_line
 from pmjoint_codegen.errors import MissingToolError
 from pmjoint_codegen.kernels.processor import usable_levels
 from pmjoint_codegen.loops.batch import BatchLibrary, batch_sources, load
@@ -59,7 +59,7 @@ def library_of(inputs: BuildInputs, environment: Mapping[str, str]) -> BatchLibr
     compiler = find_compiler(environment)
     if compiler is None:
         raise MissingToolError(
-            "a sweep needs a C compiler (CC, cc, gcc, clang)", remedy=f"install one: {INSTALL}"
+            f"a sweep needs a C compiler ({LOOKED_FOR})", remedy=f"install one: {install_line()}"
         )
     manifest = Manifest.from_json(inputs.manifest, FILE_NAME)
     sources = {name: text.encode() for name, text in inputs.sources}

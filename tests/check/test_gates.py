@@ -229,6 +229,7 @@ def bare(subject: Subject, tmp_path: Path, *tools: str) -> Subject:
     return dataclasses.replace(subject, environment=environment)
 
 
+@pytest.mark.usefixtures("no_ziglang")
 def test_a_machine_without_tools_runs_few_gates_and_passes_none_of_the_others(
     paper: Subject, tmp_path: Path
 ) -> None:
@@ -251,6 +252,7 @@ def test_nm_and_valgrind_are_missed_by_name(paper: Subject, tmp_path: Path) -> N
     assert compilers.check_valgrind(lean).detail == "no valgrind"
 
 
+@pytest.mark.usefixtures("no_ziglang")
 def test_valgrind_without_a_compiler(paper: Subject, tmp_path: Path) -> None:
     if shutil.which("valgrind") is None:
         pytest.skip("no valgrind")

@@ -146,6 +146,7 @@ def test_an_unwritable_report_is_said_before_any_gate_runs(
     assert captured.err.startswith(f"pmjoint: {out}: cannot be written")
 
 
+@pytest.mark.usefixtures("no_ziglang")
 @pytest.mark.parametrize("extra", [[], ["--json"]])
 def test_where_no_gate_could_look_that_is_said_and_is_no_success(
     workshop: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], extra: list[str]

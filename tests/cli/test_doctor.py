@@ -13,6 +13,8 @@ import pytest
 from pmjoint_codegen.cli import doctor
 from pmjoint_codegen.cli.main import run
 
+pytestmark = pytest.mark.usefixtures("no_ziglang")  # its first use in a new cache takes seconds
+
 
 def found(environment: dict[str, str]) -> dict[str, doctor.Finding]:
     """Examine a machine and look findings up by name."""

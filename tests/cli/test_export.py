@@ -80,6 +80,7 @@ def test_run_builds_and_tests_what_was_written(tmp_path: Path, capsys: pytest.Ca
 
 
 @pytest.mark.skipif(shutil.which("make") is None, reason="no make")
+@pytest.mark.usefixtures("no_ziglang")
 def test_run_without_a_compiler_says_what_installs_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -240,6 +240,7 @@ def test_a_compiler_that_fails_is_3(monkeypatch: pytest.MonkeyPatch, tmp_path: P
     assert run(["simulate", "paper", *SHORT]) == 3
 
 
+@pytest.mark.usefixtures("no_ziglang")
 def test_without_a_compiler_one_line_says_so_and_the_run_is_interpreted(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

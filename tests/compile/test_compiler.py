@@ -56,10 +56,12 @@ def test_cc_that_names_nothing_is_said_and_passed_over(tmp_path: Path) -> None:
     assert "no-such-program" in lines[0]
 
 
+@pytest.mark.usefixtures("no_ziglang")
 def test_no_program_is_none(tmp_path: Path) -> None:
     assert find_compiler({"PATH": str(tmp_path)}) is None
 
 
+@pytest.mark.usefixtures("no_ziglang")
 def test_unbalanced_quote_in_cc_is_no_crash(tmp_path: Path) -> None:
     assert find_compiler({"PATH": str(tmp_path), "CC": "'cc"}) is None
 

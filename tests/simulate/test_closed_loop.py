@@ -152,6 +152,7 @@ def test_an_unknown_evaluator_is_refused(model: Path) -> None:
         ClosedLoop.load(model, "fast")
 
 
+@pytest.mark.usefixtures("no_ziglang")
 def test_without_a_compiler_one_line_says_so(model: Path, tmp_path: Path) -> None:
     pytest.importorskip("casadi")
     bare = {"PATH": str(tmp_path), "PMJOINT_CACHE": str(tmp_path)}

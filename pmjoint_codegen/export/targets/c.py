@@ -8,7 +8,7 @@ import subprocess
 from pathlib import Path
 from typing import Final
 
-from pmjoint_codegen.compile.compiler import INSTALL, find_compiler
+from pmjoint_codegen.compile.compiler import INSTALL, find_compiler, install_line
 from pmjoint_codegen.errors import BuildError, CheckFailed, MissingToolError
 from pmjoint_codegen.export.package import cost_of, export_c
 from pmjoint_codegen.export.targets.target import Delivery, Order, Report, Target
@@ -34,7 +34,8 @@ def run(order: Order, folder: Path) -> Report:
     compiler = find_compiler(order.environment, order.notify)
     if make is None or compiler is None:
         absent = "make" if make is None else "a C compiler"
-        raise MissingToolError(f"{absent} is needed to run the export", remedy=f"install it: {INSTALL} make")
+        remedy = f"{INSTALL} make" if make is None else install_line()
+        raise MissingToolError(f"{absent} is needed to run the export", remedy=f"install it: {remedy}")
     command = [make, "--no-print-directory", "-C", str(folder), f"CC={shlex.join(compiler.command)}", "test"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=_LIMIT, check=False)
     if done.returncode != 0:

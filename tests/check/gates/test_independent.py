@@ -57,7 +57,7 @@ def test_a_shipped_model_is_held_where_u_saturates(root: Path, cache: Path, mode
     assert f"{independent.RUNS[1]} drawn runs with" in result.detail
 
 
-@pytest.mark.usefixtures("heyoka")
+@pytest.mark.usefixtures("heyoka", "no_ziglang")
 def test_a_threshold_that_is_left_by_a_rounding_unseen_is_noticed(
     root: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -274,7 +274,7 @@ def side_ignored(self: Any, mode: int) -> Any:
     return np.concatenate([self.problem.modes[mode], np.ones(self.problem.n_kinks)])
 
 
-@pytest.mark.usefixtures("heyoka")
+@pytest.mark.usefixtures("heyoka", "no_ziglang")
 def test_a_kernel_that_ignores_a_side_fails(paper: Subject, monkeypatch: pytest.MonkeyPatch) -> None:
     subject = interpreted_of(changed(paper, "sin(t)", ("0", KINKED["dry friction"])))
     monkeypatch.setattr(independent, "RUNS", (0, 0))
@@ -283,7 +283,7 @@ def test_a_kernel_that_ignores_a_side_fails(paper: Subject, monkeypatch: pytest.
     assert independent.check(subject).verdict is Verdict.FAILED
 
 
-@pytest.mark.usefixtures("heyoka")
+@pytest.mark.usefixtures("heyoka", "no_ziglang")
 def test_friction_that_holds_one_percent_too_much_fails(
     paper: Subject, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -326,7 +326,7 @@ def test_two_limits_stick_and_a_jump_of_the_reference_agree_with_it(
     assert result.verdict is Verdict.PASSED, (result.detail, result.difference)
 
 
-@pytest.mark.usefixtures("heyoka")
+@pytest.mark.usefixtures("heyoka", "no_ziglang")
 def test_a_step_over_a_narrow_feature_fails(paper: Subject, monkeypatch: pytest.MonkeyPatch) -> None:
     """A disturbance of a few milliseconds, at rest: without a guard one step covers the horizon."""
     pulse = ("0", "9*exp(-((t-3.3)/0.002)**2)")
@@ -339,6 +339,7 @@ def test_a_step_over_a_narrow_feature_fails(paper: Subject, monkeypatch: pytest.
     assert result.difference is not None
 
 
+@pytest.mark.usefixtures("no_ziglang")
 def test_where_both_are_stuck_nothing_is_held_and_nothing_passes(
     heyoka: Any, paper: Subject, monkeypatch: pytest.MonkeyPatch
 ) -> None:

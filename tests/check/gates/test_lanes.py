@@ -28,6 +28,7 @@ def test_every_width_does_the_arithmetic_of_the_tape(paper: Subject, level: str)
     assert (result.verdict, result.figure, result.bound) == (Verdict.PASSED, 0, 0)
 
 
+@pytest.mark.usefixtures("no_ziglang")
 def test_without_a_compiler_nothing_is_judged(paper: Subject, tmp_path: Path) -> None:
     result = lanes.check(of(paper, {"PATH": str(tmp_path)}))
     assert result.verdict is Verdict.NOT_RUN and "compiler" in result.detail
