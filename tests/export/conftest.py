@@ -28,12 +28,14 @@ Make = Callable[..., Export]
 
 
 def document(name: str) -> dict[str, Any]:
-    """Return a model's contents: a shipped one, or a variant of the paper's or a test's own."""
+    """Return a model's contents: one of models/ or its gallery, a variant of the paper's, a test's own."""
     if name == "third-nonlinear":
         file = ROOT / "tests" / "reference" / "third-nonlinear.toml"
         return tomllib.loads(file.read_text(encoding="utf-8"))
     shipped = name if name not in ("braking", "chain", "pi") else "paper"
-    found = tomllib.loads((ROOT / "models" / f"{shipped}.toml").read_text(encoding="utf-8"))
+    place = ROOT / "models" / f"{shipped}.toml"
+    file = place if place.is_file() else ROOT / "models" / "gallery" / f"{shipped}.toml"
+    found = tomllib.loads(file.read_text(encoding="utf-8"))
     if name == "braking":
         found["design"] |= {"saturation": "braking", "braking": 0.5}
         del found["design"]["compensator"]

@@ -23,7 +23,11 @@ class Entry:
     line: str
 
 
-TARGETS = (Entry("c", "pmjoint_codegen.export.targets.c", "readable C99 with a self test and an example"),)
+TARGETS = (
+    Entry("c", "pmjoint_codegen.export.targets.c", "readable C99 with a self test and an example"),
+    Entry("cortex-m4f", "pmjoint_codegen.export.pil.cortex_m4f", "the same on an emulated Arm Cortex-M4F"),
+    Entry("riscv32", "pmjoint_codegen.export.pil.riscv32", "the same on an emulated RISC-V of 32 bits"),
+)
 
 
 @dataclass(frozen=True)
@@ -37,6 +41,7 @@ class Order:
         precision: of the numbers.
         environment: of the process: CC, PATH, the place of the cache.
         notify: called with one line that the reader should see.
+        file: the model file, from which files with data are looked for.
     """
 
     derivation: Derivation
@@ -45,6 +50,7 @@ class Order:
     precision: Precision
     environment: Mapping[str, str]
     notify: Callable[[str], None] | None = None
+    file: Path | None = None
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,1 @@
+"""Processor in the loop: the exported controller on an emulated microcontroller, against this machine."""
