@@ -17,7 +17,7 @@ PACKAGE = "pmjoint_codegen"
 
 DESIGN = ROOT / "docs" / "design.md"
 HEADER = "| room | does | imports | when called |"
-RUNTIME = ("compile", "kernels", "loops", "simulate", "sweep", "tune", "closed_loop")
+RUNTIME = ("compile", "kernels", "loops", "logs", "simulate", "sweep", "tune", "closed_loop")
 SYMBOLIC = {"pmjoint_derive", "sympy", "casadi", "pint", "pydantic", "mpmath"}
 
 

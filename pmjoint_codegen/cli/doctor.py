@@ -46,7 +46,8 @@ _OPTIONAL = {  # what it does, and what installs it
     "xarray": ("`pmjoint sweep`: labels its datasets", "pmjoint-codegen[sweep]"),
     "zarr": ("`pmjoint sweep`: writes its datasets", "pmjoint-codegen[sweep]"),
     "h5netcdf": ("`pmjoint sweep --format netcdf`", "pmjoint-codegen[sweep]"),
-    "pyarrow": ("`pmjoint sweep --format parquet`", "pmjoint-codegen[sweep]"),
+    "pyarrow": ("`pmjoint simulate --format parquet`, and that of sweeps", "pmjoint-codegen[logs]"),
+    "mcap": ("`pmjoint simulate --format mcap`: runs for Foxglove", "pmjoint-codegen[logs]"),
     "distributed": ("`pmjoint sweep --scheduler`: a Dask cluster", "pmjoint-codegen[sweep]"),
     "ziglang": (
         "compiles kernels where the system has no compiler, and exports for other machines",

@@ -53,6 +53,7 @@ _LONGEST = 1000  # characters of a message
 _BRINGS = {  # module -> what installs it
     **dict.fromkeys(("sympy", "mpmath", "casadi", "pint", "pydantic"), "pmjoint-codegen[derive]"),
     **dict.fromkeys(("xarray", "zarr", "pandas", "pyarrow", "h5netcdf"), "pmjoint-codegen[sweep]"),
+    "mcap": "pmjoint-codegen[logs]",
     "_cffi_backend": "cffi",
     "matplotlib": "matplotlib",
     "scipy": "scipy",

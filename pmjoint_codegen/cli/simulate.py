@@ -20,6 +20,7 @@ from pmjoint_codegen.cli.options import (
 from pmjoint_codegen.cli.summary_table import summary_table
 from pmjoint_codegen.cli.terminal import activity, as_json, document, message, result
 from pmjoint_codegen.errors import SimulationError, UsageError
+from pmjoint_codegen.logs.formats import FORMATS, available
 
 if TYPE_CHECKING:
     from pmjoint_codegen.closed_loop import ClosedLoop
@@ -45,6 +46,7 @@ Examples
   pmjoint simulate paper --start matched --saturation braking --set ck1=12 --set ck2=12
   pmjoint simulate joint --reference gait.csv --reference-unit deg --reference-filter 20
   pmjoint simulate joint --against log.csv --against-column y=angle
+  pmjoint simulate paper --format parquet --format mat --format mcap
   pmjoint simulate paper --no-compensator --no-figures --json
 """
 
@@ -89,6 +91,15 @@ Examples
     metavar="NAME=COLUMN",
     help="Its column for a name of the run; repeatable.",
 )
+@click.option(
+    "--format",
+    "formats",
+    type=click.Choice([item.name for item in FORMATS]),
+    multiple=True,
+    help="Write the trajectory in this format too, beside trajectory.csv, with units and settings inside: "
+    + ", ".join(f"{item.name} ({item.about})" for item in FORMATS)
+    + "; repeatable.",
+)
 @click.option("--no-figures", is_flag=True, help="Draw no figures.")
 @click.option(
     "--json", "wants_json", is_flag=True, help="Print the summary as one JSON document, not as a table."
@@ -102,6 +113,7 @@ def command(
     out: Path | None,
     against: Path | None,
     against_column: tuple[str, ...],
+    formats: tuple[str, ...],
     no_figures: bool,
     wants_json: bool,
     **asked: Unpack[CommandOptions],
@@ -110,6 +122,8 @@ def command(
     from pmjoint_codegen.storage import ensure_folder
 
     check_saturation(saturation, asked)
+    for name in formats:  # a package that is absent is named before the run, not after it
+        available(name, "--format")
     if out:
         ensure_folder(out)
     loop = _load(model, evaluator, reference, disturbance, saturation)
@@ -120,7 +134,7 @@ def command(
     tell_design(run.manifest, _warning(run))
     notes = (f"disturbance = ({', '.join(disturbance)})",) if disturbance else ()
     log = _compared(run, against, against_column)
-    files = write_results(run, folder)
+    files = write_results(run, folder, formats)
     try:
         if not no_figures:
             files += _draw(loop, run, asked, folder, notes, log)
@@ -191,18 +205,28 @@ def _compared(run: Run, against: Path | None, chosen: Sequence[str]) -> Log | No
     return log
 
 
-def write_results(run: Run, folder: Path) -> tuple[Path, ...]:
-    """Write ``trajectory.csv`` and ``summary.json``, each whole or not at all.
+def write_results(run: Run, folder: Path, formats: Sequence[str]) -> tuple[Path, ...]:
+    """Write the trajectory in ``csv`` and other formats, and ``summary.json``, each whole or not at all.
+
+    Trajectories of an earlier run in formats that this one does not write are removed.
 
     Raises:
         UsageError: a file cannot be written.
     """
-    from pmjoint_codegen.storage import write_text
+    from pmjoint_codegen.storage import explained, write_text
 
-    trajectory, summary = folder / "trajectory.csv", folder / "summary.json"
-    run.to_csv(trajectory)
+    summary = folder / "summary.json"
+    chosen = [item.name for item in FORMATS if item.name == "csv" or item.name in formats]
+    trajectories = tuple(folder / f"trajectory.{name}" for name in chosen)
+    for item in FORMATS:
+        stale = folder / f"trajectory.{item.name}"
+        if item.name not in chosen:
+            with explained(stale):
+                stale.unlink(missing_ok=True)
+    for path in trajectories:
+        run.save(path)
     write_text(summary, as_json(run.summary) + "\n")
-    return trajectory, summary
+    return (*trajectories, summary)
 
 
 def _draw(

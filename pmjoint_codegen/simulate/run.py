@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, Final, Unpack, cast
 import numpy as np
 
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator
+from pmjoint_codegen.logs.formats import save
 from pmjoint_codegen.loops import quadrature
 from pmjoint_codegen.loops.chain import actuator_of, is_looped, make_chain
 from pmjoint_codegen.loops.guard import HOLD_RATIOS, discs, hold_factors
@@ -35,6 +36,7 @@ from pmjoint_codegen.simulate.settings import RunOptions, Settings, make_setting
 from pmjoint_codegen.simulate.signals import signals_of
 from pmjoint_codegen.simulate.start import columns_of, make_start
 from pmjoint_codegen.simulate.summary import summarise
+from pmjoint_codegen.simulate.trajectory import trajectory_of
 from pmjoint_codegen.values import SETTLED
 
 if TYPE_CHECKING:
@@ -81,9 +83,25 @@ class Run(Record):
 
     def to_csv(self, path: str | Path) -> None:
         """Write ``trajectory.csv``, atomically; raises `UsageError` if that is impossible."""
-        from pmjoint_codegen.simulate.trajectory import write_csv
+        from pmjoint_codegen.logs.text import write
+        from pmjoint_codegen.storage import writing
 
-        write_csv(self, Path(path))
+        trajectory = trajectory_of(self)
+        with writing(Path(path)) as stream:
+            write(trajectory, stream)
+
+    def save(self, path: str | Path) -> None:
+        """Write the trajectory, atomically, as the path's ending says.
+
+        ``.csv``; ``.parquet`` for PlotJuggler and data frames; ``.mat`` for MATLAB and GNU Octave; ``.mcap``
+        for Foxglove. All but the first have the unit and the meaning of every column, the model's hash, the
+        parameters and the summary inside. The same run has the same bytes.
+
+        Raises:
+            UsageError: another ending, or a file that cannot be written.
+            MissingToolError: the format's package, of the extra ``logs``, is not installed.
+        """
+        save(lambda: trajectory_of(self), Path(path))
 
     def to_dataframe(self) -> pd.DataFrame:
         """The trajectory as a table of pandas; raises `MissingToolError` without it."""

@@ -6,7 +6,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from pmjoint_codegen.errors import MissingToolError, installing
-from pmjoint_codegen.simulate.trajectory import csv_columns
+from pmjoint_codegen.simulate.trajectory import csv_columns, labels
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -25,8 +25,8 @@ def dataframe(run: Record) -> pd.DataFrame:
     names = csv_columns(run.manifest)
     index = pandas.Index(run.t, name="t")
     table: pd.DataFrame = pandas.DataFrame({name: run[name] for name in names if name != "t"}, index=index)
-    labels = _labels(run)
-    table.attrs = {"model": run.manifest.name, "units": {name: labels[name][0] for name in names}}
+    known = labels(run)
+    table.attrs = {"model": run.manifest.name, "units": {name: known[name][0] for name in names}}
     return table
 
 
@@ -37,9 +37,9 @@ def dataset(run: Record) -> xr.Dataset:
         MissingToolError: xarray is not installed.
     """
     xarray = _required("xarray")
-    labels = _labels(run)
+    known = labels(run)
     variables = {
-        name: ("t", run[name], {"units": labels[name][0], "long_name": labels[name][1]})
+        name: ("t", run[name], {"units": known[name][0], "long_name": known[name][1]})
         for name in csv_columns(run.manifest)
     }
     made: xr.Dataset = xarray.Dataset(
@@ -48,13 +48,6 @@ def dataset(run: Record) -> xr.Dataset:
         attrs={"model": run.manifest.name, "model_hash": run.manifest.model_hash, "status": run.status.name},
     )
     return made
-
-
-def _labels(run: Record) -> dict[str, tuple[str, str]]:
-    """Unit and meaning of every column."""
-    items = (*run.manifest.states, *run.manifest.signals)
-    found = {item.name: (item.unit, item.about) for item in items}
-    return {"t": ("s", "time"), "y_cmd": (found["y_r"][0], "unfiltered reference"), **found}
 
 
 def _required(name: str) -> Any:

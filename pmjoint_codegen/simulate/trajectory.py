@@ -1,22 +1,20 @@
-"""``trajectory.csv``: one row per output instant, 17 significant digits, so that doubles round-trip."""
+"""A run's columns in the order of ``trajectory.csv``, with units, meanings and groups, for every format."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from pathlib import Path
-from typing import TYPE_CHECKING, Final
+import re
+from typing import TYPE_CHECKING
 
-import numpy as np
-
-from pmjoint_codegen import storage
+from pmjoint_codegen.logs.trajectory import Column, Trajectory
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.record import COMMAND
+from pmjoint_codegen.simulate.summary import summarise
 
 if TYPE_CHECKING:
     from pmjoint_codegen.simulate.record import Record
 
-
-_BLOCK: Final = 4096  # rows formatted at a time: a long run's text is several times as large as its numbers
+_BLOCK_GROUPS = {"x": "plant", "r": "compensator"}  # the other blocks of X are those of the filters
+_SIGNAL_GROUPS = ((r"x_hat\d+", "estimate"), (r"D\d+", "disturbance"))
 
 
 def csv_columns(manifest: Manifest) -> tuple[str, ...]:
@@ -43,23 +41,43 @@ def csv_columns(manifest: Manifest) -> tuple[str, ...]:
     )
 
 
-def csv_blocks(run: Record) -> Iterator[str]:
-    """The file's text, a block of rows at a time."""
-    names = csv_columns(run.manifest)
-    form = ",".join(["%.17g"] * len(names)) + "\n"
-    columns = [run[name] for name in names]
-    yield ",".join(names) + "\n"
-    for start in range(0, len(columns[0]), _BLOCK):
-        table = np.column_stack([values[start : start + _BLOCK] for values in columns])
-        yield "".join(form % tuple(row) for row in table.tolist())
+def labels(run: Record) -> dict[str, tuple[str, str]]:
+    """Unit and meaning of every column."""
+    items = (*run.manifest.states, *run.manifest.signals)
+    found = {item.name: (item.unit, item.about) for item in items}
+    return {"t": ("s", "time"), COMMAND: (found["y_r"][0], "unfiltered reference"), **found}
 
 
-def write_csv(run: Record, path: Path) -> None:
-    """Write a run's trajectory, atomically.
+def trajectory_of(run: Record) -> Trajectory:
+    """A run as formats write it: the same for the same run, so without its duration on this machine."""
+    from pmjoint_codegen import __version__
 
-    Raises:
-        UsageError: the file cannot be written.
-    """
-    with storage.writing(path) as stream:
-        for text in csv_blocks(run):
-            stream.write(text.encode())
+    known, groups = labels(run), _groups(run.manifest)
+    summary = {name: value for name, value in summarise(run).items() if name != "wall_s"}
+    return Trajectory(
+        columns=tuple(
+            Column(name, known[name][0] or "1", known[name][1], groups.get(name, "output"), run[name])
+            for name in csv_columns(run.manifest)
+        ),
+        model=run.manifest.name,
+        title=run.manifest.title,
+        model_hash=run.manifest.model_hash,
+        version=__version__,
+        parameters=summary["parameters"],
+        summary=summary,
+    )
+
+
+def _groups(manifest: Manifest) -> dict[str, str]:
+    """The part of the loop that a column belongs to; those that are not here are of the output."""
+    found = {
+        item.name: _BLOCK_GROUPS.get(block, "filters")
+        for block, (first, end) in manifest.blocks.items()
+        for item in manifest.states[first:end]
+    }
+    names = [item.name for item in manifest.signals]
+    e, v, u = (names.index(name) for name in ("e", "v", "u"))
+    found |= dict.fromkeys(names[e + 1 : v], "errors") | dict.fromkeys(names[v : u + 1], "input")
+    for name in names[u + 1 :]:
+        found[name] = next((group for form, group in _SIGNAL_GROUPS if re.fullmatch(form, name)), "plant")
+    return found

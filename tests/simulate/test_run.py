@@ -15,8 +15,8 @@ import pytest
 from pmjoint_codegen.closed_loop import ClosedLoop
 from pmjoint_codegen.errors import SimulationError, UsageError
 from pmjoint_codegen.kernels.evaluator import Evaluator
+from pmjoint_codegen.logs import text as csv_text
 from pmjoint_codegen.loops.status import Status, sentence
-from pmjoint_codegen.simulate import trajectory
 from pmjoint_codegen.simulate.run import Run, run
 from pmjoint_codegen.simulate.settings import make_settings
 from pmjoint_codegen.simulate.summary import saturated_time
@@ -48,7 +48,7 @@ def test_columns_are_views_by_name(short: Run) -> None:
 def test_the_csv_keeps_every_double_and_the_agreed_columns(
     short: Run, tmp_path: Path, block: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(trajectory, "_BLOCK", block)
+    monkeypatch.setattr(csv_text, "_BLOCK", block)
     path = tmp_path / "trajectory.csv"
     short.to_csv(path)
     text = path.read_text()
