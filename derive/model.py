@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import sympy as sp
 
 from pmjoint_derive.equation import Equation
+from pmjoint_derive.units import Measures
 
 
 class OutsideClassError(ValueError):
@@ -188,7 +189,8 @@ class Gains:
         compensator: False keeps r = 0, that is, plain clipping.
         matched: whether a run starts with the controller matched to y(0), not at zero.
         braking: the share of the actuator's limit that a braking compensator reckons with; None: (23).
-        input_scale: kappa > 0, weight of z_2 ... z_rho in V; 1 is the paper's law.
+        input_scale: kappa > 0, weight of z_2 ... z_rho in V, for y and u in the units of `Model`; 1 is the
+            paper's law.
     """
 
     c: tuple[float, ...]
@@ -325,6 +327,7 @@ class Model:
         y_range: least and greatest y for which sigma is known not to vanish, or None if not stated.
         y_unit: unit of the output.
         u_unit: unit of the input.
+        measures: what these units are in SI units.
         constants: named coefficients that the plant's expressions use, such as d1 and b0 of a joint (8).
         extras: states of the simulated plant beyond the design's.
         channels: the actuator's outputs; the first is u. Empty: only u, within ``limit``.
@@ -352,6 +355,7 @@ class Model:
     y_range: tuple[float, float] | None = None
     y_unit: str = field(default="rad")
     u_unit: str = field(default="V")
+    measures: Measures = field(default_factory=Measures)
     constants: tuple[Equation, ...] = ()
     extras: tuple[ExtraState, ...] = ()
     channels: tuple[Channel, ...] = ()

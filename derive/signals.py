@@ -176,8 +176,10 @@ class Units:
         table |= {symbol: y if i == 0 else input_side[i] for i, symbol in enumerate(s.z)}
         table |= {symbol: input_side[i + 1] for i, symbol in enumerate(s.alpha)}
         table |= {symbol: per_second for symbol in (*s.c, *s.ck)}
+        if model.measures.si is not None:  # gains mean what they mean in SI units, whatever the columns have
+            y, u = map(parse_unit, model.measures.si)
         table |= {
-            symbol: per_second if i == 0 else y**2 / input_side[i] ** 2 / SECOND
+            symbol: per_second if i == 0 else y**2 / (u * SECOND ** (rho - i)) ** 2 / SECOND
             for i, symbol in enumerate(s.e)
         }
         table |= {symbol: SECOND**-i for i, symbol in enumerate(s.k, start=1)}

@@ -60,6 +60,23 @@ def _factor(base: str, power: int) -> str:
     return base if power == 1 else f"{base}^{power}"
 
 
+@dataclass(frozen=True)
+class Measures:
+    """The units of y and u in SI units, in which the design's gains are stated.
+
+    Attributes:
+        y: how many SI units the unit of y is, as a decimal.
+        u: likewise of u.
+        input_scale: u over y: what kappa of SI units is multiplied with for the law in these units.
+        si: SI units of y and u; None: their own.
+    """
+
+    y: str = "1"
+    u: str = "1"
+    input_scale: str = "1"
+    si: tuple[str, str] | None = None
+
+
 SECOND = Unit({"s": 1})
 
 

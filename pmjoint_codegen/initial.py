@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from pmjoint_codegen.values import Numbers, evaluate
+from pmjoint_codegen.values import SI, Numbers, evaluate
 
 
 @dataclass(frozen=True)
@@ -20,11 +20,13 @@ class Variable:
         name: column name.
         unit: physical unit.
         about: one line for the reader.
+        scale: how many SI units `unit` is, as a decimal; given for y and u alone.
     """
 
     name: str
     unit: str
     about: str
+    scale: str = SI
 
 
 @dataclass(frozen=True)

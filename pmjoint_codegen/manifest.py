@@ -7,7 +7,7 @@ the order of the kernels' input and output vectors.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property
@@ -221,6 +221,11 @@ class Manifest:
         """Scales of the parameters that the model file states in non-SI units, by name."""
         return {item.name: item.scale for item in self.parameters if item.scale != SI}
 
+    @cached_property
+    def least_scale(self) -> float:
+        """The smaller of the units of y and u in SI units, where one is below 1."""
+        return min(1.0, *(float(item.scale) for item in self.signals))
+
     def written(self, values: Mapping[str, float]) -> dict[str, float]:
         """Values of parameters, as the kernels take them, in the units of the model file."""
         return {name: from_si(value, self.scales.get(name, SI)) for name, value in values.items()}
@@ -289,7 +294,7 @@ class Manifest:
         """The file's text, with a hash over itself."""
         contents = {"schema": SCHEMA, **asdict(self), "contents_hash": ""}
         del contents["simulation"]["command"]
-        for item in contents["parameters"]:
+        for item in _scaled_records(contents):
             if item["scale"] == SI:  # written only if it says something
                 del item["scale"]
         text = json.dumps(contents, indent=1, ensure_ascii=False) + "\n"
@@ -352,6 +357,15 @@ class Manifest:
         except (OSError, UnicodeDecodeError):
             raise StaleError("is missing or unreadable", where=str(path), remedy=_REMEDY) from None
         return cls.from_json(text, str(path))
+
+
+def _scaled_records(contents: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    """The records that have a scale."""
+    for records in (
+        *(contents[key] for key in ("parameters", "states", "signals")),
+        contents["start"]["variables"],
+    ):
+        yield from records
 
 
 def _with_hash(text: str, old: str, new: str) -> str:

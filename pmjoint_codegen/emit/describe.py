@@ -26,7 +26,7 @@ from pmjoint_codegen.manifest import (
 )
 from pmjoint_codegen.reference.command import DATA
 from pmjoint_codegen.report.notation import plain_text
-from pmjoint_codegen.values import GAINS, Rule
+from pmjoint_codegen.values import GAINS, SI, Rule
 from pmjoint_derive import Derivation, Model, real_symbol
 from pmjoint_derive.closed_loop import column_name
 
@@ -198,7 +198,8 @@ def _parameters(derivation: Derivation) -> tuple[Parameter, ...]:
     about = "1: (23) is driven by u - v; 0: r = 0, plain clipping"
     switch = Parameter(s.compensator.name, float(model.gains.compensator), "1", about, "switch")
     about = "weight of z_2.. in V: the law is that of the input times this; 1: the paper's"
-    scale = Parameter(s.input_scale.name, float(model.gains.input_scale), "1", about, "gain")
+    kappa = float(model.gains.input_scale)
+    scale = Parameter(s.input_scale.name, kappa, "1", about, "gain", model.measures.input_scale)
     about = "share of the limit of u that the compensator brakes with"
     braking = [
         Parameter(symbol.name, float(model.gains.braking or 0.0), "1", about, "gain") for symbol in s.braking
@@ -292,4 +293,6 @@ class _PythonPrinter(PythonCodePrinter):  # type: ignore[misc]  # SymPy carries 
 def _signal(derivation: Derivation, symbol: sp.Symbol) -> Variable:
     item = derivation.equations[symbol.name]
     name = column_name(derivation.model, symbol)
-    return Variable(name, str(item.unit) if item.unit else "", item.meaning)
+    measures, s = derivation.model.measures, derivation.signals
+    scale = {s.y: measures.y, s.u: measures.u}.get(symbol, SI)
+    return Variable(name, str(item.unit) if item.unit else "", item.meaning, scale)

@@ -23,8 +23,9 @@ from pmjoint_codegen.errors import ModelError
 from pmjoint_codegen.modelfile.points import NotFiniteError, Point, value_at
 from pmjoint_codegen.modelfile.schema import DesignSpec, ModelSpec
 from pmjoint_codegen.modelfile.tables import Poles
-from pmjoint_codegen.values import BRAKING, MATCHED
+from pmjoint_codegen.values import BRAKING, MATCHED, from_si, to_si
 from pmjoint_derive import Gains, Parameter, Plant, real_symbol
+from pmjoint_derive.units import Measures
 
 SHARE = 0.05  # of w: the damping e_i s_i^2 against the estimation error
 FIRST = 0.1  # e_1, 1/s
@@ -36,7 +37,11 @@ DEFAULT_BRAKING: Final = 0.5  # of the limit: the reference needs the rest
 
 
 def gains_of(
-    spec: ModelSpec, physics: Mapping[str, Any], parameters: tuple[Parameter, ...], where: str
+    spec: ModelSpec,
+    physics: Mapping[str, Any],
+    parameters: tuple[Parameter, ...],
+    measures: Measures,
+    where: str,
 ) -> Gains:
     """The gains as numbers.
 
@@ -44,13 +49,14 @@ def gains_of(
         spec: a validated model file.
         physics: ``plant`` and, for a joint, ``constants`` of the model.
         parameters: of the model, with their values.
+        measures: units of y and u; the file's input_scale is that of SI units.
         where: file at the start of a message.
 
     Raises:
         ModelError: ``input_scale = "auto"`` or ``bandwidth`` where b_m has no finite value other than 0.
     """
     design, plant = spec.design, physics["plant"]
-    scale = 1.0 if design.input_scale == "auto" else float(design.input_scale)
+    scale = to_si(1.0 if design.input_scale == "auto" else float(design.input_scale), measures.input_scale)
     k = design.k or (polynomial(design.poles, plant.order) if design.poles is not None else None)
     brakes = design.saturation == BRAKING and plant.rho == 2  # for one state, it is (23)
     braking = (DEFAULT_BRAKING if design.braking is None else design.braking) if brakes else None
@@ -88,12 +94,12 @@ def gains_of(
     )
 
 
-def chosen(design: DesignSpec, gains: Gains) -> tuple[str, ...]:
+def chosen(design: DesignSpec, gains: Gains, measures: Measures) -> tuple[str, ...]:
     """What keys that stand for gains came to: one line, or none where the file gives every gain."""
     made = {kind: values for kind, values in gains.by_kind.items() if getattr(design, kind) is None}
     parts = [f"{kind} = {list(values)}" for kind, values in made.items()]
     if design.input_scale == "auto":
-        parts.append(f"input_scale = {gains.input_scale:.6g}")
+        parts.append(f"input_scale = {from_si(gains.input_scale, measures.input_scale):.6g}")
     keys = {"bandwidth": design.bandwidth, "poles": design.poles}
     given = [f"{key} {value}" for key, value in keys.items() if value is not None]
     source = f"of {', '.join(given)}" if given else "of the model"

@@ -13,7 +13,7 @@ from typing import Annotated
 import sympy as sp
 from pydantic import BeforeValidator, Field, PlainValidator
 
-from pmjoint_codegen.errors import ModelError, quoted
+from pmjoint_codegen.errors import ModelError
 from pmjoint_codegen.modelfile.expressions import parse
 from pmjoint_codegen.modelfile.force_laws import FORCE_LAWS
 from pmjoint_codegen.modelfile.muscle import (
@@ -52,7 +52,6 @@ SYMBOLS: Mapping[str, tuple[str, str, str]] = {
     "P_max": ("Pa", "bar", "supply pressure"),
     LAG: ("s", "ms", "time constant of the pressures"),
 }
-COLUMNS: Mapping[str, str] = {"y": "rad", "u": "V"}  # units of output and input in (1)-(4)
 
 
 def _as_line(value: object) -> object:
@@ -231,21 +230,6 @@ def converted(
     """
     scale = scales.of(line.unit, f"{key}.unit", wanted) if "unit" in line.model_fields_set else SI
     return Parameter(name, to_si(line.value, scale), line.unit, line.about or about, scale)
-
-
-def check_columns(stated: Mapping[str, str], scales: Scales) -> None:
-    """Refuse other units of y and u than those of (1)-(4), in which a joint's columns are.
-
-    Raises:
-        ModelError: naming the key.
-    """
-    for name, unit in COLUMNS.items():
-        if scales.of(stated[name], f"units.{name}", Wanted(unit, unit)) != SI or stated[name] in ("", "1"):
-            raise ModelError(
-                f"is {quoted(stated[name])}",
-                where=f"{scales.where}: units.{name}",
-                remedy=f"allowed: {unit}, in which the columns of a joint are",
-            )
 
 
 def check_joint(parameters: Mapping[str, Parameter], where: str) -> None:

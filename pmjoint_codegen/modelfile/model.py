@@ -15,10 +15,16 @@ import sympy as sp
 from pmjoint_codegen.chain import LIMIT, LINKS, chain_rules
 from pmjoint_codegen.errors import ModelError
 from pmjoint_codegen.modelfile.bench import chain_names, chain_numbers
+from pmjoint_codegen.modelfile.columns import (
+    Columns,
+    columns_of,
+    in_column_units,
+    in_unit_of_y,
+    rescaling_of,
+)
 from pmjoint_codegen.modelfile.design import chosen, gains_of
 from pmjoint_codegen.modelfile.expressions import parse
 from pmjoint_codegen.modelfile.joint import (
-    check_columns,
     check_joint,
     converted,
     joint_parameters,
@@ -28,13 +34,15 @@ from pmjoint_codegen.modelfile.joint import (
 from pmjoint_codegen.modelfile.muscle import law_of
 from pmjoint_codegen.modelfile.schema import ModelSpec, PlantSpec, check_degree
 from pmjoint_codegen.modelfile.soundness import check_model
-from pmjoint_codegen.modelfile.system import check_units, to_system
+from pmjoint_codegen.modelfile.system import to_system
 from pmjoint_codegen.modelfile.units import ANY, Scales, Wanted
 from pmjoint_codegen.reference.command import DATA
 from pmjoint_codegen.reference.segments import degrees
 from pmjoint_codegen.values import COMPENSATOR, FILTER_GAINS, GAINS, INPUT_SCALE, check_rules, check_values
 from pmjoint_derive import Gains, Model, OutsideClassError, Parameter, Plant, Simulation, real_symbol
+from pmjoint_derive.rescaling import rescaled
 from pmjoint_derive.segment import segment_reference, segment_symbols
+from pmjoint_derive.units import Measures
 
 Symbols = Mapping[str, sp.Symbol]
 _UNITS = {"u": "V", "u/s": "V/s", "y": "rad", "s": "s", "1/s": "1/s", "1": "1"}  # of a joint's bench
@@ -51,14 +59,16 @@ def to_derive(spec: ModelSpec, where: str = "") -> Model:
         ModelError: a bad expression, a value that breaks a rule of the design, or a plant outside the class.
     """
     where = where or f"model {spec.name}"
-    parameters = _parameters(spec, where)
+    columns = None if spec.plant is not None else columns_of(spec, Scales(where))
+    parameters = _parameters(spec, columns, where)
     known = {item.name: item.symbol for item in parameters}
+    measures = Measures() if columns is None else columns.measures
     try:
-        physics = _physics(spec, parameters, where)
+        physics = _physics(spec, parameters, columns, where)
         rho = physics["plant"].rho
         if spec.relative_degree is None:
             check_degree(spec, rho, where)
-        gains = gains_of(spec, physics, parameters, where)
+        gains = gains_of(spec, physics, parameters, measures, where)
         _check_values(spec, rho, gains, parameters, where)
         model = Model(
             name=spec.name,
@@ -67,14 +77,15 @@ def to_derive(spec: ModelSpec, where: str = "") -> Model:
             parameters=parameters,
             limit=_limit(spec, known),
             chain={key: known[name] for key, name in chain_names(spec).items() if key != LIMIT},
-            **_reference(spec, rho, known, where),
+            **_reference(spec, rho, parameters, columns, where),
             gains=gains,
-            chosen=chosen(spec.design, gains),
+            chosen=chosen(spec.design, gains, measures),
             simulation=Simulation(
                 **spec.simulation.model_dump(exclude={"reference", "delay_samples", "jitter"})
             ),
             y_unit=spec.units.y,
             u_unit=spec.units.u,
+            measures=measures,
             y_range=spec.y_range,
             **physics,
         )
@@ -84,14 +95,16 @@ def to_derive(spec: ModelSpec, where: str = "") -> Model:
     return model
 
 
-def _reference(spec: ModelSpec, rho: int, known: Symbols, where: str) -> dict[str, Any]:
+def _reference(
+    spec: ModelSpec, rho: int, parameters: tuple[Parameter, ...], columns: Columns | None, where: str
+) -> dict[str, Any]:
     """The reference as an expression; of the parameters of its segment where it is data."""
-    if spec.simulation.reference != DATA:
-        return {
-            "reference": parse(spec.simulation.reference, _with(known, "t"), f"{where}: simulation.reference")
-        }
-    sizes = degrees(rho)
-    return {"reference": segment_reference(*sizes), "segment": segment_symbols(*sizes)}
+    if spec.simulation.reference == DATA:
+        sizes = degrees(rho)
+        return {"reference": segment_reference(*sizes), "segment": segment_symbols(*sizes)}
+    known = {item.name: item.symbol for item in parameters}
+    found = parse(spec.simulation.reference, _with(known, "t"), f"{where}: simulation.reference")
+    return {"reference": found if columns is None else in_unit_of_y(found, parameters, columns)}
 
 
 def _limit(spec: ModelSpec, known: Symbols) -> sp.Expr:
@@ -102,17 +115,22 @@ def _limit(spec: ModelSpec, known: Symbols) -> sp.Expr:
     return sp.Min(-known[names["lower"]], known[names["upper"]])
 
 
-def _parameters(spec: ModelSpec, where: str) -> tuple[Parameter, ...]:
-    """All parameters: as written beside ``[plant]``, whose author keeps units consistent; else in SI."""
-    if spec.plant is not None:
+def _parameters(spec: ModelSpec, columns: Columns | None, where: str) -> tuple[Parameter, ...]:
+    """All parameters: as written beside ``[plant]``, whose author keeps units consistent; else in SI.
+
+    Those of the actuator and the sensor are in the units of u and y.
+    """
+    if columns is None:
         return tuple(Parameter(name, line.value, line.unit, line.about) for name, line in spec.lines.items())
-    scales = Scales(where)
-    if spec.system is not None:
-        return _of_system(spec, scales)
+    found = _of_system(spec, columns.scales) if spec.system is not None else _of_joint(spec, columns.scales)
+    return in_column_units(found, spec, columns)
+
+
+def _of_joint(spec: ModelSpec, scales: Scales) -> tuple[Parameter, ...]:
+    """The parameters of a joint in SI units."""
     assert spec.joint is not None
-    check_columns({"y": spec.units.y, "u": spec.units.u}, scales)
     of_joint = joint_parameters(spec.joint, scales)
-    check_joint({item.name: item for item in of_joint}, where)
+    check_joint({item.name: item for item in of_joint}, scales.where)
     names = chain_names(spec)
     wanted = {name: Wanted(item.unit, item.example) for name, item in law_of(spec.joint).constants.items()}
     wanted |= {
@@ -130,10 +148,6 @@ def _parameters(spec: ModelSpec, where: str) -> tuple[Parameter, ...]:
 
 def _of_system(spec: ModelSpec, scales: Scales) -> tuple[Parameter, ...]:
     """The parameters of a system in SI units; limits have the dimension of the stated unit of u."""
-    assert spec.system is not None
-    columns = {"units.y": spec.units.y, "units.u": spec.units.u}
-    columns |= {f"system.units, entry {i}": unit for i, unit in enumerate(spec.system.units or (), start=1)}
-    check_units(columns, scales)
     names, units = chain_names(spec), {"s": "s", "1/s": "1/s"}
     units |= {key: unit for key, unit in dict(spec.units).items() if key in spec.units.model_fields_set}
     wanted = {
@@ -147,25 +161,30 @@ def _of_system(spec: ModelSpec, scales: Scales) -> tuple[Parameter, ...]:
     )
 
 
-def _physics(spec: ModelSpec, parameters: tuple[Parameter, ...], where: str) -> dict[str, Any]:
-    """The plant as ``[plant]`` states it, or reduced from ``[joint]`` with the omitted physics."""
-    known = {item.name: item.symbol for item in parameters}
+def _physics(
+    spec: ModelSpec, parameters: tuple[Parameter, ...], columns: Columns | None, where: str
+) -> dict[str, Any]:
+    """The plant as ``[plant]`` states it, or reduced from SI units to those of the columns."""
     if spec.plant is not None:
-        return {
-            "plant": _plant(spec.plant, known, where),
-            "disturbance_bound": spec.plant.disturbance_bound,
-        }
-    if spec.system is not None:
-        return {
-            **to_system(spec.system, parameters, spec.units.y, where),
-            "disturbance_bound": spec.system.disturbance_bound,
-        }
-    assert spec.joint is not None  # `validate` demands one of the three
-    names = chain_names(spec)
+        plant = _plant(spec.plant, {item.name: item.symbol for item in parameters}, where)
+        return {"plant": plant, "disturbance_bound": spec.plant.disturbance_bound}
+    assert columns is not None  # `validate` demands one of the three tables
+    found = (
+        to_system(spec.system, parameters, spec.units.y, where)
+        if spec.system is not None
+        else _joint(spec, parameters, where)
+    )
+    bound = {"disturbance_bound": spec.physics.disturbance_bound}
+    return rescaled(found, rescaling_of(spec, found, columns)) | bound
+
+
+def _joint(spec: ModelSpec, parameters: tuple[Parameter, ...], where: str) -> dict[str, Any]:
+    """The joint in SI units."""
+    assert spec.joint is not None
+    known, names = {item.name: item.symbol for item in parameters}, chain_names(spec)
     limit = known[names[LIMIT]] if LIMIT in names else None
     limits = (-limit, limit) if limit is not None else (known[names["lower"]], known[names["upper"]])
-    joint = to_joint(spec.joint, parameters, limits, where)
-    return {**vars(joint), "disturbance_bound": spec.joint.disturbance_bound}
+    return dict(vars(to_joint(spec.joint, parameters, limits, where)))
 
 
 def _with(known: Symbols, *names: str) -> Symbols:

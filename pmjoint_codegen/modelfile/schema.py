@@ -16,6 +16,7 @@ from pmjoint_codegen.modelfile.complaints import first_complaint
 from pmjoint_codegen.modelfile.joint import JointSpec, check_kept, joint_names
 from pmjoint_codegen.modelfile.muscle import check_muscles, law_lines, own_names
 from pmjoint_codegen.modelfile.names import MODEL_NAME, key_path, why_not
+from pmjoint_codegen.modelfile.start import in_order, named_start
 from pmjoint_codegen.modelfile.system import SystemSpec, check_system, refuse_beyond
 from pmjoint_codegen.modelfile.tables import (
     LARGEST_ORDER,
@@ -101,7 +102,7 @@ class SimulationSpec(Table):
     reference: Expression = Field(
         description="an expression of t and parameters, or data such as { steps = [[0, 0], [1, 0.5]] }"
     )
-    x0: Numbers = Field(description="a list of finite numbers, one for each state")
+    x0: Numbers = Field(description="a list of finite numbers, one for each state, or a table by name")
     horizon: Positive = Field(description="a finite number of seconds greater than 0")
     output_step: Positive = Field(default=0.01, description="a finite number of seconds greater than 0")
     sample_time: Positive = Field(default=0.001, description="a finite number of seconds greater than 0")
@@ -193,8 +194,9 @@ def validate(document: Mapping[str, Any], where: str) -> ModelSpec:
         ModelError: one line naming file, key, what is wrong and what is allowed there.
     """
     refuse_beyond(document, where)
+    named = named_start(document)
     try:
-        spec = ModelSpec.model_validate(_tuples(_with_data_marked(document)))
+        spec = ModelSpec.model_validate(_tuples(_without_tables(document)))
     except ValidationError as error:
         raise first_complaint(error, ModelSpec, where) from None
     _check_physics(spec, where)
@@ -212,6 +214,9 @@ def validate(document: Mapping[str, Any], where: str) -> ModelSpec:
             remedy="allowed: [least y, greatest y]",
         )
     _check_design(spec.design, where)
+    if named is not None:
+        simulation = spec.simulation.model_copy(update={"x0": in_order(spec, named, where)})
+        spec = spec.model_copy(update={"simulation": simulation})
     _check_lengths(spec, where)
     if spec.relative_degree is not None:
         check_degree(spec, spec.relative_degree, where)
@@ -279,12 +284,17 @@ def _check_saturation(design: DesignSpec, rho: int, where: str) -> None:
         )
 
 
-def _with_data_marked(document: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The document with `DATA` for a reference that is a table: whoever has the file's folder reads that."""
+def _without_tables(document: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The document with `DATA` for a reference that is a table: whoever has the file's folder reads that.
+
+    A start that is a table is an empty list: its names can be checked once the rest is.
+    """
     simulation = document.get("simulation")
-    if not isinstance(simulation, Mapping) or not isinstance(simulation.get("reference"), Mapping):
+    if not isinstance(simulation, Mapping):
         return document
-    return {**document, "simulation": {**simulation, "reference": DATA}}
+    marks = {"reference": DATA, "x0": []}
+    found = {key: mark for key, mark in marks.items() if isinstance(simulation.get(key), Mapping)}
+    return {**document, "simulation": {**simulation, **found}}
 
 
 def _tuples(value: Any) -> Any:

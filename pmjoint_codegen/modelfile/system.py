@@ -1,7 +1,8 @@
 """``[system]``: a plant by the rates of its own states, or by a transfer function.
 
-Its parameters have units, as those of ``[joint]`` do: the kernels take SI units. States, columns and numbers
-written in expressions are in SI units, too. The mathematics is `pmjoint_derive.system`.
+Its parameters have units, as those of ``[joint]`` do. Rates, output and disturbance are expressions in SI
+units, and so is what this module gives; `pmjoint_codegen.modelfile.columns` has the units of states, y and
+u. The mathematics is `pmjoint_derive.system`.
 """
 
 from __future__ import annotations
@@ -17,8 +18,6 @@ from pmjoint_codegen.errors import ModelError, quoted
 from pmjoint_codegen.modelfile.expressions import parse
 from pmjoint_codegen.modelfile.names import why_not
 from pmjoint_codegen.modelfile.tables import LARGEST_ORDER, Expression, Expressions, Range, Table, Unit
-from pmjoint_codegen.modelfile.units import ANY, Scales
-from pmjoint_codegen.values import SI
 from pmjoint_derive import Parameter, Plant, real_symbol
 from pmjoint_derive.physics import U
 from pmjoint_derive.system import System, reduce_system, transfer_plant
@@ -55,7 +54,7 @@ class SystemSpec(Table):
     output: Expression | None = Field(
         default=None, description="the measured state, or an expression of states and parameters"
     )
-    units: tuple[Unit, ...] | None = Field(default=None, description="a list with the SI unit of each state")
+    units: tuple[Unit, ...] | None = Field(default=None, description="a list with the unit of each state")
     transfer_function: TransferSpec | None = Field(
         default=None, description="{ num = [...], den = [...] }, in place of states, rates and output"
     )
@@ -183,21 +182,6 @@ def _check_names(system: SystemSpec, parameters: Mapping[str, object], place: st
             where=f"{place}.input",
             remedy='choose another name, such as "u"',
         )
-
-
-def check_units(stated: Mapping[str, str], scales: Scales) -> None:
-    """Refuse units of columns other than those of the SI, in which the physics is computed.
-
-    Raises:
-        ModelError: naming the key.
-    """
-    for key, unit in stated.items():
-        if unit not in ("", "1") and scales.of(unit, key, ANY) != SI:
-            raise ModelError(
-                f"is {quoted(unit)}, and columns of a system are in SI units",
-                where=f"{scales.where}: {key}",
-                remedy="allowed: a unit of the SI such as rad, m, Pa, V; parameters may have others",
-            )
 
 
 def to_system(spec: SystemSpec, parameters: tuple[Parameter, ...], y_unit: str, where: str) -> dict[str, Any]:

@@ -81,6 +81,33 @@ class Scales:
             )
         return _decimal(found.magnitude)
 
+    def si_label(self, text: str) -> str:
+        """The SI unit of a unit's dimension, as an engineer writes it where there is one."""
+        if text in ("", "1") or self.of(text, self.where, ANY) == SI:
+            return text or "1"
+        one = self._read(text, self.where, ANY)
+        if _is_angle(one):
+            return _ANGLE
+        named = (name for name in _COHERENT if name not in ("Hz", _ANGLE))
+        found = [
+            name
+            for name in (*sorted(named), "N m")
+            if self._read(name, self.where, ANY).dimensionality == one.dimensionality
+        ]
+        return found[0] if found else f"{one.units:~C}".replace("**", "^").replace("*", " ")
+
+    def power(self, text: str, of: str) -> int:
+        """The power of another unit's dimension in a unit, times in any power aside: 1 for mm/s and m.
+
+        Angles count as a dimension here; 0 where the unit is no such power.
+
+        Args:
+            text: a unit.
+            of: the other unit.
+        """
+        own, other = (_dimensions(self._read(each, self.where, ANY)) for each in (text, of))
+        return next((k for k in (1, -1, 2, -2) if own == {base: k * n for base, n in other.items()}), 0)
+
     def _read(self, text: str, place: str, wanted: Wanted) -> Any:
         """One of a unit in SI base units, as pint has it."""
         refusal = ModelError(f"{quoted(text)} is not a known unit", where=place, remedy=wanted.rule)
@@ -113,6 +140,20 @@ class Scales:
         import pint  # a quarter of a second, most of it for the table of units
 
         return pint.UnitRegistry(non_int_type=Decimal)
+
+
+def _is_angle(one: Any) -> bool:
+    return bool(one.dimensionless) and "radian" in one.units._units
+
+
+def _dimensions(one: Any) -> dict[str, Any]:
+    """Dimensions of a quantity in SI base units, without time unless nothing else is left."""
+    found = dict(one.dimensionality)
+    angle = one.units._units.get("radian", 0)
+    if angle:
+        found["[angle]"] = angle
+    rest = {base: power for base, power in found.items() if base != "[time]"}
+    return rest or found or {"[number]": 1}
 
 
 def _is_same(unit: Unit, wanted: Unit) -> bool:

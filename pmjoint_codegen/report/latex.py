@@ -102,7 +102,8 @@ def gains(model: Model) -> str:
     )
     switch = f"${latex_name('compensator')} = {int(model.gains.compensator)}$"
     text = f"Gains: {lists}. The switch {switch} is 1 where the compensator (23) works and 0 where $r = 0$."
-    scale = f"${latex_name('input_scale')} = {latex_number(model.gains.input_scale)}$"
+    kappa = from_si(model.gains.input_scale, model.measures.input_scale)
+    scale = f"${latex_name('input_scale')} = {latex_number(kappa)}$"
     text += (
         f" The input scale {scale}, which the paper does not have, weighs $z_i$, $i > 1$, in $V$; "
         "1 gives the paper's law."

@@ -70,7 +70,7 @@ def _parameters(model: Model) -> list[str]:
             f"compensator = {int(model.gains.compensator)}", _remark("(23)", "1: at work, 0: r = 0", "")
         )
     )
-    scale = f"input_scale = {model.gains.input_scale!r}"
+    scale = f"input_scale = {from_si(model.gains.input_scale, model.measures.input_scale)!r}"
     lines.append(_commented(scale, "not in the paper; 1: the paper's law. It weighs z_i, i > 1, in V"))
     if model.gains.braking is not None:
         remark = _remark("", "share of the limit of u", "")

@@ -12,7 +12,7 @@ from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.pace import leading
 from pmjoint_codegen.values import MATCHED, ZERO, of_plant
 
-DIVERGENCE: Final = 1e4  # in y's unit; following a diverged run costs more than all before it
+DIVERGENCE: Final = 1e4  # in SI units of y; following a diverged run costs more than all before it
 _USUAL_ORDER: Final = 2  # up to it, no state is much larger than y and its rate
 
 
@@ -23,7 +23,7 @@ def default_divergence(
 
     A pressure is at most P_max from P_0, a difference of two 2 P_max, both in Pa. The start is within it;
     a matched one has r_i of the size of ck^(i-1) y. The design's later states are as large as derivatives of
-    y, and lambda is as large as these over b_m.
+    y, and lambda is as large as these over b_m. Columns in mm or mV hold larger numbers than those in m or V.
 
     Args:
         manifest: the model.
@@ -37,6 +37,7 @@ def default_divergence(
         start *= max(1.0, *(values[f"ck{i}"] for i in range(1, manifest.rho + 1))) ** (manifest.rho - 1)
     supply = 4.0 * of_plant(values, "P_max") if pressures and "P_max" in values else 0.0
     usual = DIVERGENCE * _derivatives(manifest, values) * max(1.0, 1.0 / abs(leading(manifest, values)))
+    usual /= manifest.least_scale
     return min(max(usual, start, supply), float(np.finfo(np.float64).max))
 
 

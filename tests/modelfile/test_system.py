@@ -5,9 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+import sympy as sp
 
 from pmjoint_codegen.errors import ModelError
 from pmjoint_codegen.modelfile import model_of
+from pmjoint_codegen.modelfile.units import Scales
 from pmjoint_derive import Model, real_symbol
 from tests.modelfile.edits import with_changes
 
@@ -65,6 +67,45 @@ def test_parameters_are_in_si_units_and_the_start_is_in_the_file_s_states() -> N
     ]
     assert model.plant.rho == 3
     assert len(model.gains.c) == 3
+
+
+def test_a_reference_is_in_the_unit_of_y_and_names_quantities() -> None:
+    changes = {
+        "units.y": "deg",
+        "parameters.amplitude": {"value": 0.3, "unit": "rad"},
+        "parameters.w": {"value": 60.0, "unit": "deg/s"},
+        "parameters.share": {"value": 2.0, "unit": "1"},
+        "simulation.reference": "share*(amplitude*sin(w*t) + 20)",
+    }
+    amplitude, w, share, t = (real_symbol(name) for name in ("amplitude", "w", "share", "t"))
+    expected = share * (180 / sp.pi * amplitude * sp.sin(w * t) + 20)
+    assert sp.simplify(read(changes).reference - expected) == 0
+    plain = read(changes | {"units.y": "rad"}).reference
+    assert plain == share * (amplitude * sp.sin(w * t) + 20)
+
+
+@pytest.mark.parametrize(
+    ("unit", "of", "power"),
+    [
+        ("mm/s", "m", 1),
+        ("inch^2", "mm", 2),
+        ("1/mm", "m", -1),
+        ("deg/s", "rad", 1),
+        ("1/s", "rad", 0),
+        ("N", "m", 0),
+        ("bar s", "Pa", 1),
+        ("%", "deg", 0),
+    ],
+)
+def test_the_power_of_a_dimension_in_a_unit(unit: str, of: str, power: int) -> None:
+    assert Scales("m.toml").power(unit, of) == power
+
+
+def test_a_transfer_function_in_other_units_is_the_same() -> None:
+    """The gain has the units of y over u; sampled values of phi agree at the same angle."""
+    one, other = read(TRANSFER).plant, read(TRANSFER | {"units.y": "deg", "units.u": "bar"}).plant
+    assert sp.simplify(other.b[0] / one.b[0] - sp.Integer(10) ** 5 * 180 / sp.pi) == 0
+    assert other.phi == one.phi
 
 
 def test_a_transfer_function_has_the_states_of_its_form() -> None:
@@ -144,10 +185,17 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     ({"system.states": ["theta", "theta", "p"]}, "system.states, entry 2: 'theta' is there twice"),
     ({"system.states": ["q", "theta_dot", "p"]}, "system.states, entry 2: 'theta_dot' names the rate"),
     ({"system.input": "K"}, "system.input: 'K' is a parameter too; choose another name"),
-    ({"system.units": ["rad", "rad/s", "bar"]}, "system.units, entry 3: is 'bar', and columns of a system"),
+    ({"system.units": ["rad", "rad/s", "degC"]}, "system.units, entry 3: 'degC' has an offset"),
+    ({"system.units": ["rad", "apples", "Pa"]}, "system.units, entry 2: 'apples' is not a known unit"),
+    ({"units.y": "degF"}, "units.y: 'degF' has an offset"),
     (
-        {"units.u": "bar"},
-        "units.u: is 'bar', and columns of a system are in SI units; allowed: a unit of the SI",
+        {
+            "units.y": "deg",
+            "parameters.q": {"value": 1.0, "unit": "deg"},
+            "sensor": {"noise": "q", "seed": 1},
+            "actuator.rate": "q",
+        },
+        "parameters.q: stands for a quantity of y and for one of u",
     ),
     ({"parameters.u_max": {"value": 1.0, "unit": "V"}}, "parameters.u_max.unit: 'V' does not convert to Pa"),
     ({"system.range": [1.0, -1.0]}, "system.range: is [1.0, -1.0]; allowed: [least y, greatest y]"),

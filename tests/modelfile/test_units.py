@@ -116,8 +116,8 @@ def test_a_number_without_a_unit_is_in_si_units(lagged: Mapping[str, Any]) -> No
     assert (value_of(bare, "r"), value_of(bare, "u_max")) == (0.02, 4.0)
 
 
-@pytest.mark.parametrize(("units", "key"), [({"y": "deg"}, "y"), ({"u": "mV"}, "u"), ({"y": "m"}, "y")])
-def test_the_columns_of_a_joint_are_in_rad_and_volts(
+@pytest.mark.parametrize(("units", "key"), [({"y": "1"}, "y"), ({"u": "mA"}, "u"), ({"y": "m"}, "y")])
+def test_the_columns_of_a_joint_are_an_angle_and_a_voltage(
     lagged: Mapping[str, Any], units: dict[str, str], key: str
 ) -> None:
     with pytest.raises(ModelError, match=rf"m\.toml: units\.{key}: .*allowed: "):
