@@ -159,7 +159,7 @@ def _call(command: list[str], folder: Path, patience: float) -> None:
     """Run the compiler in a folder of its own."""
     another = "choose another one with CC=..., or use --evaluator interpreted"
     try:
-        code, output = _run(command, folder, patience)
+        code, output = run_command(command, folder, patience)
     except subprocess.TimeoutExpired:
         raise BuildError(
             f"the C compiler did not end within {patience:g} s", where=command[0], remedy=another
@@ -176,7 +176,7 @@ def _ask(library: Path, compiler: Compiler) -> None:
     """Load a new library in a separate process, which it may corrupt, and have it test itself."""
     command = [sys.executable, "-I", "-S", "-c", _ASK, str(library)]
     try:
-        code, output = _run(command, library.parent, ASK_S)
+        code, output = run_command(command, library.parent, ASK_S)
     except subprocess.TimeoutExpired:
         code, output = -1, f"no answer within {ASK_S:g} s"
     answer = output.strip()
@@ -197,16 +197,24 @@ def _ask(library: Path, compiler: Compiler) -> None:
         )
 
 
-def _run(command: Sequence[str], folder: Path, patience: float) -> tuple[int, str]:
+def run_command(
+    command: Sequence[str], folder: Path, patience: float, variables: Mapping[str, str] | None = None
+) -> tuple[int, str]:
     """Exit code and all output of a program and its children; none of them outlives an interruption.
 
     Output goes to a file: a pipe would block as long as any of them has it open.
+
+    Args:
+        command: program and arguments.
+        folder: that it works in.
+        patience: s; a program that takes longer is killed, and `subprocess.TimeoutExpired` raised.
+        variables: of its environment, besides the process's own.
     """
     with tempfile.TemporaryFile() as output:
         child = subprocess.Popen(
             command,
             cwd=folder,
-            env={**os.environ, "TMPDIR": str(folder)},  # a compiler that is killed leaves files there
+            env={**os.environ, "TMPDIR": str(folder), **(variables or {})},  # a compiler that is killed leaves files there
             stdin=subprocess.DEVNULL,
             stdout=output,
             stderr=subprocess.STDOUT,

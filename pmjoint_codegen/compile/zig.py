@@ -1,0 +1,111 @@
+"""Compile C for another machine with zig's clang, which brings every target's C library along.
+
+It comes from the package index (extra ``compiler``), so no cross compiler of the system is needed. zig keeps
+the C libraries that it has built in the cache folder: the first use of a target takes half a minute.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from subprocess import TimeoutExpired
+from typing import Final
+
+from pmjoint_codegen.compile.library import ARITHMETIC, COMPILE_S, run_command
+from pmjoint_codegen.errors import BuildError, MissingToolError, installing
+from pmjoint_codegen.scratch import scratch
+from pmjoint_codegen.storage import drop_link, ensure_folder, replace_folder, sha256
+
+MODULE: Final = "ziglang"
+# A reactor is a library: it has exports and no main. WebAssembly has neither a fused product and sum nor modes
+# of rounding, so ARITHMETIC fixes every bit.
+WASM: Final = (
+    "--target=wasm32-wasi",
+    "-mexec-model=reactor",
+    "-O2",
+    *ARITHMETIC,
+    "-fno-math-errno",
+    "-fno-trapping-math",
+    "-Wall",
+    "-Wextra",
+    "-Werror",
+    "-s",
+)
+OUTPUT: Final = "out.wasm"
+HASH: Final = "sha256"
+
+
+def zig_command() -> tuple[str, ...]:
+    """The command that starts zig's C compiler.
+
+    Raises:
+        MissingToolError: ziglang is not installed.
+    """
+    if importlib.util.find_spec(MODULE) is None:
+        raise MissingToolError(
+            "ziglang is needed to compile for WebAssembly",
+            remedy=f"install it: {installing('pmjoint-codegen[compiler]')}",
+        )
+    return sys.executable, "-m", MODULE, "cc"
+
+
+def wasm_module(sources: Mapping[str, bytes], exports: Sequence[str], cache: Path) -> bytes:
+    """Compile C sources into a WebAssembly module without imports, once.
+
+    Args:
+        sources: file name -> content; names ending in ``.c`` are compiled, all others can be included.
+        exports: names of the functions that the module gives to its host.
+        cache: folder for builds.
+
+    Raises:
+        MissingToolError: ziglang is not installed.
+        BuildError: the compiler failed or hangs; ``output`` is its whole text.
+        UsageError: the cache cannot be written.
+    """
+    command = zig_command()
+    flags = (*WASM, *(f"-Wl,--export={name}" for name in exports))
+    from importlib import metadata
+
+    content = b"".join(f"{name} {len(data)}\0".encode() + data for name, data in sorted(sources.items()))
+    key = sha256("\0".join((metadata.version(MODULE), *flags, "")).encode() + content)[:32]
+    folder = cache / "wasm" / key
+    drop_link(folder)
+    kept = _kept(folder)
+    if kept is not None:
+        return kept
+    ensure_folder(folder.parent)
+    with scratch(".build", folder.parent) as private:
+        for name, data in sources.items():
+            (private / name).write_bytes(data)
+        units = sorted(name for name in sources if name.endswith(".c"))
+        _call([*command, *flags, *units, "-lm", "-o", OUTPUT], private, cache)
+        made = (private / OUTPUT).read_bytes()
+    replace_folder(folder, {OUTPUT: made, HASH: sha256(made).encode()}, private=True)
+    return made
+
+
+def _kept(folder: Path) -> bytes | None:
+    """The module of an earlier build, if nobody has altered it."""
+    try:
+        made = (folder / OUTPUT).read_bytes()
+        return made if sha256(made).encode() == (folder / HASH).read_bytes() else None
+    except OSError:
+        return None
+
+
+def _call(command: list[str], folder: Path, cache: Path) -> None:
+    caches = {
+        "ZIG_GLOBAL_CACHE_DIR": str((cache / "zig").absolute()),
+        "ZIG_LOCAL_CACHE_DIR": str(folder / "zig"),
+    }
+    remedy = "reinstall ziglang, or set PMJOINT_CACHE to a folder with room"
+    try:
+        code, output = run_command(command, folder, COMPILE_S, caches)
+    except TimeoutExpired:
+        raise BuildError(f"zig did not end within {COMPILE_S:g} s", where=MODULE, remedy=remedy) from None
+    if code != 0 or not (folder / OUTPUT).is_file():
+        raise BuildError(
+            f"zig's C compiler failed (exit code {code})", where=MODULE, remedy=remedy, output=output
+        )
