@@ -30,6 +30,7 @@ WASM: Final = (
     "-fno-trapping-math",
     "-Wall",
     "-Wextra",
+    "-Wno-unused-parameter",  # CasADi gives every kernel the same ones
     "-Werror",
     "-s",
 )

@@ -10,6 +10,7 @@ limit was chosen from these draws, so many designs that it warns of run well.
 
 from __future__ import annotations
 
+import ast
 from collections.abc import Mapping
 
 import numpy as np
@@ -65,9 +66,14 @@ def leading(manifest: Manifest, values: Mapping[str, float]) -> float:
     return float(_b_m(manifest, {name: np.array([value]) for name, value in values.items()})[0])
 
 
+def leading_terms(manifest: Manifest) -> ast.expr:
+    """The syntax of b_m, an expression of parameters."""
+    return _leading(manifest).trees[0]
+
+
 def _b_m(manifest: Manifest, columns: Columns) -> Numbers:
     """b_m of every run, shape (runs,)."""
-    found = np.asarray(evaluate(_leading(manifest).trees[0], columns), dtype=np.float64)
+    found = np.asarray(evaluate(leading_terms(manifest), columns), dtype=np.float64)
     return np.broadcast_to(found, columns[INPUT_SCALE].shape)
 
 

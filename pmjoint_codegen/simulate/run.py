@@ -6,7 +6,6 @@ ends; and, on first reading, the derived columns and the summary.
 
 from __future__ import annotations
 
-import math
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -20,9 +19,7 @@ import numpy as np
 
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator
 from pmjoint_codegen.logs.formats import save
-from pmjoint_codegen.loops import quadrature
 from pmjoint_codegen.loops.chain import actuator_of, is_looped, make_chain
-from pmjoint_codegen.loops.guard import HOLD_RATIOS, discs, hold_factors
 from pmjoint_codegen.loops.hold import hold_matrices
 from pmjoint_codegen.loops.modes import Actuator
 from pmjoint_codegen.loops.problem import Memory, Problem, Progress, make_memory, own_parameters
@@ -30,6 +27,7 @@ from pmjoint_codegen.loops.select import Advance, CompiledLoop, make_loop
 from pmjoint_codegen.loops.status import Status, sentence
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.reference.segments import inside
+from pmjoint_codegen.simulate.fixed import fixed_constants
 from pmjoint_codegen.simulate.located import Holds, switches_of
 from pmjoint_codegen.simulate.record import RATE, Record, reports_rate
 from pmjoint_codegen.simulate.settings import RunOptions, Settings, make_settings
@@ -37,7 +35,6 @@ from pmjoint_codegen.simulate.signals import signals_of
 from pmjoint_codegen.simulate.start import columns_of, make_start
 from pmjoint_codegen.simulate.summary import summarise
 from pmjoint_codegen.simulate.trajectory import trajectory_of
-from pmjoint_codegen.values import SETTLED
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -273,22 +270,12 @@ def make_problem(evaluator: Evaluator, settings: Settings, actuator: Actuator) -
     """Assemble the constants of a run."""
     manifest = evaluator.manifest
     sampled = settings.controller == "sampled"
-    order, hold_order = (manifest.plant_order, manifest.hold_order) if sampled else (manifest.order, 0)
-    guard = manifest.guards["plant_taylor" if sampled else "taylor"]
-    around = discs(guard, settings.tolerance)
-    rule = quadrature.long_steps()
     chained = sampled and is_looped(manifest)
     chain = make_chain(manifest, settings.parameters, settings.sample_time) if chained else None
     times = settings.times()
     breaks, segments = inside(settings.reference, settings.horizon)
     return Problem(
-        n_plant=manifest.nx,
-        n_states=manifest.nX,
-        n_channels=(manifest.nx + 1 if sampled else manifest.nX + 2) + len(manifest.kinks),
-        n_rates=manifest.nx if sampled else manifest.nX,
-        n_kinks=len(manifest.kinks),
-        n_actuated=actuator.channels,
-        order=order,
+        **fixed_constants(manifest, sampled=sampled, tolerance=settings.tolerance),
         n_thresholds=len(actuator.thresholds),
         thresholds=actuator.thresholds,
         modes=actuator.modes,
@@ -301,43 +288,14 @@ def make_problem(evaluator: Evaluator, settings: Settings, actuator: Actuator) -
         chain=chain.vector() if chain else np.empty(0),
         limits=actuator.limits,
         n_history=chain.history if chain else 0,
-        nodes=np.array(rule.nodes),
-        weights=np.array(rule.weights),
-        n_nodes=len(rule.nodes),
-        n_searched=manifest.nX + 2,
-        notes_rate=int(reports_rate(manifest)),
-        inside=np.array(guard.inside),
-        n_inside=len(guard.inside),
-        lebesgue=guard.lebesgue,
-        ratios=np.array(around.ratios),
-        factors=np.array(around.factors),
-        n_ratios=len(around.ratios),
         max_step=settings.max_step,
-        settled=SETTLED,
         times=times,
         n_rows=len(times),
         sample_time=settings.sample_time if sampled else 0.0,
-        hold_ratios=np.array(HOLD_RATIOS),
-        hold_rate_factors=np.array(hold_factors(hold_order)),
-        hold_value_factors=np.array(hold_factors(hold_order + 1)),
-        n_hold_ratios=len(HOLD_RATIOS),
-        tolerance=settings.tolerance,
-        safety=_safety(order),
-        hold_fraction=_hold_fraction(hold_order, settings.tolerance) if sampled else 0.0,
         divergence=settings.divergence,
         max_steps=settings.max_steps,
         max_switches=settings.max_switches,
     )
-
-
-def _safety(order: int) -> float:
-    """Factor on a step of Taylor polynomials of an order; Jorba and Zou (2005)."""
-    return math.exp(-0.7 / (order - 1))
-
-
-def _hold_fraction(order: int, tolerance: float) -> float:
-    """`Problem.hold_fraction`: terms fall to the tolerance at the last order, what follows lies below it."""
-    return _safety(order) * math.pow(tolerance, 1.0 / order)
 
 
 def _integrate(

@@ -1,0 +1,1 @@
+"""A page that runs the closed loop in a browser."""
