@@ -23,6 +23,7 @@ from pmjoint_codegen.check.oracles.error_bound import walk
 from pmjoint_codegen.check.oracles.exported import Exported
 from pmjoint_codegen.check.result import Difference, GateResult, failed, not_run, passed
 from pmjoint_codegen.check.subject import Subject
+from pmjoint_codegen.compile.compiler import Compiler
 from pmjoint_codegen.export.bounds import Bounded
 from pmjoint_codegen.export.package import TRACE, Export, export_c
 from pmjoint_codegen.export.recording import twin_of
@@ -30,12 +31,13 @@ from pmjoint_codegen.export.source import Identity
 from pmjoint_codegen.export.statements import Program
 from pmjoint_codegen.export.trace import trace_faults
 from pmjoint_codegen.export.tree import DOUBLE
-from pmjoint_codegen.export.twin import COMMAND, bounded_arithmetic
+from pmjoint_codegen.export.twin import COMMAND, Twin, bounded_arithmetic
 from pmjoint_codegen.identity import model_hash
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator
 from pmjoint_codegen.kernels.tape import Tape
 from pmjoint_codegen.loops.hold import hold_matrices
 from pmjoint_codegen.loops.status import Status
+from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.run import run
 from pmjoint_codegen.simulate.settings import Settings, make_settings
 from pmjoint_codegen.values import MATCHED, STARTS
@@ -58,6 +60,10 @@ class Recorded:
         x_hat: estimate, shape (rows, n).
         p: parameters of the kernels, with the segment of the reference, shape (rows, parameters).
         hold: matrices of the exact hold.
+        t: instants, shape (rows,).
+        x: states of the plant, shape (rows, nx).
+        w: what the actuator delivers for v, without a chain, shape (rows, nw).
+        steps: of the plant's integration.
     """
 
     s: Array
@@ -71,6 +77,10 @@ class Recorded:
     x_hat: Array
     p: Array
     hold: Array
+    t: Array
+    x: Array
+    w: Array
+    steps: int
 
 
 @dataclass(frozen=True)
@@ -96,13 +106,19 @@ def check(subject: Subject) -> GateResult:
     """Compile the export and compare it with the model's sampled runs."""
     if subject.compiler is None or subject.compiled is None:
         return not_run("no C compiler")
-    identity = Identity(subject.model.name, model_hash(subject.document), __version__)
-    export = export_c(subject.derivation, identity)
+    loaded = load(subject, subject.compiler)
+    export = loaded.export
     faults = trace_faults(export.program, export.source, json.loads(export.files[TRACE]))
     if faults:
         return failed(faults[0], len(faults), 0, findings=tuple(faults[1:]))
-    loaded = Exported.load(export, subject.compiler, cache_dir(subject.environment, subject.notify))
     return judge(loaded, subject.compiled, subject.tapes)
+
+
+def load(subject: Subject, compiler: Compiler) -> Exported:
+    """Export a model's controller, compile and load it."""
+    identity = Identity(subject.model.name, model_hash(subject.document), __version__)
+    export = export_c(subject.derivation, identity)
+    return Exported.load(export, compiler, cache_dir(subject.environment, subject.notify))
 
 
 def judge(
@@ -147,12 +163,7 @@ def record(evaluator: Evaluator, start: str, samples: int) -> Recorded | str:
     Every sample is on time: lateness is the clock's, which the exported controller does not have.
     """
     manifest = evaluator.manifest
-    late = {manifest.chain["jitter"]: 0.0} if "jitter" in manifest.chain else {}
-    T = manifest.simulation.sample_time
-    horizon = min(manifest.simulation.horizon, samples * T)
-    settings = make_settings(
-        manifest, parameters=late, horizon=horizon, output_step=T, controller="sampled", start=start
-    )
+    settings = run_settings(manifest, start, samples)
     done = run(evaluator, settings)
     if done.status != Status.DONE and len(done.t) < 2:
         return f"the sampled run ended at once: {done.message}"
@@ -170,8 +181,29 @@ def record(evaluator: Evaluator, start: str, samples: int) -> Recorded | str:
         z=np.column_stack([done[f"z{i}"] for i in range(1, manifest.rho + 1)]),
         x_hat=np.column_stack([done[f"x_hat{i}"] for i in range(1, manifest.n + 1)]),
         p=p,
-        hold=hold_matrices(evaluator, settings.p, T),
+        hold=hold_matrices(evaluator, settings.p, settings.sample_time),
+        t=done.t,
+        x=done.states[:, : manifest.nx],
+        w=_delivered(evaluator, done["v"], p),
+        steps=done.steps,
     )
+
+
+def run_settings(manifest: Manifest, start: str, samples: int) -> Settings:
+    """Settings of the model's sampled run, of at most some samples; the clock is on time."""
+    late = {manifest.chain["jitter"]: 0.0} if "jitter" in manifest.chain else {}
+    T = manifest.simulation.sample_time
+    horizon = min(manifest.simulation.horizon, samples * T)
+    return make_settings(
+        manifest, parameters=late, horizon=horizon, output_step=T, controller="sampled", start=start
+    )
+
+
+def _delivered(evaluator: Evaluator, v: Array, p: Array) -> Array:
+    """W for each v: within the limits of every channel."""
+    (limits,) = evaluator.call("actuation", p)
+    offset, slope, lower, upper = np.moveaxis(limits.reshape(len(v), -1, 4), 2, 0)
+    return np.clip(offset + slope * v[:, np.newaxis], lower, upper)
 
 
 def _parameters(settings: Settings, t: Array) -> Array:
@@ -249,26 +281,12 @@ def _shown(program: Program) -> list[str]:
 def step_bounds(export: Export, recorded: Recorded, tapes: Mapping[str, Tape], *, matched: bool) -> Array:
     """Bounds on the differences of `_steps`: of the exported statements and of the kernels' instructions."""
     program, rows = export.program, len(recorded.v) - 1
-    now, then = slice(0, rows), slice(1, rows + 1)
-    column = {name: getattr(recorded, name)[now, np.newaxis] for name in ("y", "u", "v")}
-    h = np.tile(recorded.hold, (rows, 1))
-    (update,) = walk(
-        tapes["sampled_update"], [column["y"], recorded.s[now], column["u"], column["v"], h, recorded.p[now]]
-    )
+    then = slice(1, rows + 1)
+    states, twin = _state_errors(export, recorded, tapes, matched=matched)
     given = [recorded.y[then, np.newaxis], recorded.s[then], recorded.y_r[then], recorded.p[then]]
     z, _, v_error = walk(tapes["law"], given)
     (x_hat,) = walk(tapes["estimate"], [recorded.s[then], recorded.p[then]])
-    twin = twin_of(program, bounded_arithmetic(DOUBLE), DOUBLE, matched=matched)
-    # Both take the same bits of the hold's matrices, so their own error is no difference.
-    twin.fixed |= {symbol: Bounded(twin.fixed[symbol].value, 0.0) for symbol in program.hold.symbols}
     s = program.derivation.signals
-    twin.values = {symbol: Bounded(recorded.s[now, i], 0.0) for i, symbol in enumerate(program.states)}
-    taken = {s.y: recorded.y, s.u: recorded.u, s.v: recorded.v, COMMAND: recorded.command}
-    twin.values |= {symbol: Bounded(array[now], 0.0) for symbol, array in taken.items()}
-    twin.ready = True
-    twin.advance()
-    states = np.column_stack([_broadcast(twin.values[symbol].error, rows) for symbol in program.states])
-    states = states + update.error
     twin.values |= {
         symbol: Bounded(twin.values[symbol].value, states[:, i]) for i, symbol in enumerate(program.states)
     }
@@ -281,6 +299,44 @@ def step_bounds(export: Export, recorded: Recorded, tapes: Mapping[str, Tape], *
     twin.actuate(v, first=False)
     u = 2.0 * _broadcast(twin.values[s.u].error, rows)  # both sides round
     return np.column_stack([states, v.error, u, np.column_stack(shown) + np.hstack([z.error, x_hat.error])])
+
+
+def local_errors(
+    export: Export, recorded: Recorded, tapes: Mapping[str, Tape], *, matched: bool
+) -> tuple[Array, Array]:
+    """Bounds on what one sample alone adds: to the next states, (rows - 1, ns), and to v, (rows,)."""
+    states, twin = _state_errors(export, recorded, tapes, matched=matched)
+    program, s, rows = export.program, export.program.derivation.signals, len(recorded.v)
+    given = [recorded.y[:, np.newaxis], recorded.s, recorded.y_r, recorded.p]
+    _, _, kernel = walk(tapes["law"], given)
+    exact = {symbol: recorded.s[:, i] for i, symbol in enumerate(program.states)} | {s.y: recorded.y}
+    exact |= {symbol: recorded.y_r[:, i] for i, symbol in enumerate(s.y_r)}
+    found = twin.run(program.law, {symbol: Bounded(array, 0.0) for symbol, array in exact.items()}, {})
+    return states, _broadcast(found[s.v].error, rows) + kernel.error[:, 0]
+
+
+def _state_errors(
+    export: Export, recorded: Recorded, tapes: Mapping[str, Tape], *, matched: bool
+) -> tuple[Array, Twin]:
+    """Bounds on the differences of the next states, and the twin that is there."""
+    program, rows = export.program, len(recorded.v) - 1
+    now = slice(0, rows)
+    column = {name: getattr(recorded, name)[now, np.newaxis] for name in ("y", "u", "v")}
+    h = np.tile(recorded.hold, (rows, 1))
+    (update,) = walk(
+        tapes["sampled_update"], [column["y"], recorded.s[now], column["u"], column["v"], h, recorded.p[now]]
+    )
+    twin = twin_of(program, bounded_arithmetic(DOUBLE), DOUBLE, matched=matched)
+    # Both take the same bits of the hold's matrices, so their own error is no difference.
+    twin.fixed |= {symbol: Bounded(twin.fixed[symbol].value, 0.0) for symbol in program.hold.symbols}
+    s = program.derivation.signals
+    twin.values = {symbol: Bounded(recorded.s[now, i], 0.0) for i, symbol in enumerate(program.states)}
+    taken = {s.y: recorded.y, s.u: recorded.u, s.v: recorded.v, COMMAND: recorded.command}
+    twin.values |= {symbol: Bounded(array[now], 0.0) for symbol, array in taken.items()}
+    twin.ready = True
+    twin.advance()
+    errors = np.column_stack([_broadcast(twin.values[symbol].error, rows) for symbol in program.states])
+    return errors + update.error, twin
 
 
 def _broadcast(error: Any, rows: int) -> Array:
