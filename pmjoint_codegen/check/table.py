@@ -13,6 +13,7 @@
     trajectory.certificate    V along the run against (35)
     trajectory.independent    the default run and drawn ones against heyoka on the derivation's expressions
     export                    exported C against the sampled run, sample by sample, within derived bounds
+    export.loop               exported C in closed loop against the sampled run, within a propagated bound
     compilers.gcc, .clang     the generated C against all warnings
     compilers.sanitizers      every kernel against memory errors and undefined behaviour
     compilers.valgrind        every kernel against uninitialised values
@@ -39,6 +40,7 @@ from pmjoint_codegen.check.gates import (
     current,
     derivatives,
     exported,
+    exported_loop,
     golden,
     guards,
     independent,
@@ -84,6 +86,7 @@ GATES: Final = (
     Gate("trajectory.certificate", certificate.check),
     Gate("trajectory.independent", independent.check),
     Gate("export", exported.check),
+    Gate("export.loop", exported_loop.check),
     Gate("compilers.gcc", compilers.check_gcc, outside=True),
     Gate("compilers.clang", compilers.check_clang, outside=True),
     Gate("compilers.sanitizers", compilers.check_sanitizers, outside=True),

@@ -51,7 +51,9 @@ def symbol(name: str) -> str:
     if found := _RATE.fullmatch(name):
         dots = "¨" if found["order"] == "2" else "˙" if not found["order"] else f"({found['order']})"
         inner = symbol(found["of"])
-        return f'<mover accent="true">{inner}<mo>{dots}</mo></mover>' if len(dots) == 1 else _over(inner, dots)
+        return (
+            f'<mover accent="true">{inner}<mo>{dots}</mo></mover>' if len(dots) == 1 else _over(inner, dots)
+        )
     if found := _PARTIAL.fullmatch(name):
         above, below = symbol(found["of"]), symbol(found["by"])
         return f"<mfrac><mrow><mo>∂</mo>{above}</mrow><mrow><mo>∂</mo>{below}</mrow></mfrac>"

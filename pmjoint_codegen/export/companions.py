@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from typing import Final
 
 import sympy as sp
@@ -16,22 +18,38 @@ from pmjoint_derive import real_symbol
 
 _MOST: Final = 20_000  # samples of the example
 _ROWS: Final = 10  # of them printed
+_FILES: Final = ("main.c", "Makefile", "CMakeLists.txt", "README.md")
+_LIBRARY: Final = ("library.properties", "library.json")  # of Arduino and of PlatformIO
+_LONGEST: Final = 50  # characters of a name in PlatformIO
 
 
 def companion_files(program: Program, identity: Identity, precision: Precision) -> dict[str, str]:
     """File name -> text."""
     words = words_of(program, identity, precision)
     words |= {"model": comment(identity.model), "rho": str(program.derivation.plant.rho)}
+    words |= _library_words(program, identity)
     blocks = {
         "banner": banner(program, identity, precision),
         "parameters": [Line(_row(item, precision)) for item in fields.parameter_fields(program)],
     }
     example, numbers = _example(program, precision)
     found = {}
-    for name in ("main.c", "Makefile", "CMakeLists.txt", "README.md"):
+    for name in (*_FILES, *_LIBRARY):
         template = (TEMPLATES / f"{name}.in").read_text(encoding="utf-8")
         found[name] = joined(filled(template, {**blocks, **example}, {**words, **numbers}))
     return found
+
+
+def _library_words(program: Program, identity: Identity) -> dict[str, str]:
+    """What the two descriptions of a library need: names and versions as their registries allow them."""
+    sentence = comment(f"Controller of {program.derivation.model.title}")
+    found = re.match(r"\d+\.\d+\.\d+", identity.version)
+    return {
+        "library_version": found[0] if found else "0.0.0",
+        "sentence": sentence,
+        "description": json.dumps(sentence),
+        "slug": re.sub(r"[^a-z0-9]+", "-", identity.prefix.lower())[:_LONGEST].strip("-"),
+    }
 
 
 def _row(item: fields.Field, precision: Precision) -> str:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Final
 
 import sympy as sp
@@ -57,7 +58,7 @@ class Statement:
         """What the sum is divided by, where the factor is an inverse."""
         return 1 / self.factor if self.factor.is_Pow and self.factor.exp.could_extract_minus_sign() else None
 
-    @property
+    @cached_property
     def tree(self) -> Tree:
         """The right-hand side, in the order of its operations in C."""
         total = joined(list(self.terms))

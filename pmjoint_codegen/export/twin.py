@@ -16,7 +16,7 @@ import sympy as sp
 from pmjoint_codegen.export.bounds import Bounded, bounded_operations
 from pmjoint_codegen.export.exact import context, exact_hold, exact_operations
 from pmjoint_codegen.export.statements import Program, Statement, next_symbol
-from pmjoint_codegen.export.tree import Precision, evaluated, tree_of
+from pmjoint_codegen.export.tree import Precision, Tree, evaluated, tree_of
 
 Values = dict[sp.Symbol, Any]
 DEGREE: Final = 14  # of Taylor's series of the hold
@@ -154,6 +154,7 @@ class Twin:
     values: Values = field(default_factory=dict)
     fixed: Values = field(default_factory=dict)
     ready: bool = False
+    _trees: dict[sp.Expr, Tree] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.fixed = dict(self.parameters)
@@ -173,7 +174,9 @@ class Twin:
 
     def of(self, value: sp.Expr, known: Mapping[sp.Symbol, Any]) -> Any:
         """An expression's value."""
-        return evaluated(tree_of(value), known, self.arithmetic.table)
+        if value not in self._trees:
+            self._trees[value] = tree_of(value)
+        return evaluated(self._trees[value], known, self.arithmetic.table)
 
     def run(self, statements: Iterable[Statement], known: Mapping[sp.Symbol, Any], into: Values) -> Values:
         """Evaluate statements one after the other, into a table by symbol."""

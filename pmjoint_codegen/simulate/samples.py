@@ -9,6 +9,7 @@ import numpy as np
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator
 from pmjoint_codegen.loops.hold import hold_matrices
 from pmjoint_codegen.loops.status import Status
+from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.run import run
 from pmjoint_codegen.simulate.settings import Settings, make_settings
 
@@ -27,6 +28,10 @@ class Recorded:
         x_hat: estimate, shape (rows, n).
         p: parameters of the kernels, with the segment of the reference, shape (rows, parameters).
         hold: matrices of the exact hold.
+        t: instants, shape (rows,).
+        x: states of the plant, shape (rows, nx).
+        w: what the actuator delivers for v, without a chain, shape (rows, nw).
+        steps: of the plant's integration.
     """
 
     s: Array
@@ -40,6 +45,10 @@ class Recorded:
     x_hat: Array
     p: Array
     hold: Array
+    t: Array
+    x: Array
+    w: Array
+    steps: int
 
 
 def record(evaluator: Evaluator, start: str, samples: int) -> Recorded | str:
@@ -48,12 +57,7 @@ def record(evaluator: Evaluator, start: str, samples: int) -> Recorded | str:
     Every sample is on time: lateness is the clock's, which the exported controller does not have.
     """
     manifest = evaluator.manifest
-    late = {manifest.chain["jitter"]: 0.0} if "jitter" in manifest.chain else {}
-    T = manifest.simulation.sample_time
-    horizon = min(manifest.simulation.horizon, samples * T)
-    settings = make_settings(
-        manifest, parameters=late, horizon=horizon, output_step=T, controller="sampled", start=start
-    )
+    settings = run_settings(manifest, start, samples)
     done = run(evaluator, settings)
     if done.status != Status.DONE and len(done.t) < 2:
         return f"the sampled run ended at once: {done.message}"
@@ -71,8 +75,29 @@ def record(evaluator: Evaluator, start: str, samples: int) -> Recorded | str:
         z=np.column_stack([done[f"z{i}"] for i in range(1, manifest.rho + 1)]),
         x_hat=np.column_stack([done[f"x_hat{i}"] for i in range(1, manifest.n + 1)]),
         p=p,
-        hold=hold_matrices(evaluator, settings.p, T),
+        hold=hold_matrices(evaluator, settings.p, settings.sample_time),
+        t=done.t,
+        x=done.states[:, : manifest.nx],
+        w=_delivered(evaluator, done["v"], p),
+        steps=done.steps,
     )
+
+
+def run_settings(manifest: Manifest, start: str, samples: int) -> Settings:
+    """Settings of the model's sampled run, of at most some samples; the clock is on time."""
+    late = {manifest.chain["jitter"]: 0.0} if "jitter" in manifest.chain else {}
+    T = manifest.simulation.sample_time
+    horizon = min(manifest.simulation.horizon, samples * T)
+    return make_settings(
+        manifest, parameters=late, horizon=horizon, output_step=T, controller="sampled", start=start
+    )
+
+
+def _delivered(evaluator: Evaluator, v: Array, p: Array) -> Array:
+    """W for each v: within the limits of every channel."""
+    (limits,) = evaluator.call("actuation", p)
+    offset, slope, lower, upper = np.moveaxis(limits.reshape(len(v), -1, 4), 2, 0)
+    return np.clip(offset + slope * v[:, np.newaxis], lower, upper)
 
 
 def _parameters(settings: Settings, t: Array) -> Array:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import json
+import re
 import shutil
 import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -16,6 +19,8 @@ from pmjoint_codegen.check.oracles.exported import Exported
 from pmjoint_codegen.export.package import Export
 
 FILES = {"Makefile", "README.md", "CMakeLists.txt", "main.c", "trace.json"}
+FILES |= {"library.properties", "library.json"}
+STRICT = "-O2 -std=c99 -Wall -Wextra -Wpedantic -Wconversion -Wdouble-promotion -Wshadow -Wmissing-prototypes"
 MODELS = ("paper", "joint-exact", "joint-lag", "third-order", "braking", "chain", "third-nonlinear")
 
 
@@ -56,6 +61,77 @@ def test_make_test_fails_where_the_self_test_does(exports: Callable[..., Export]
     source.write_text(export.source.replace("params->b0 = 2.0", "params->b0 = 2.002"), encoding="utf-8")
     done = subprocess.run(["make", "-C", str(tmp_path), "test"], capture_output=True, check=False)
     assert done.returncode != 0
+
+
+def test_cmake_builds_and_tests_it(exports: Callable[..., Export], tmp_path: Path) -> None:
+    if any(shutil.which(tool) is None for tool in ("cmake", "ctest", "cc")):
+        pytest.skip("no cmake or compiler")
+    folder = written(exports("paper"), tmp_path)
+    for command in (
+        ["cmake", "-S", ".", "-B", "build", f"-DCMAKE_C_FLAGS={STRICT} -Werror"],
+        ["cmake", "--build", "build"],
+        ["ctest", "--test-dir", "build", "--output-on-failure", "--no-tests=error"],
+    ):
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout + done.stderr
+    assert "100% tests passed" in done.stdout
+
+
+@pytest.mark.parametrize("precision", ["double", "float"])
+def test_zig_builds_it_without_a_warning(
+    precision: str, exports: Callable[..., Export], tmp_path: Path
+) -> None:
+    pytest.importorskip("ziglang")
+    export = exports("joint-exact", precision)
+    folder = written(export, tmp_path)
+    units = [f"{export.identity.prefix}.c", "main.c"]
+    build = [
+        sys.executable,
+        "-m",
+        "ziglang",
+        "cc",
+        *STRICT.split(),
+        "-Werror",
+        *units,
+        "-o",
+        "example",
+        "-lm",
+    ]
+    done = subprocess.run(build, cwd=folder, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    ran = subprocess.run([folder / "example"], capture_output=True, text=True, check=False)
+    assert ran.returncode == 0 and "all holds" in ran.stdout
+
+
+def test_the_folder_is_a_library_of_arduino_and_platformio(
+    exports: Callable[..., Export], tmp_path: Path
+) -> None:
+    """With every file of the folder compiled, as Arduino does, there is one main: the sketch's."""
+    export = exports("chain", "float")
+    prefix = export.identity.prefix
+    properties = dict(line.split("=", 1) for line in export.files["library.properties"].splitlines())
+    asked = ("name", "version", "author", "maintainer", "sentence", "paragraph", "category", "architectures")
+    assert all(properties[key] for key in asked)
+    assert re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9 _.-]*", properties["name"])
+    assert properties["includes"] == f"{prefix}.h"
+    manifest = json.loads(export.files["library.json"])
+    assert re.fullmatch(r"[a-z0-9](?:[a-z0-9-]*[a-z0-9])?", manifest["name"]) and manifest["headers"]
+    assert (
+        re.fullmatch(r"\d+\.\d+\.\d+", manifest["version"]) and manifest["version"] == properties["version"]
+    )
+    assert manifest["build"]["srcFilter"] == f"-<*> +<{prefix}.c>"
+    if shutil.which("g++") is None:
+        pytest.skip("no C++ compiler")
+    folder = written(export, tmp_path)
+    sketch = f'#include "{prefix}.h"\nint main() {{ return {prefix}_self_test(); }}\n'
+    (folder / "sketch.cpp").write_text(sketch, encoding="utf-8")
+    for source in (f"{prefix}.c", "main.c"):
+        subprocess.run(
+            ["gcc", *STRICT.split(), "-Werror", "-DARDUINO=10819", "-c", source], cwd=folder, check=True
+        )
+    link = ["g++", "-Wall", "-Werror", "sketch.cpp", f"{prefix}.o", "main.o", "-o", "sketch", "-lm"]
+    subprocess.run(link, cwd=folder, check=True)
+    assert subprocess.run([folder / "sketch"], check=False).returncode == 0
 
 
 @pytest.mark.parametrize("name", ["paper", "third-nonlinear"])

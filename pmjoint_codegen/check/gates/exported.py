@@ -23,6 +23,7 @@ from pmjoint_codegen.check.oracles.error_bound import walk
 from pmjoint_codegen.check.oracles.exported import Exported
 from pmjoint_codegen.check.result import Difference, GateResult, failed, not_run, passed
 from pmjoint_codegen.check.subject import Subject
+from pmjoint_codegen.compile.compiler import Compiler
 from pmjoint_codegen.export.bounds import Bounded
 from pmjoint_codegen.export.package import TRACE, Export, export_c
 from pmjoint_codegen.export.recording import twin_of
@@ -30,7 +31,7 @@ from pmjoint_codegen.export.source import Identity
 from pmjoint_codegen.export.statements import Program
 from pmjoint_codegen.export.trace import trace_faults
 from pmjoint_codegen.export.tree import DOUBLE
-from pmjoint_codegen.export.twin import COMMAND, bounded_arithmetic
+from pmjoint_codegen.export.twin import COMMAND, Twin, bounded_arithmetic
 from pmjoint_codegen.identity import model_hash
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator
 from pmjoint_codegen.kernels.tape import Tape
@@ -64,13 +65,19 @@ def check(subject: Subject) -> GateResult:
     """Compile the export and compare it with the model's sampled runs."""
     if subject.compiler is None or subject.compiled is None:
         return not_run("no C compiler")
-    identity = Identity(subject.model.name, model_hash(subject.document), __version__)
-    export = export_c(subject.derivation, identity)
+    loaded = load(subject, subject.compiler)
+    export = loaded.export
     faults = trace_faults(export.program, export.source, json.loads(export.files[TRACE]))
     if faults:
         return failed(faults[0], len(faults), 0, findings=tuple(faults[1:]))
-    loaded = Exported.load(export, subject.compiler, cache_dir(subject.environment, subject.notify))
     return judge(loaded, subject.compiled, subject.tapes)
+
+
+def load(subject: Subject, compiler: Compiler) -> Exported:
+    """Export a model's controller, compile and load it."""
+    identity = Identity(subject.model.name, model_hash(subject.document), __version__)
+    export = export_c(subject.derivation, identity)
+    return Exported.load(export, compiler, cache_dir(subject.environment, subject.notify))
 
 
 def judge(
@@ -175,26 +182,12 @@ def _shown(program: Program) -> list[str]:
 def step_bounds(export: Export, recorded: Recorded, tapes: Mapping[str, Tape], *, matched: bool) -> Array:
     """Bounds on the differences of `_steps`: of the exported statements and of the kernels' instructions."""
     program, rows = export.program, len(recorded.v) - 1
-    now, then = slice(0, rows), slice(1, rows + 1)
-    column = {name: getattr(recorded, name)[now, np.newaxis] for name in ("y", "u", "v")}
-    h = np.tile(recorded.hold, (rows, 1))
-    (update,) = walk(
-        tapes["sampled_update"], [column["y"], recorded.s[now], column["u"], column["v"], h, recorded.p[now]]
-    )
+    then = slice(1, rows + 1)
+    states, twin = _state_errors(export, recorded, tapes, matched=matched)
     given = [recorded.y[then, np.newaxis], recorded.s[then], recorded.y_r[then], recorded.p[then]]
     z, _, v_error = walk(tapes["law"], given)
     (x_hat,) = walk(tapes["estimate"], [recorded.s[then], recorded.p[then]])
-    twin = twin_of(program, bounded_arithmetic(DOUBLE), DOUBLE, matched=matched)
-    # Both take the same bits of the hold's matrices, so their own error is no difference.
-    twin.fixed |= {symbol: Bounded(twin.fixed[symbol].value, 0.0) for symbol in program.hold.symbols}
     s = program.derivation.signals
-    twin.values = {symbol: Bounded(recorded.s[now, i], 0.0) for i, symbol in enumerate(program.states)}
-    taken = {s.y: recorded.y, s.u: recorded.u, s.v: recorded.v, COMMAND: recorded.command}
-    twin.values |= {symbol: Bounded(array[now], 0.0) for symbol, array in taken.items()}
-    twin.ready = True
-    twin.advance()
-    states = np.column_stack([_broadcast(twin.values[symbol].error, rows) for symbol in program.states])
-    states = states + update.error
     twin.values |= {
         symbol: Bounded(twin.values[symbol].value, states[:, i]) for i, symbol in enumerate(program.states)
     }
@@ -207,6 +200,44 @@ def step_bounds(export: Export, recorded: Recorded, tapes: Mapping[str, Tape], *
     twin.actuate(v, first=False)
     u = 2.0 * _broadcast(twin.values[s.u].error, rows)  # both sides round
     return np.column_stack([states, v.error, u, np.column_stack(shown) + np.hstack([z.error, x_hat.error])])
+
+
+def local_errors(
+    export: Export, recorded: Recorded, tapes: Mapping[str, Tape], *, matched: bool
+) -> tuple[Array, Array]:
+    """Bounds on what one sample alone adds: to the next states, (rows - 1, ns), and to v, (rows,)."""
+    states, twin = _state_errors(export, recorded, tapes, matched=matched)
+    program, s, rows = export.program, export.program.derivation.signals, len(recorded.v)
+    given = [recorded.y[:, np.newaxis], recorded.s, recorded.y_r, recorded.p]
+    _, _, kernel = walk(tapes["law"], given)
+    exact = {symbol: recorded.s[:, i] for i, symbol in enumerate(program.states)} | {s.y: recorded.y}
+    exact |= {symbol: recorded.y_r[:, i] for i, symbol in enumerate(s.y_r)}
+    found = twin.run(program.law, {symbol: Bounded(array, 0.0) for symbol, array in exact.items()}, {})
+    return states, _broadcast(found[s.v].error, rows) + kernel.error[:, 0]
+
+
+def _state_errors(
+    export: Export, recorded: Recorded, tapes: Mapping[str, Tape], *, matched: bool
+) -> tuple[Array, Twin]:
+    """Bounds on the differences of the next states, and the twin that is there."""
+    program, rows = export.program, len(recorded.v) - 1
+    now = slice(0, rows)
+    column = {name: getattr(recorded, name)[now, np.newaxis] for name in ("y", "u", "v")}
+    h = np.tile(recorded.hold, (rows, 1))
+    (update,) = walk(
+        tapes["sampled_update"], [column["y"], recorded.s[now], column["u"], column["v"], h, recorded.p[now]]
+    )
+    twin = twin_of(program, bounded_arithmetic(DOUBLE), DOUBLE, matched=matched)
+    # Both take the same bits of the hold's matrices, so their own error is no difference.
+    twin.fixed |= {symbol: Bounded(twin.fixed[symbol].value, 0.0) for symbol in program.hold.symbols}
+    s = program.derivation.signals
+    twin.values = {symbol: Bounded(recorded.s[now, i], 0.0) for i, symbol in enumerate(program.states)}
+    taken = {s.y: recorded.y, s.u: recorded.u, s.v: recorded.v, COMMAND: recorded.command}
+    twin.values |= {symbol: Bounded(array[now], 0.0) for symbol, array in taken.items()}
+    twin.ready = True
+    twin.advance()
+    errors = np.column_stack([_broadcast(twin.values[symbol].error, rows) for symbol in program.states])
+    return errors + update.error, twin
 
 
 def _broadcast(error: Any, rows: int) -> Array:

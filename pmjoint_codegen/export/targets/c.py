@@ -10,8 +10,10 @@ from typing import Final
 
 from pmjoint_codegen.compile.compiler import INSTALL, find_compiler, install_line
 from pmjoint_codegen.errors import BuildError, CheckFailed, MissingToolError
-from pmjoint_codegen.export.package import cost_of, export_c
+from pmjoint_codegen.export.package import Export, cost_of, export_c
 from pmjoint_codegen.export.targets.target import Delivery, Order, Report, Target
+from pmjoint_codegen.export.tracking import tracking_of
+from pmjoint_codegen.export.tree import DOUBLE
 
 _LIMIT: Final = 300.0  # s; a build takes one
 
@@ -25,7 +27,21 @@ def deliver(order: Order) -> Delivery:
         f"{order.precision.name} moves v by at most {cost.bound:.2g} {unit} where |v| reaches "
         f"{cost.largest:.3g} {unit} (derived bound, over the samples of the self test)"
     )
-    return Delivery(made.files, Report({"v_error_bound": cost.bound, "v_largest": cost.largest}, (line,)))
+    report = Report({"v_error_bound": cost.bound, "v_largest": cost.largest}, (line,))
+    return Delivery(made.files, report if order.precision == DOUBLE else _with_tracking(report, made))
+
+
+def _with_tracking(report: Report, made: Export) -> Report:
+    """The report with what the precision costs in closed loop."""
+    cost = tracking_of(made.program, made.precision)
+    d = made.program.derivation
+    unit = str(d.units.of(d.signals.y))
+    line = (
+        f"{made.precision.name} moves y in closed loop by at most {cost.y:.2g} {unit} where |y| reaches "
+        f"{cost.largest:.3g} {unit} (first-order bound, over {cost.seconds:.3g} s of the example's run)"
+    )
+    found = {"y_error_bound": cost.y, "y_largest": cost.largest, "y_seconds": cost.seconds}
+    return Report({**report.record, **found}, (*report.lines, line))
 
 
 def run(order: Order, folder: Path) -> Report:
