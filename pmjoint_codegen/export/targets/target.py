@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, Final, cast
 
 if TYPE_CHECKING:
     from pmjoint_codegen.export.source import Identity
@@ -23,7 +23,15 @@ class Entry:
     line: str
 
 
-TARGETS = (Entry("c", "pmjoint_codegen.export.targets.c", "readable C99 with a self test and an example"),)
+TARGETS = (
+    Entry("c", "pmjoint_codegen.export.targets.c", "readable C99 with a self test and an example"),
+    Entry(
+        "fmu",
+        "pmjoint_codegen.export.targets.fmu",
+        "co-simulation FMUs of controller and plant, FMI 2.0 and 3.0",
+    ),
+)
+PLATFORMS: Final = ("x86_64-linux", "aarch64-linux", "x86_64-windows", "x86_64-darwin", "aarch64-darwin")
 
 
 @dataclass(frozen=True)
@@ -37,6 +45,8 @@ class Order:
         precision: of the numbers.
         environment: of the process: CC, PATH, the place of the cache.
         notify: called with one line that the reader should see.
+        model_file: where the document comes from.
+        platforms: for which binaries are asked beyond this one, where the format has any.
     """
 
     derivation: Derivation
@@ -45,6 +55,8 @@ class Order:
     precision: Precision
     environment: Mapping[str, str]
     notify: Callable[[str], None] | None = None
+    model_file: Path = Path()
+    platforms: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
