@@ -10,7 +10,7 @@ import click
 
 from pmjoint_codegen.cli.options import ModelName, Place
 from pmjoint_codegen.cli.terminal import activity, document, message, result
-from pmjoint_codegen.export.targets.target import TARGETS
+from pmjoint_codegen.export.targets.target import PLATFORMS, TARGETS
 
 _ABOUT = """Write the controller of MODEL for another tool chain.
 
@@ -26,6 +26,7 @@ _EXAMPLES = """\b
 Examples
   pmjoint export paper --target c --run --out controller
   pmjoint export joint-lag --target c --precision float --out controller
+  pmjoint export paper --target fmu --platform x86_64-windows --run --out units
 """
 
 
@@ -47,10 +48,23 @@ Examples
     show_default=True,
     help="Type of all numbers; float throughout is for processors whose hardware has no double.",
 )
+@click.option(
+    "--platform",
+    "platforms",
+    type=click.Choice(PLATFORMS),
+    multiple=True,
+    help="Add binaries for another platform to FMUs, built by ziglang; repeatable.",
+)
 @click.option("--run", "runs", is_flag=True, help="Build and run what was written.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
 def command(
-    model: str, targets: tuple[str, ...], out: Path, precision: str, runs: bool, as_json: bool
+    model: str,
+    targets: tuple[str, ...],
+    out: Path,
+    precision: str,
+    platforms: tuple[str, ...],
+    runs: bool,
+    as_json: bool,
 ) -> None:
     """Run ``pmjoint export``: click passes the parsed arguments."""
     from pmjoint_codegen.storage import ensure_folder, write_bytes
@@ -77,9 +91,9 @@ def command(
         source = model_of(contents, str(path))
         identity = Identity(source.name, model_hash(contents), __version__)
         kind = {"double": DOUBLE, "float": FLOAT}[precision]
-        order = Order(
-            derive(source, shown.stage), identity, contents, kind, os.environ, message, path.absolute()
-        )
+        derivation = derive(source, shown.stage)
+        file = path.absolute()
+        order = Order(derivation, identity, contents, kind, os.environ, file, message, platforms)
         for name in names:
             folder = out / name if len(names) > 1 else out
             shown.stage(f"writing {name}", 0.0)

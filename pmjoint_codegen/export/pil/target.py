@@ -145,8 +145,7 @@ def run(chip: Chip, order: Order, folder: Path, samples: int = SAMPLES) -> Repor
 
 def _evaluator(order: Order) -> Evaluator:
     """The kernels of the model's plant."""
-    file = order.file or Path(f"{order.identity.model}.toml").absolute()
-    source = Source(file, order.document, environment=order.environment)
+    source = Source(order.file, order.document, environment=order.environment)
     return evaluator_of(source, order.notify or (lambda line: None))
 
 

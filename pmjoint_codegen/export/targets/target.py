@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, Final, cast
 
 if TYPE_CHECKING:
     from pmjoint_codegen.export.source import Identity
@@ -27,7 +27,13 @@ TARGETS = (
     Entry("c", "pmjoint_codegen.export.targets.c", "readable C99 with a self test and an example"),
     Entry("cortex-m4f", "pmjoint_codegen.export.pil.cortex_m4f", "the same on an emulated Arm Cortex-M4F"),
     Entry("riscv32", "pmjoint_codegen.export.pil.riscv32", "the same on an emulated RISC-V of 32 bits"),
+    Entry(
+        "fmu",
+        "pmjoint_codegen.export.targets.fmu",
+        "co-simulation FMUs of controller and plant, FMI 2.0 and 3.0",
+    ),
 )
+PLATFORMS: Final = ("x86_64-linux", "aarch64-linux", "x86_64-windows", "x86_64-darwin", "aarch64-darwin")
 
 
 @dataclass(frozen=True)
@@ -40,8 +46,9 @@ class Order:
         document: the model file's contents.
         precision: of the numbers.
         environment: of the process: CC, PATH, the place of the cache.
-        notify: called with one line that the reader should see.
         file: the model file, from which files with data are looked for.
+        notify: called with one line that the reader should see.
+        platforms: for which binaries are asked beyond this one, where the format has any.
     """
 
     derivation: Derivation
@@ -49,8 +56,9 @@ class Order:
     document: Mapping[str, Any]
     precision: Precision
     environment: Mapping[str, str]
+    file: Path
     notify: Callable[[str], None] | None = None
-    file: Path | None = None
+    platforms: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -210,7 +210,7 @@ def test_a_build_that_fails_names_the_packages(built: Make, changed: Change) -> 
 
 def test_a_folder_is_the_same_each_time(exports: Callable[..., Export]) -> None:
     export = exports("paper")
-    order = Order(export.program.derivation, export.identity, {}, export.precision, {})
+    order = Order(export.program.derivation, export.identity, {}, export.precision, {}, Path("paper.toml"))
     first, second = (deliver(chip_named("cortex-m4f"), order).files for _ in range(2))
     assert first == second
     left = [name for name, text in first.items() if re.search(r"@\w+@", str(text))]
