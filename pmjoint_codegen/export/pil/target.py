@@ -27,6 +27,8 @@ from pmjoint_codegen.values import MATCHED, ZERO
 
 SAMPLES: Final = 10_000
 _CODE: Final = (".text", ".rodata", ".srodata")
+# Where these turn a rounding error into a step of the encoder, or of the command, runs part for good.
+_JUMPING: Final = frozenset({"resolution", "dead_zone"})
 _MOST: Final = 3000  # samples of a closed loop: its plant takes 0.5 ms for each
 
 
@@ -119,7 +121,7 @@ class Bench:
             export, asked, looped, native.recorded(asked, layout), f"{where}, in the closed loop"
         )
         deviation = float(np.max(np.abs(asked[:, 0] - self.recorded.reading[: len(asked)])))
-        if kind == DOUBLE.name:
+        if kind == DOUBLE.name and _JUMPING.isdisjoint(self.evaluator.manifest.chain):
             self._check_followed(asked, deviation, where)
         instructions = answer.instructions(chip)
         code, tested = self._code(place / f"{export.identity.prefix}.o")
@@ -145,9 +147,9 @@ class Bench:
         )
 
     def _code(self, file: Path) -> tuple[int, int]:
-        """Bytes of an object's code and constants; and of them those of the self test."""
+        """Bytes of an object's code and numbers, not of its name and hash; of them those of the self test."""
         sizes = self.tools.sections(file)
-        code = {name: size for name, size in sizes.items() if name.startswith(_CODE)}
+        code = {name: size for name, size in sizes.items() if name.startswith(_CODE) and ".str" not in name}
         tested = (size for name, size in code.items() if "self_test" in name or ".recorded" in name)
         return sum(code.values()), sum(tested)
 
