@@ -20,17 +20,18 @@ from pmjoint_codegen.export.pil.chips import chip_named
 from pmjoint_codegen.export.pil.compare import compare, library_functions
 from pmjoint_codegen.export.pil.records import check_counter, other_bits
 from pmjoint_codegen.export.pil.target import Bench, deliver, run
-from pmjoint_codegen.export.targets.target import Order
+from pmjoint_codegen.export.targets.target import Order, Report
 from pmjoint_codegen.simulate.samples import record
 from pmjoint_codegen.values import ZERO
 from tests.export.pil.conftest import Built, samples, tools_of, write
 
+ROOT = Path(__file__).resolve().parents[3]
 BAR = 700  # instructions of a step of the paper's controller in float on a Cortex-M4F
 Make = Callable[[str, str], Built]
 Change = Callable[[Built, str, str, str], Built]
 
 
-def reported(chip: str, document: dict[str, Any], export: Export, folder: Path, count: int) -> dict[str, Any]:
+def reported(chip: str, document: dict[str, Any], export: Export, folder: Path, count: int) -> Report:
     """What a run of the paper's target reports."""
     tools_of(chip)
     order = Order(
@@ -39,21 +40,27 @@ def reported(chip: str, document: dict[str, Any], export: Export, folder: Path, 
         document,
         export.precision,
         os.environ,
-        file=Path("models/paper.toml").absolute(),
+        file=ROOT / "models" / "paper.toml",
     )
     write(folder, deliver(chip_named(chip), order).files)  # type: ignore[arg-type]  # it has text alone
-    return dict(run(chip_named(chip), order, folder, count).record)
+    return run(chip_named(chip), order, folder, count)
 
 
 @pytest.fixture(scope="module")
-def cortex(
+def report(
     exports: Callable[..., Export],
     documents: Callable[[str], dict[str, Any]],
     tmp_path_factory: pytest.TempPathFactory,
-) -> dict[str, Any]:
+) -> Report:
     """The report of the paper's controller on a Cortex-M4F."""
     folder = tmp_path_factory.mktemp("cortex")
     return reported("cortex-m4f", documents("paper"), exports("paper"), folder, 10_000)
+
+
+@pytest.fixture
+def cortex(report: Report) -> dict[str, Any]:
+    """The same as data."""
+    return dict(report.record)
 
 
 def test_ten_thousand_recorded_samples_give_the_bits_of_this_machine(cortex: dict[str, Any]) -> None:
@@ -77,10 +84,20 @@ def test_a_step_in_float_takes_few_instructions(cortex: dict[str, Any]) -> None:
     assert cortex["double"]["step_instructions"] > 10 * cortex["float"]["step_instructions"]
 
 
+def test_the_page_shows_what_the_command_prints(report: Report) -> None:
+    compiler = chip_named("cortex-m4f").compiler
+    done = subprocess.run([compiler, "-dumpversion"], capture_output=True, text=True, check=True)
+    if not done.stdout.startswith("12.2."):
+        pytest.skip("the page has the numbers of another compiler")
+    page = (ROOT / "docs" / "export.md").read_text(encoding="utf-8")
+    (shown,) = re.findall(r"^```text\n(.*?)^```$", page, re.DOTALL | re.MULTILINE)
+    assert shown.splitlines() == list(report.lines[2:])
+
+
 def test_a_risc_v_runs_the_same_program(
     exports: Callable[..., Export], documents: Callable[[str], dict[str, Any]], tmp_path: Path
 ) -> None:
-    found = reported("riscv32", documents("paper"), exports("paper"), tmp_path, 500)
+    found = reported("riscv32", documents("paper"), exports("paper"), tmp_path, 500).record
     for precision in ("double", "float"):
         assert found[precision]["other_bits"] == found[precision]["loop_other_bits"] == 0
         assert found[precision]["loop_samples"] == 500
