@@ -21,14 +21,17 @@ from pmjoint_codegen.cli.summary_table import summary_table
 from pmjoint_codegen.cli.terminal import activity, as_json, document, message, result
 from pmjoint_codegen.errors import SimulationError, UsageError
 from pmjoint_codegen.logs.formats import FORMATS, available
+from pmjoint_codegen.simulate.page import page_of
 
 if TYPE_CHECKING:
     from pmjoint_codegen.closed_loop import ClosedLoop
     from pmjoint_codegen.provision import Reference
     from pmjoint_codegen.simulate.against import Log
+    from pmjoint_codegen.simulate.page import Page
     from pmjoint_codegen.simulate.run import Run
     from pmjoint_codegen.simulate.settings import CommandOptions
 
+FIGURE_FORMATS = ("png", "pdf", "svg")  # the default first
 _DETAIL_ROWS = 500  # of the saturated transient in the figures
 
 _ABOUT = """Integrate the closed loop of MODEL.
@@ -47,6 +50,7 @@ Examples
   pmjoint simulate joint --reference gait.csv --reference-unit deg --reference-filter 20
   pmjoint simulate joint --against log.csv --against-column y=angle
   pmjoint simulate paper --format parquet --format mat --format mcap
+  pmjoint simulate paper --format pdf --width ieee --no-caption
   pmjoint simulate paper --no-compensator --no-figures --json
 """
 
@@ -94,11 +98,24 @@ Examples
 @click.option(
     "--format",
     "formats",
-    type=click.Choice([item.name for item in FORMATS]),
+    type=click.Choice([*(item.name for item in FORMATS), *FIGURE_FORMATS]),
     multiple=True,
-    help="Write the trajectory in this format too, beside trajectory.csv, with units and settings inside: "
+    help="A format of the trajectory, written beside trajectory.csv with units and settings inside: "
     + ", ".join(f"{item.name} ({item.about})" for item in FORMATS)
-    + "; repeatable.",
+    + f"; or of the figures, {', '.join(FIGURE_FORMATS)}, by default png; repeatable.",
+)
+@click.option("--no-caption", is_flag=True, help="Draw figures without captions.")
+@click.option(
+    "--style",
+    type=click.Choice(["paper", "slides"]),
+    default="paper",
+    help="Of figures: slides have larger text and heavier lines.",
+)
+@click.option(
+    "--width",
+    metavar="WIDTH",
+    help="Of figures: a length, such as 120mm or 5in, or ieee (3.5in), ieee-wide (7.16in), elsevier (90mm),"
+    " elsevier-wide (190mm) [default: 6.3in, slides 10in].",
 )
 @click.option("--no-figures", is_flag=True, help="Draw no figures.")
 @click.option(
@@ -114,6 +131,9 @@ def command(
     against: Path | None,
     against_column: tuple[str, ...],
     formats: tuple[str, ...],
+    no_caption: bool,
+    style: str,
+    width: str | None,
     no_figures: bool,
     wants_json: bool,
     **asked: Unpack[CommandOptions],
@@ -123,7 +143,9 @@ def command(
 
     check_saturation(saturation, asked)
     for name in formats:  # a package that is absent is named before the run, not after it
-        available(name, "--format")
+        if name not in FIGURE_FORMATS:
+            available(name, "--format")
+    page = page_of(style, width, caption=not no_caption)
     if out:
         ensure_folder(out)
     loop = _load(model, evaluator, reference, disturbance, saturation)
@@ -137,9 +159,8 @@ def command(
     files = write_results(run, folder, formats)
     try:
         if not no_figures:
-            files += _draw(loop, run, asked, folder, notes, log)
-        elif any(folder.glob("figure*_*.png")):
-            message(f"pmjoint: the figures in {folder} are from an earlier run")
+            kinds = [name for name in FIGURE_FORMATS if name in formats] or FIGURE_FORMATS[:1]
+            files += _draw(loop, run, asked, folder, notes, log, page, kinds)
     finally:  # report the result even if the figures fail
         if wants_json:
             document({**run.summary, "files": files})
@@ -208,7 +229,8 @@ def _compared(run: Run, against: Path | None, chosen: Sequence[str]) -> Log | No
 def write_results(run: Run, folder: Path, formats: Sequence[str]) -> tuple[Path, ...]:
     """Write the trajectory in ``csv`` and other formats, and ``summary.json``, each whole or not at all.
 
-    Trajectories of an earlier run in formats that this one does not write are removed.
+    Figures of an earlier run are removed, and its trajectories in formats that this one does not write: they
+    would stand beside data that they do not show.
 
     Raises:
         UsageError: a file cannot be written.
@@ -218,11 +240,12 @@ def write_results(run: Run, folder: Path, formats: Sequence[str]) -> tuple[Path,
     summary = folder / "summary.json"
     chosen = [item.name for item in FORMATS if item.name == "csv" or item.name in formats]
     trajectories = tuple(folder / f"trajectory.{name}" for name in chosen)
-    for item in FORMATS:
-        stale = folder / f"trajectory.{item.name}"
-        if item.name not in chosen:
-            with explained(stale):
-                stale.unlink(missing_ok=True)
+    old = [folder / f"trajectory.{item.name}" for item in FORMATS]
+    for kind in FIGURE_FORMATS:
+        old += [*folder.glob(f"figure[0-9]*_*.{kind}"), folder / f"overview.{kind}"]
+    for path in set(old) - set(trajectories):
+        with explained(path):
+            path.unlink(missing_ok=True)
     for path in trajectories:
         run.save(path)
     write_text(summary, as_json(run.summary) + "\n")
@@ -236,6 +259,8 @@ def _draw(
     folder: Path,
     notes: Sequence[str],
     log: Log | None,
+    page: Page,
+    kinds: Sequence[str],
 ) -> tuple[Path, ...]:
     """Draw the figures; the saturated transient comes from a second, short run on a fine grid."""
     from pmjoint_codegen.simulate.figures import write_figures
@@ -247,4 +272,6 @@ def _draw(
         step = min(window / _DETAIL_ROWS, run.settings.output_step)
         detail, _ = _run(loop, {**asked, "horizon": window, "output_step": step})
     with activity("drawing figures") as progress:
-        return write_figures(run, folder, detail=detail, notes=notes, log=log, progress=progress)
+        return write_figures(
+            run, folder, detail=detail, notes=notes, log=log, page=page, kinds=kinds, progress=progress
+        )

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from pmjoint_codegen import storage
+from pmjoint_codegen.simulate.page import PRINTED, Page
 from pmjoint_codegen.simulate.sheets import (
     Panel,
     Sheet,
@@ -23,7 +24,7 @@ from pmjoint_codegen.simulate.sheets import (
     sheets,
     transient_window,
 )
-from pmjoint_codegen.simulate.style import GREY, png, styled, wrapped
+from pmjoint_codegen.simulate.style import CAPTION_CHARACTERS, GREY, rendered, scaled, styled, wrapped
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,12 +32,13 @@ if TYPE_CHECKING:
 
     from pmjoint_codegen.simulate.against import Log
     from pmjoint_codegen.simulate.record import Record
+    from pmjoint_codegen.simulate.style import Look
 
-WIDTH = 6.3  # inches, the text width of a printed page
-LEFT, RIGHT, TOP, BOTTOM = 0.62, 0.16, 0.24, 0.42  # inches around the panels
+LEFT, RIGHT, TOP, BOTTOM = 0.62, 0.16, 0.24, 0.42  # inches around the panels, at the scale 1 as below
 GAP, COLUMN_GAP = 0.22, 0.42  # inches between panels
 LABEL = 0.37  # inches from a panel to its vertical label
 CAPTION_LINE = 0.165  # inches
+SHORT_LINE: Final = 0.92  # of the characters that fit on average: wide ones weigh more in a short line
 LONG_LEGEND: Final = 60  # characters of all labels, as Matplotlib's mathematics, above a panel of half a page
 SHADE = {-1: "#d9e3ee", 1: "#f3dcd6"}  # saturated below, above
 STYLE: Final = {
@@ -61,9 +63,11 @@ def write_figures(
     detail: Record | None = None,
     notes: Sequence[str] = (),
     log: Log | None = None,
+    page: Page = PRINTED,
+    kinds: Sequence[str] = ("png",),
     progress: Callable[[float], None] = lambda fraction: None,
 ) -> tuple[Path, ...]:
-    """Draw every figure of a run and the overview as PNG files.
+    """Draw every figure of a run and the overview.
 
     Args:
         run: what to draw; a run that ended early is drawn up to its end.
@@ -71,6 +75,8 @@ def write_figures(
         detail: the same run up to its `transient_window` at a finer output step, for the transient's panel.
         notes: changes to mention in the captions that the run itself cannot recognise as such.
         log: a recorded run, drawn as dots over the curves of the same names.
+        page: that they are drawn for.
+        kinds: formats of the files, each one of `style.KINDS`.
         progress: called periodically with the fraction completed.
 
     Raises:
@@ -80,15 +86,21 @@ def write_figures(
     paths = []
     for done, sheet in enumerate((None, *plans), start=1):
         figure = (
-            draw(run, sheet, detail=detail, notes=notes, log=log)
+            draw(run, sheet, detail=detail, notes=notes, log=log, page=page)
             if sheet
-            else overview(run, notes=notes, log=log)
+            else overview(run, notes=notes, log=log, page=page)
         )
-        path = folder / f"{sheet.stem if sheet else 'overview'}.png"
-        storage.write_bytes(path, png(figure, STYLE))
-        paths.append(path)
+        for kind in kinds:
+            path = folder / f"{sheet.stem if sheet else 'overview'}.{kind}"
+            storage.write_bytes(path, rendered(figure, look_of(page), kind))
+            paths.append(path)
         progress(done / (len(plans) + 1))
     return tuple(paths)
+
+
+def look_of(page: Page) -> Look:
+    """The style of a page's figures."""
+    return scaled(STYLE, page.scale)
 
 
 def draw(
@@ -98,83 +110,120 @@ def draw(
     detail: Record | None = None,
     notes: Sequence[str] = (),
     log: Log | None = None,
+    page: Page = PRINTED,
 ) -> Figure:
     """Draw one figure: the whole run on the right, the saturated transient, if there is one, on the left."""
     window = transient_window(run)
-    with styled(STYLE):
-        lines = wrapped(caption(run, sheet, notes))
+    with styled(look_of(page)):
+        lines = _caption_lines(caption(run, sheet, notes), page)
         height = 1.75 if len(sheet.panels) == 1 else 1.3
-        figure, grid = _canvas(len(sheet.panels), (1.0, 1.9) if window else (1.0,), height, len(lines))
+        figure, grid = _canvas(page, len(sheet.panels), (1.0, 1.9) if window else (1.0,), height, len(lines))
         for row, panel in zip(grid, sheet.panels, strict=True):
             if window:
-                _plot(row[0], detail or run, panel, window, log)
-            _plot(row[-1], run, panel, None, log)
+                _plot(row[0], detail or run, panel, window, log, page)
+            _plot(row[-1], run, panel, None, log, page)
             row[0].set_ylabel(panel.label)
-            _legend(row[-1], panel)
+            _legend(row[-1], panel, page)
         if window:
-            _name_limits(grid[0][0], run, window)
-        _finish(figure, grid, lines)
+            _name_limits(grid[0][0], run, window, page)
+        _finish(figure, grid, lines, page)
     return figure
 
 
-def overview(run: Record, *, notes: Sequence[str] = (), log: Log | None = None) -> Figure:
-    """Draw the whole run on one page."""
-    with styled(STYLE):
-        lines = wrapped(overview_caption(run, notes))
-        figure, grid = _canvas(3, (1.0, 1.0), 1.25, len(lines), gap=LEFT)
-        for axes, panel in zip((axes for row in grid for axes in row), overview_panels(run), strict=True):
-            _plot(axes, run, panel, None, log)
+def overview(
+    run: Record, *, notes: Sequence[str] = (), log: Log | None = None, page: Page = PRINTED
+) -> Figure:
+    """Draw the whole run on one page, in two columns."""
+    panels = overview_panels(run)
+    with styled(look_of(page)):
+        lines = _caption_lines(overview_caption(run, notes), page)
+        rows = (len(panels) + 1) // 2
+        figure, grid = _canvas(page, rows, (1.0, 1.0), 1.25, len(lines), gap=LEFT)
+        if len(panels) % 2:
+            grid[-1].pop().remove()
+        for axes, panel in zip((axes for row in grid for axes in row), panels, strict=True):
+            _plot(axes, run, panel, None, log, page)
             axes.set_ylabel(panel.label)
-            _legend(axes, panel)
-        _finish(figure, grid, lines)
+            _legend(axes, panel, page)
+        _finish(figure, grid, lines, page)
     return figure
+
+
+def _caption_lines(text: str, page: Page) -> list[str]:
+    share = page.relative * (1.0 if page.relative >= 1.0 else SHORT_LINE)
+    return wrapped(text, round(CAPTION_CHARACTERS * share)) if page.caption else []
 
 
 def _canvas(
-    rows: int, widths: Sequence[float], height: float, caption_lines: int, gap: float = COLUMN_GAP
+    page: Page, rows: int, widths: Sequence[float], height: float, caption_lines: int, gap: float = COLUMN_GAP
 ) -> tuple[Figure, list[list[Axes]]]:
-    """Lay out panels of a fixed height, in inches, above room for the caption."""
+    """Lay out panels of a fixed height, in inches at the scale 1, above room for the caption."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
+    wide = page.width / page.scale
     total = TOP + rows * height + (rows - 1) * GAP + BOTTOM + CAPTION_LINE * caption_lines + 0.08
-    figure = Figure(figsize=(WIDTH, total))
+    figure = Figure(figsize=(page.width, total * page.scale))
     FigureCanvasAgg(figure)
-    free = WIDTH - LEFT - RIGHT - gap * (len(widths) - 1)
+    free = wide - LEFT - RIGHT - gap * (len(widths) - 1)
     grid = []
     for row in range(rows):
         left, line = LEFT, []
         bottom = total - TOP - (row + 1) * height - row * GAP
         for share in widths:
             width = free * share / sum(widths)
-            line.append(figure.add_axes((left / WIDTH, bottom / total, width / WIDTH, height / total)))
+            line.append(figure.add_axes((left / wide, bottom / total, width / wide, height / total)))
             left += width + gap
         grid.append(line)
     return figure, grid
 
 
-def _plot(axes: Axes, run: Record, panel: Panel, until: float | None, log: Log | None) -> None:
+def _plot(axes: Axes, run: Record, panel: Panel, until: float | None, log: Log | None, page: Page) -> None:
     """Draw the curves of a panel over the time to `until` (all of it for None), on shaded saturation."""
     from matplotlib.ticker import MaxNLocator
 
     _shade(axes, run)
-    axes.axhline(0.0, color=GREY, linewidth=0.3, zorder=1)
+    axes.axhline(0.0, color=GREY, linewidth=0.3 * page.scale, zorder=1)
     for mark in (*panel.marks, *panel.levels):
-        axes.axhline(mark, color=GREY, linewidth=0.5, linestyle=(0, (1, 2)), zorder=1)
+        axes.axhline(mark, color=GREY, linewidth=0.5 * page.scale, linestyle=(0, (1, 2)), zorder=1)
     end = float(run.t[-1]) if until is None else until
     chosen = run.t <= end
     for line in panel.lines:
         axes.plot(run.t[chosen], line.values(run)[chosen], line.dash, color=line.colour, label=line.label)
         if log is not None and line.column in log.columns:
             seen = (log.t >= 0.0) & (log.t <= end)
-            recorded: dict[str, Any] = {"markersize": 1.6, "color": line.colour, "alpha": 0.6}
+            recorded: dict[str, Any] = {"markersize": 1.6 * page.scale, "color": line.colour, "alpha": 0.6}
             axes.plot(log.t[seen], log.columns[line.column][seen] / line.unit, ".", **recorded)
     if end > 0:  # a run may have ended at its start
         axes.set_xlim(0.0, end)
-    if panel.clip is not None and until is None:
-        axes.set_ylim(-panel.clip, panel.clip)
-    axes.xaxis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 2, 5, 10]))
+    across = axes.get_position().width * page.width / page.scale  # inches, as if the text had its usual size
+    axes.xaxis.set_major_locator(MaxNLocator(nbins=max(2, min(5, int(across / 0.35))), steps=[1, 2, 5, 10]))
     axes.yaxis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 2, 5, 10]))
+    if panel.clip is not None and until is None:
+        _clip(axes, run, panel, page)
+    if log is None and panel.is_zero(run):
+        _say_zero(axes, page)
+
+
+def _clip(axes: Axes, run: Record, panel: Panel, page: Page) -> None:
+    """Clip the axis, and say how far a curve goes beyond it."""
+    assert panel.clip is not None
+    axes.set_ylim(-panel.clip, panel.clip)
+    beyond = [(*run.peaks[line.column], line) for line in panel.lines if line.column in run.peaks]
+    peak, t, line = max(beyond, key=lambda item: item[0], default=(0.0, 0.0, None))
+    if line is not None and peak / line.unit > panel.clip:
+        said = f"$|{line.label.strip('$')}|$ up to {peak / line.unit:.4g} at {t:.3g} s"
+        place: dict[str, Any] = {"ha": "right", "va": "top", "fontsize": 7.5 * page.scale, "color": GREY}
+        paper = {"facecolor": "white", "edgecolor": "none", "pad": 0.4 * page.scale}
+        axes.text(0.985, 0.955, said, transform=axes.transAxes, bbox=paper, **place)
+
+
+def _say_zero(axes: Axes, page: Page) -> None:
+    """Say that all curves are exactly 0: a scale would suggest that there is something to see."""
+    axes.set_ylim(-1.0, 1.0)
+    axes.set_yticks([0.0])
+    place: dict[str, Any] = {"ha": "center", "va": "bottom", "fontsize": 8 * page.scale, "color": GREY}
+    axes.text(0.5, 0.54, "exactly 0", transform=axes.transAxes, **place)
 
 
 def _shade(axes: Axes, run: Record) -> None:
@@ -187,16 +236,16 @@ def _shade(axes: Axes, run: Record) -> None:
         axes.fill_between(corners, 0.0, height, color=colour, linewidth=0, zorder=0, transform=across)
 
 
-def _name_limits(axes: Axes, run: Record, until: float) -> None:
+def _name_limits(axes: Axes, run: Record, until: float, page: Page) -> None:
     """Name the limit above each shaded interval of the transient that is wide enough."""
     above = axes.get_xaxis_transform()
-    text: dict[str, Any] = {"ha": "center", "va": "bottom", "fontsize": 8, "color": GREY}
+    text: dict[str, Any] = {"ha": "center", "va": "bottom", "fontsize": 8 * page.scale, "color": GREY}
     for start, stop, mode in saturated_intervals(run):
         if stop - start > 0.08 * until:
             axes.text((start + stop) / 2, 1.02, limit_name(run, mode), transform=above, **text)
 
 
-def _legend(axes: Axes, panel: Panel) -> None:
+def _legend(axes: Axes, panel: Panel, page: Page) -> None:
     """Name the curves above the panel, on its right, where no curve can run through."""
     if panel.needs_legend:
         tight: dict[str, Any] = {
@@ -207,21 +256,28 @@ def _legend(axes: Axes, panel: Panel) -> None:
             "columnspacing": 1.2,
         }
         names = axes.get_legend_handles_labels()[1]
-        if sum(map(len, names)) > LONG_LEGEND:  # it would run into the panel on the left
-            tight |= {"handlelength": 0.9, "handletextpad": 0.3, "columnspacing": 0.8, "fontsize": 7.5}
+        if sum(map(len, names)) > LONG_LEGEND * page.relative:  # it would run into the panel on the left
+            tight |= {
+                "handlelength": 0.9,
+                "handletextpad": 0.3,
+                "columnspacing": 0.8,
+                "fontsize": 7.5 * page.scale,
+            }
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(panel.lines), **tight)
 
 
-def _finish(figure: Figure, grid: list[list[Axes]], caption_lines: Sequence[str]) -> None:
-    """Label the time axis once, below the lowest panels, and write the caption."""
-    for row in grid[:-1]:
-        for axes in row:
-            axes.tick_params(labelbottom=False)
+def _finish(figure: Figure, grid: list[list[Axes]], caption_lines: Sequence[str], page: Page) -> None:
+    """Label the time axis once in each column, below its lowest panel, and write the caption."""
+    columns = max(map(len, grid))
+    lowest = [[row[k] for row in grid if k < len(row)][-1] for k in range(columns)]
     for axes in (axes for row in grid for axes in row):
-        axes.yaxis.set_label_coords(-LABEL / (axes.get_position().width * WIDTH), 0.5)
-    for axes in grid[-1]:
-        axes.set_xlabel("$t$ (s)", labelpad=2)
-    height = figure.get_figheight()
+        axes.yaxis.set_label_coords(-LABEL * page.scale / (axes.get_position().width * page.width), 0.5)
+        if axes in lowest:
+            axes.set_xlabel("$t$ (s)", labelpad=2 * page.scale)
+        else:
+            axes.tick_params(labelbottom=False)
+    height = figure.get_figheight() / page.scale
     for index, line in enumerate(caption_lines):
         y = (CAPTION_LINE * (len(caption_lines) - index) - 0.02) / height
-        figure.text((LEFT - LABEL) / WIDTH, y, line, fontsize=8.2, va="top")
+        left = (LEFT - LABEL) * page.scale / page.width
+        figure.text(left, y, line, fontsize=8.2 * page.scale, va="top")

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from pmjoint_codegen.kernels.evaluator import Array
@@ -67,6 +68,10 @@ class Panel:
     levels: tuple[float, ...] = ()
     marks: tuple[float, ...] = ()
 
+    def is_zero(self, run: Record) -> bool:
+        """Whether every curve is exactly 0 over the whole run, as r is without a compensator."""
+        return all(not line.values(run).any() for line in self.lines)
+
     @property
     def needs_legend(self) -> bool:
         """Whether the curves need a legend besides the vertical label."""
@@ -87,13 +92,19 @@ class Sheet:
     panels: tuple[Panel, ...]
     caption: str
 
+    @property
+    def compensator(self) -> bool:
+        """Whether it shows a state of the compensator."""
+        return re.fullmatch(r"figure\d+_r\d+", self.stem) is not None
+
 
 def sheets(run: Record) -> tuple[Sheet, ...]:
     """Plan the figures of a run: tracking, the states from x2, the compensator, v and u, the estimate."""
     manifest = run.manifest
-    tracking = "Tracking: output $y$ and reference $y_r$; error $e = y - y_r = z_1 + r_1$ and its two parts."
+    parts = "$e = y - y_r = z_1 + r_1$ and its two parts" if run["r1"].any() else "$e = y - y_r = z_1$"
+    tracking = f"Tracking: output $y$ and reference $y_r$; error {parts}."
     plans: list[tuple[str, tuple[Panel, ...], str]] = [
-        ("tracking_error", (output_panel(run), error_panel(manifest)), tracking)
+        ("tracking_error", (output_panel(run), error_panel(run)), tracking)
     ]
     for i in range(2, manifest.n + 1):
         plans.append((f"x{i}", *_state(run, i)))
@@ -104,23 +115,24 @@ def sheets(run: Record) -> tuple[Sheet, ...]:
     law = "Control law $v$ and applied input $u = \\mathrm{sat}(v)$" + _saturation_text(run)
     plans.append(("v_u", _input_panels(run), law))
     estimate = "States, their estimates $\\hat{x}$ (15), and what the estimates miss."
-    plans.append(("estimate", (*_estimate_panels(manifest), miss_panel(manifest)), estimate))
+    plans.append(("estimate", (*_estimate_panels(manifest), *miss_panels(manifest)), estimate))
     if pressures(run):
         plans.append(("pressures", _pressure_panels(run), _pressure_text(run)))
+    made = (Sheet(f"figure{k}_{stem}", panels, text) for k, (stem, panels, text) in enumerate(plans, start=1))
     return tuple(
-        Sheet(f"figure{k}_{stem}", panels, text) for k, (stem, panels, text) in enumerate(plans, start=1)
+        sheet for sheet in made if not (sheet.compensator and all(p.is_zero(run) for p in sheet.panels))
     )
 
 
 def overview_panels(run: Record) -> tuple[Panel, ...]:
-    """Choose six panels that show a whole run: output, error, states, compensator, input, estimate."""
+    """Choose panels that show a whole run: output, error, states, compensator, input, estimate."""
     manifest = run.manifest
     both = (Line("v", "$v$", BLUE), Line("u", "$u$"))
     v_u = Panel(both, "$v,\\ u$" + unit_text(manifest, "u"), _clip(run), _limits(run))
     first = min(2, manifest.n)
-    states = _rate(manifest) if pressures(run) else _family(manifest, "x", range(first, manifest.n + 1))
-    r = _family(manifest, "r", range(1, manifest.rho + 1))
-    return output_panel(run), error_panel(manifest), states, r, v_u, miss_panel(manifest)
+    states = (_rate(manifest),) if pressures(run) else _family(manifest, "x", range(first, manifest.n + 1))
+    r = (panel for panel in _family(manifest, "r", range(1, manifest.rho + 1)) if not panel.is_zero(run))
+    return output_panel(run), error_panel(run), *states, *r, v_u, *miss_panels(manifest)
 
 
 def caption(run: Record, sheet: Sheet, notes: Sequence[str]) -> str:
@@ -173,38 +185,45 @@ def output_panel(run: Record) -> Panel:
     return Panel(lines, "$y,\\ y_r$" + unit_text(run.manifest, "y"))
 
 
-def error_panel(manifest: Manifest) -> Panel:
-    """Show e and its parts r1 and z1."""
-    parts = (Line("r1", "$r_1$", BLUE, "--"), Line("z1", "$z_1$", RED, ":"), Line("e", "$e$"))
-    return Panel(parts, "$e$" + unit_text(manifest, "y"))
+def error_panel(run: Record) -> Panel:
+    """Show e and its parts r1 and z1; only e where r1 is 0, and e is z1."""
+    parts: tuple[Line, ...] = (Line("r1", "$r_1$", BLUE, "--"), Line("z1", "$z_1$", RED, ":"))
+    if not run["r1"].any():
+        parts = ()
+    return Panel((*parts, Line("e", "$e$")), "$e$" + unit_text(run.manifest, "y"))
 
 
-def miss_panel(manifest: Manifest) -> Panel:
-    """Show the estimation errors, state by state."""
-    lines = tuple(
-        Line(
-            f"x{i}-x_hat{i}",
-            f"$x_{i} - \\hat{{x}}_{i}$" + unit_text(manifest, f"x{i}"),
-            _COLOURS[(i - 1) % 4],
-        )
+def miss_panels(manifest: Manifest) -> tuple[Panel, ...]:
+    """Show the estimation errors, a panel for each unit."""
+    lines = [
+        Line(f"x{i}-x_hat{i}", f"$x_{i} - \\hat{{x}}_{i}$", _COLOURS[(i - 1) % 4])
         for i in range(1, manifest.n + 1)
+    ]
+    return _by_unit(manifest, lines, "$x - \\hat{x}$")
+
+
+def _by_unit(manifest: Manifest, lines: Sequence[Line], label: str) -> tuple[Panel, ...]:
+    """Give the curves of each unit a panel of their own; a single curve labels its axis."""
+    units: dict[str, tuple[Line, ...]] = {}
+    for line in lines:
+        unit = unit_text(manifest, line.column.partition("-")[0])
+        units[unit] = (*units.get(unit, ()), line)
+    return tuple(
+        Panel((replace(own[0], colour=BLACK),), own[0].label + unit)
+        if len(own) == 1
+        else Panel(own, label + unit)
+        for unit, own in units.items()
     )
-    return Panel(lines, "$x - \\hat{x}$")
 
 
 def _single(manifest: Manifest, name: str, symbol: str) -> Panel:
     return Panel((Line(name, symbol),), symbol + unit_text(manifest, name))
 
 
-def _family(manifest: Manifest, stem: str, indices: range) -> Panel:
-    """Show several states of one kind, each with its unit in the legend."""
-    if len(indices) == 1:
-        return _single(manifest, f"{stem}{indices[0]}", f"${stem}_{indices[0]}$")
-    lines = tuple(
-        Line(f"{stem}{i}", f"${stem}_{i}$" + unit_text(manifest, f"{stem}{i}"), _COLOURS[k % 4])
-        for k, i in enumerate(indices)
-    )
-    return Panel(lines, f"${stem}$")
+def _family(manifest: Manifest, stem: str, indices: range) -> tuple[Panel, ...]:
+    """Show several states of one kind, a panel for each unit."""
+    lines = [Line(f"{stem}{i}", f"${stem}_{i}$", _COLOURS[k % 4]) for k, i in enumerate(indices)]
+    return _by_unit(manifest, lines, f"${stem}$")
 
 
 def _rate(manifest: Manifest) -> Panel:

@@ -19,6 +19,11 @@ DPI: Final = 220
 CAPTION_CHARACTERS: Final = 124  # printed ones in a line
 BLACK, BLUE, RED, GREY = "#111111", "#1f4e79", "#b03a2e", "#777777"
 RUST, STONE = "#b5482a", "#8a8782"
+KINDS: Final = {  # name -> backend, metadata that would differ from run to run or release to release
+    "png": ("agg", ("Software",)),
+    "pdf": ("pdf", ("CreationDate", "Creator", "Producer")),
+    "svg": ("svg", ("Date", "Creator")),
+}
 Look = Mapping[str, object]
 BASE: Final[Look] = {
     "font.family": ["STIXGeneral", "DejaVu Serif"],  # by name, so that a text keeps it wherever it is drawn
@@ -47,14 +52,38 @@ def styled(look: Look) -> Iterator[None]:
 
 
 def png(figure: Figure, look: Look) -> bytes:
-    """Return a figure as the bytes of a PNG file, the same for the same figure.
+    """Return a figure as the bytes of a PNG file; see `rendered`."""
+    return rendered(figure, look, "png")
+
+
+def rendered(figure: Figure, look: Look, kind: str) -> bytes:
+    """Return a figure as the bytes of a file, the same for the same figure: without date and random names.
 
     Matplotlib makes ticks when it renders, so rendering uses the style in which the figure was drawn.
+
+    Args:
+        figure: drawn within `styled`.
+        look: that it was drawn in.
+        kind: one of `KINDS`.
     """
+    backend, silent = KINDS[kind]
     stream = BytesIO()
-    with styled(look):
-        figure.savefig(stream, format="png", backend="agg", dpi=DPI, metadata={"Software": None})
+    # Publishers refuse the outlines of type 3 that Matplotlib embeds by default.
+    with styled({**look, "svg.hashsalt": "pmjoint", "pdf.fonttype": 42}):
+        figure.savefig(
+            stream, format=kind, backend=backend, dpi=DPI, metadata=dict.fromkeys(silent), facecolor="white"
+        )
     return stream.getvalue()
+
+
+def scaled(look: Look, scale: float) -> Look:
+    """The same look with text and lines of another size; ticks and lines of `BASE` included."""
+    sizes = {
+        name: value * scale
+        for name, value in {**BASE, **look}.items()
+        if isinstance(value, float) and not name.endswith("margin")
+    }
+    return {**look, **sizes}
 
 
 def wrapped(text: str, characters: int = CAPTION_CHARACTERS) -> list[str]:

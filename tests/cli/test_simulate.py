@@ -157,13 +157,6 @@ def test_without_compensator_r_stays_zero(tmp_path: Path, capsys: pytest.Capture
     assert all(row["r1"] == 0.0 and row["r2"] == 0.0 for row in rows(tmp_path / "plain" / "trajectory.csv"))
 
 
-def test_old_figures_are_called_old(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["simulate", "paper", *KERNELS, "--horizon", "0.1", "--out", "a"]) == 0
-    capsys.readouterr()
-    assert run(["simulate", "paper", *KERNELS, *SHORT, "--out", "a"]) == 0
-    assert capsys.readouterr().err == "pmjoint: the figures in a are from an earlier run\n"
-
-
 @pytest.mark.parametrize("figures", [True, False], ids=["figures", "no figures"])
 def test_a_run_that_fails_keeps_what_it_has_and_exits_with_3(
     figures: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -76,3 +76,30 @@ def test_an_unknown_format_is_refused_with_the_known_ones(
     assert run([*SHORT, "--format", "rosbag"]) == 2
     assert "'csv', 'parquet', 'mat', 'mcap'" in capsys.readouterr().err
     assert left(tmp_path) == set()
+
+
+def test_figures_are_written_in_the_formats_asked_for_and_old_ones_removed(tmp_path: Path) -> None:
+    drawn = [word for word in SHORT if word != "--no-figures"]
+    assert run(drawn) == 0
+    first = left(tmp_path / "a")
+    assert {"overview.png", "figure1_tracking_error.png"} < first
+    (tmp_path / "a" / "photo.png").touch()
+    assert run([*drawn, "--format", "svg", "--format", "pdf", "--width", "ieee", "--no-caption"]) == 0
+    stems = {Path(name).stem for name in first if name.endswith(".png")}
+    named = {f"{stem}.{kind}" for stem in stems for kind in ("svg", "pdf")}
+    assert left(tmp_path / "a") == {*named, "trajectory.csv", "summary.json", "photo.png"}
+    assert run(SHORT) == 0
+    assert left(tmp_path / "a") == {"trajectory.csv", "summary.json", "photo.png"}
+
+
+@pytest.mark.parametrize(
+    ("width", "said"),
+    [("iee", "did you mean 'ieee'"), ("1mm", "2.5in to 40in"), ("5", "120mm"), ("99999mm", "2.5in to 40in")],
+)
+def test_an_impossible_width_is_refused_before_the_run(
+    width: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run([*SHORT, "--width", width]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert said in line and line.startswith("pmjoint: --width: ")
+    assert left(tmp_path) == set()
