@@ -1,7 +1,7 @@
 "use strict";
 // The controls: one row for a number, one group of buttons for a choice.
 
-const GREEK = { alpha: "α", eps: "ε", xi: "ξ", lambda: "λ", theta: "θ", tau: "τ", kappa: "κ", mu: "μ", omega: "ω", braking: "α" };
+const GREEK = { alpha: "α", eps: "ε", xi: "ξ", lambda: "λ", theta: "θ", tau: "τ", kappa: "κ", mu: "μ", omega: "ω" };
 const FACTOR = [0.5, 2]; // of the plant's own parameters
 const STEPS = 1000; // of a slider
 
@@ -17,7 +17,8 @@ function element(tag, attributes = {}, ...children) {
 // A parameter's name as a reader writes it: c1 with a subscript, theta_dot with a dot.
 function pretty(name) {
   if (name.includes("_") && name.length > 6 && !/_dot$/.test(name)) return [name.replaceAll("_", " ")];
-  const [, base, below] = name.match(/^([A-Za-z]+?)_?(\d+|_?dot|[A-Za-z]+)?$/) ?? [null, name, ""];
+  const [, base, number, word] = name.match(/^([A-Za-z]+)(?:_?(\d+)|_([A-Za-z]+))?$/) ?? [null, name];
+  const below = number ?? word;
   const letter = GREEK[base] ?? base;
   if (below === "dot") return [`${letter}\u0307`];
   return below ? [letter, element("sub", {}, below)] : [letter];
