@@ -62,6 +62,11 @@ COMMANDS = (
         "pmjoint_codegen.cli.export",
         "Write the controller as C for another tool chain.",
     ),
+    Entry(
+        "explorer",
+        "pmjoint_codegen.cli.explorer",
+        "Write a page that runs the closed loop in a browser.",
+    ),
     Entry("new", "pmjoint_codegen.cli.new", "Write a commented model file that simulates at once."),
     Entry(
         "doctor",

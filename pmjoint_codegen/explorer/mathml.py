@@ -75,7 +75,7 @@ def _plain(name: str) -> str:
         return _identifier(name)
     base = _GREEK.get(found["base"], found["base"])
     below = ",".join(part for part in (found["number"], found["rest"].lstrip("_")) if part)
-    return f"<msub>{_identifier(base)}<mtext>{escape(below)}</mtext></msub>" if below else _identifier(base)
+    return f"<msub>{_identifier(base)}<mn>{escape(below)}</mn></msub>" if below else _identifier(base)
 
 
 def _identifier(text: str) -> str:

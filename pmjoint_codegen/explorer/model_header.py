@@ -34,6 +34,7 @@ def _lines(manifest: Manifest) -> Iterator[str]:
     sizes = {
         "N_ORDER": manifest.n,
         "N_RHO": manifest.rho,
+        "N_COMPENSATOR": math.isqrt(manifest.function("compensator_matrix").outputs[0][1]),
         "N_SIGNALS": len(manifest.signals),
         "N_SEGMENT": manifest.segment,
         "CAN_HOLD": int(manifest.can_hold),

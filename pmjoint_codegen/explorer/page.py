@@ -22,7 +22,7 @@ from pmjoint_codegen.values import BRAKING, COMPENSATOR
 from pmjoint_codegen.workspace import cache_dir, find_model
 
 WEB: Final = Path(__file__).parent / "web"
-SCRIPTS: Final = ("numbers.js", "actuator.js", "engine.js", "settings.js", "plot.js", "panels.js", "page.js")
+SCRIPTS: Final = ("numbers.js", "actuator.js", "engine.js", "settings.js", "plot.js", "panels.js", "controls.js", "page.js")
 BRAKING_ORDER: Final = 2  # relative degree for which there is a braking compensator
 
 
@@ -49,13 +49,20 @@ class Prepared:
 
     Attributes:
         name: how the model is called on a command line.
+        reference: the model's own, in one line.
         knobbed: the model.
         variants: saturation -> kernels; ``clip`` is a switch of each.
     """
 
     name: str
+    reference: str
     knobbed: Knobbed
     variants: Mapping[str, Provided]
+
+    @property
+    def title(self) -> str:
+        """The model's own name."""
+        return next(iter(self.variants.values())).manifest.name
 
 
 def prepare(
@@ -100,7 +107,7 @@ def prepare(
             variants[other] = provide(knobbed.document, other)
         except ModelError as error:
             notify(f"the page leaves out {other}: {error}")
-    return Prepared(str(model), knobbed, variants)
+    return Prepared(str(model), base.simulation.reference_text, knobbed, variants)
 
 
 def make_page(
@@ -136,6 +143,7 @@ def make_page(
         "called": prepared.name,
         "version": __version__,
         "knobs": [vars(knob) for knob in prepared.knobbed.knobs],
+        "reference": prepared.reference,
         "patterns": {key: list(value) for key, value in prepared.knobbed.patterns.items()},
         "variants": variants,
     }
@@ -156,7 +164,7 @@ def _filled(manifest: Manifest, data: Mapping[str, Any]) -> str:
         "version": __version__,
         "style": (WEB / "style.css").read_text(encoding="utf-8"),
         # `<` could end the element; JSON reads it back from its escape.
-        "data": json.dumps(data, ensure_ascii=True, allow_nan=False, sort_keys=True).replace("<", "\\u003c"),
+        "data": json.dumps(data, ensure_ascii=True, allow_nan=False).replace("<", "\\u003c"),
         "script": "\n".join((WEB / name).read_text(encoding="utf-8") for name in SCRIPTS),
     }
     parts = re.split(f"@({'|'.join(words)})@", (WEB / "page.html.in").read_text(encoding="utf-8"))

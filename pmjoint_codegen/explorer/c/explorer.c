@@ -9,7 +9,7 @@
 
 double explorer_p[PMJ_NP];
 double explorer_filter[N_ORDER * N_ORDER];
-double explorer_compensator[N_RHO * N_RHO];
+double explorer_compensator[N_COMPENSATOR * N_COMPENSATOR];
 
 static double state[PMJ_NS];
 static double settings[SETTINGS];
@@ -29,7 +29,7 @@ static double switch_times[MOST_SWITCHES];
 static double switch_modes[MOST_SWITCHES];
 static long long switched[MOST_SWITCHES];
 
-static double hold[2 * N_ORDER * N_ORDER + 2 * N_RHO * N_RHO];
+static double hold[PMJ_NH];
 static double coefficients[2 * PADDED((MOST_ORDER + 1) * MOST_CHANNELS)];
 static double working[8][PADDED(MOST_CHANNELS)];
 static double start_state[PMJ_NS];

@@ -120,7 +120,7 @@ static void exponential(const double *A, int size, double sample_time, double *E
 void explorer_hold(double sample_time, double *hold)
 {
     const int n = N_ORDER * N_ORDER;
-    const int rho = N_RHO * N_RHO;
+    const int other = N_COMPENSATOR * N_COMPENSATOR;
     exponential(explorer_filter, N_ORDER, sample_time, hold, hold + n);
-    exponential(explorer_compensator, N_RHO, sample_time, hold + 2 * n, hold + 2 * n + rho);
+    exponential(explorer_compensator, N_COMPENSATOR, sample_time, hold + 2 * n, hold + 2 * n + other);
 }

@@ -1,0 +1,188 @@
+"use strict";
+// The controls: one row for a number, one group of buttons for a choice.
+
+const GREEK = { alpha: "α", eps: "ε", xi: "ξ", lambda: "λ", theta: "θ", tau: "τ", kappa: "κ", mu: "μ", omega: "ω" };
+const FACTOR = [0.5, 2]; // of the plant's own parameters
+const STEPS = 1000; // of a slider
+
+function element(tag, attributes = {}, ...children) {
+  const made = document.createElement(tag);
+  for (const [key, value] of Object.entries(attributes)) {
+    if (key in made && key !== "list") made[key] = value; else made.setAttribute(key, value);
+  }
+  made.append(...children);
+  return made;
+}
+
+// A parameter's name as a reader writes it: c1 with a subscript, theta_dot with a dot.
+function pretty(name) {
+  if (name.includes("_") && name.length > 6 && !/_dot$/.test(name)) return [name.replaceAll("_", " ")];
+  const [, base, number, word] = name.match(/^([A-Za-z]+)(?:_?(\d+)|_([A-Za-z]+))?$/) ?? [null, name];
+  const below = number ?? word;
+  const letter = GREEK[base] ?? base;
+  if (below === "dot") return [`${letter}\u0307`];
+  return below ? [letter, element("sub", {}, below)] : [letter];
+}
+
+// Exponents of a unit, raised.
+function powers(unit) {
+  return unit.replace(/\^(\d)/g, (_, digit) => "⁰¹²³⁴⁵⁶⁷⁸⁹"[digit]);
+}
+
+// Where a slider stands for a value, and back: linear, or by powers around a value with its sign.
+function scaleOf({ low, high, around }) {
+  if (around) {
+    const span = Math.log(high / low);
+    return {
+      toValue: (place) => Math.sign(around) * rounded(low * Math.exp((place / STEPS) * span)),
+      toPlace: (value) => Math.round((Math.log(Math.abs(value) / low) / span) * STEPS),
+    };
+  }
+  return {
+    toValue: (place) => rounded(low + (place / STEPS) * (high - low)),
+    toPlace: (value) => Math.round(((value - low) / (high - low)) * STEPS),
+  };
+}
+
+// By powers of ten around a value other than 0; linear around 0.
+function spanAround(value, { factor = 10, reach = 1 } = {}) {
+  if (value === 0) return { low: -reach, high: reach };
+  return { low: Math.abs(value) / factor, high: Math.abs(value) * factor, around: value };
+}
+
+// One row: item {key, name, about, unit, own, span, get, set}; `changed` is called after a change.
+class Row {
+  constructor(item, changed) {
+    this.item = item;
+    const id = `row-${item.key}`;
+    const scale = scaleOf(item.span);
+    this.scale = scale;
+    const label = item.label ?? item.key.replaceAll("_", " ");
+    this.slider = element("input", { type: "range", id, min: 0, max: STEPS, step: 1 });
+    this.field = element("input", { type: "number", step: "any" });
+    this.field.setAttribute("aria-label", `${label}${item.unit && item.unit !== "1" ? `, in ${item.unit}` : ""}`);
+    this.back = element("button", { type: "button", title: `Back to ${short(item.own)}` }, "↺");
+    this.back.setAttribute("aria-label", `${label} back to ${short(item.own)}`);
+    const name = element("b", {}, ...(item.title ?? pretty(item.key)));
+    const about = element("span", { title: item.about }, item.about);
+    this.node = element("div", { className: "row" }, element("label", { htmlFor: id }, name, about), this.slider,
+      element("span", { className: "number" }, this.field,
+        element("span", { className: "unit" }, item.unit === "1" ? "\u00a0" : powers(item.unit))), this.back);
+    this.slider.addEventListener("input", () => {
+      const place = Number(this.slider.value);
+      const home = place === scale.toPlace(item.own);
+      this.put(home ? item.own : scale.toValue(place), changed);
+    });
+    this.field.addEventListener("input", () => {
+      if (this.field.value !== "" && Number.isFinite(this.field.valueAsNumber)) this.put(this.field.valueAsNumber, changed);
+    });
+    this.field.addEventListener("change", () => this.show());
+    this.back.addEventListener("click", () => {
+      this.put(item.own, changed);
+      this.slider.focus();
+    });
+  }
+
+  put(value, changed) {
+    this.item.set(value);
+    this.show();
+    changed();
+  }
+
+  show() {
+    const value = this.item.get();
+    const place = this.scale.toPlace(value);
+    if (Number(this.slider.value) !== place) this.slider.value = Number.isFinite(place) ? place : 0;
+    this.slider.setAttribute("aria-valuetext", `${short(value)} ${this.item.unit === "1" ? "" : this.item.unit}`.trim());
+    if (document.activeElement !== this.field || this.field.valueAsNumber !== value) this.field.value = String(value);
+    this.node.classList.toggle("changed", value !== this.item.own);
+  }
+}
+
+// A choice of words, as radio buttons that look like one.
+class Choice {
+  constructor({ key, label, words, get, set }, changed) {
+    this.get = get;
+    this.inputs = Object.entries(words).map(([value, text]) => {
+      const input = element("input", { type: "radio", name: key, value });
+      input.addEventListener("change", () => { set(value); changed(); });
+      return [input, element("label", {}, input, text)];
+    });
+    this.node = element("div", { className: "choices" }, ...this.inputs.map(([, node]) => node));
+    this.node.setAttribute("role", "radiogroup");
+    this.node.setAttribute("aria-label", label);
+  }
+
+  show() {
+    for (const [input] of this.inputs) input.checked = input.value === this.get();
+  }
+}
+
+function group(title, nodes, folded = false) {
+  if (folded) return element("details", {}, element("summary", {}, title), element("fieldset", {}, element("legend", { className: "hidden" }, title), ...nodes));
+  return element("fieldset", {}, element("legend", {}, title), ...nodes);
+}
+
+// All controls of a model; `settings` gives the present ones.
+function makeControls(data, settings, changed) {
+  const facts = Object.values(data.variants)[0];
+  const all = new Map(Object.values(data.variants).flatMap((item) => item.parameters.map((entry) => [entry.name, entry])));
+  const knobs = new Map(data.knobs.map((knob) => [knob.name, knob]));
+  const own = defaultSettings(data);
+  const rows = [];
+  const kept = (control) => { rows.push(control); return control.node; };
+  const number = (entry, span = spanAround(entry.value)) => kept(new Row({
+    key: entry.name, about: entry.about, unit: entry.unit, own: entry.value, span,
+    get: () => settings().values[entry.name] ?? entry.value,
+    set: (value) => { if (value === entry.value) delete settings().values[entry.name]; else settings().values[entry.name] = value; },
+  }, changed));
+  const setting = (key, about, span) => kept(new Row({
+    key, about, unit: "s", own: own[key], span, get: () => settings()[key], set: (value) => { settings()[key] = value; },
+  }, changed));
+  const choice = (key, label, words) => kept(new Choice({ key, label, words, get: () => settings()[key], set: (value) => { settings()[key] = value; } }, changed));
+  const mismatch = ([plant, name]) => kept(new Row({
+    key: plant, title: [...pretty(name), " of the plant"], label: `${name} of the plant`, about: "× the controller's", unit: "1", own: 1,
+    span: { low: FACTOR[0], high: FACTOR[1], around: 1 },
+    get: () => settings().factors[plant] ?? 1,
+    set: (value) => { if (value === 1) delete settings().factors[plant]; else settings().factors[plant] = value; },
+  }, changed));
+
+  const entries = [...all.values()];
+  const named = (names) => names.filter((name) => all.has(name)).map((name) => number(all.get(name)));
+  const knobRows = (turns) => data.knobs.filter((knob) => knob.turns === turns && all.has(knob.name)).map((knob) => number(all.get(knob.name), knob.value ? { low: -1, high: 3 } : { low: -1, high: 1 }));
+  const offered = ["compensator", "braking"].filter((word) => word in data.variants);
+  const words = Object.fromEntries([...offered.map((word) => [word, word[0].toUpperCase() + word.slice(1)]), ["clip", "Clip"]]);
+  const gains = entries.filter((entry) => entry.kind === "gain" && /^(c|e|ck|k|braking)\d*$/.test(entry.name));
+  const chain = Object.values(facts.chain).filter((name) => !facts.limits.includes(name));
+  const used = new Set([...gains.map((entry) => entry.name), ...facts.limits, ...chain, ...knobs.keys()]);
+  const others = entries.filter((entry) => !used.has(entry.name) && !["switch", "own"].includes(entry.kind));
+  const mismatches = Object.entries(facts.own).filter(([, name]) => (all.get(name)?.value ?? 0) !== 0);
+  const reach = (variable, i) => {
+    const [unit, value] = [variable.unit, own.x0[i]];
+    return Math.max(unit === "Pa" ? 1e5 : i === 0 ? 1 : 2, 2 * Math.abs(value));
+  };
+
+  const nodes = [
+    group("Saturation", [choice("saturation", "What the controller does about a saturated input", words), ...named(facts.limits)]),
+    group("Reference", [element("p", { className: "note" }, `y_r = ${data.reference}`), ...knobRows("reference")]),
+    group("Start", [
+      ...facts.start.variables.map((variable, i) => kept(new Row({
+        key: `x0_${variable.name}`, title: [...pretty(variable.name), "(0)"], label: `${variable.name} at 0`, about: variable.about, unit: variable.unit,
+        own: own.x0[i], span: { low: -reach(variable, i), high: reach(variable, i) },
+        get: () => settings().x0[i], set: (value) => { settings().x0[i] = value; },
+      }, changed))),
+      choice("start", "Start of the controller", { zero: "Filters at zero", matched: "Matched to y(0)" }),
+    ]),
+    group("Gains", gains.map((entry) => number(entry))),
+    group("Load and mismatch", [...knobRows("disturbance"), ...mismatches.slice(0, 2).map(mismatch)]),
+    ...(mismatches.length > 2 ? [group("More mismatch", mismatches.slice(2).map(mismatch), true)] : []),
+    group("Controller", [
+      choice("controller", "Kind of controller", { continuous: "Continuous", sampled: "Sampled" }),
+      setting("sample_time", "of the sampled controller", spanAround(own.sample_time)),
+      setting("horizon", "length of the run", { low: own.horizon / 10, high: own.horizon * 2 }),
+      ...named(chain),
+    ]),
+    ...(others.length ? [group("Model, as the controller and the plant know it", others.map((entry) => number(entry)), true)] : []),
+  ];
+  return { nodes, show: () => rows.forEach((row) => row.show()) };
+}

@@ -1,0 +1,92 @@
+"use strict";
+// What is plotted of a run: six panels, each a specification for a Plot.
+
+const PEAK_ROOM = 1.7; // a plot of v and u shows this multiple of the limits; a larger v is cut, and its peak written
+const DEPTH = 14; // decades of V below its largest value
+
+function panelsOf(facts) {
+  const unit = (name) => [...facts.signals, ...facts.states].find((item) => item.name === name)?.unit ?? "1";
+  const plane = facts.start.names.slice(0, 2);
+  const chosen = plane.every((name) => [...facts.signals, ...facts.states].some((item) => item.name === name)) ? plane : ["x1", "x2"];
+  const list = [
+    { id: "output", title: "Output", unit: unit("y"), keys: [["y", "blue"], ["y_r", "orange", true]], build: outputPanel },
+    { id: "error", title: "Tracking error", unit: unit("e"), keys: [["e", "blue"]], build: errorPanel },
+    { id: "input", title: "Input", unit: unit("u"), keys: [["v", "orange"], ["u", "blue"]], build: inputPanel },
+    { id: "compensator", title: "Compensator", unit: "", keys: [["r1", "blue"], ...(facts.rho > 1 ? [["r2", "orange"]] : [])], units: { r1: unit("r1"), r2: unit("r2") }, build: compensatorPanel },
+    { id: "lyapunov", title: facts.n === facts.nx ? "Lyapunov function V (30)" : "Its part of the errors z, V_z (30)", unit: "log", keys: [["V", "green"]], build: lyapunovPanel },
+  ];
+  if (facts.nx > 1) {
+    list.push({ id: "plane", title: "Phase plane", unit: "", keys: [], plane: chosen, units: chosen.map(unit), build: planePanel });
+  }
+  return list;
+}
+
+function inTime(run, names) {
+  return names.map(([name, color, dashed]) => ({ name, x: run.t, y: run.columns[name], color, dash: dashed ? [6, 4] : undefined }));
+}
+
+function ghosts(kept, names, colors) {
+  return kept ? names.map((name) => ({ x: kept.t, y: kept.columns[name], color: colors.ghost, width: 2.4, ghost: true })) : [];
+}
+
+function timeRange(run) {
+  return [0, run.settings.horizon];
+}
+
+function outputPanel(run, kept, colors) {
+  const series = [...inTime(run, [["y_r", colors.orange, true], ["y", colors.blue]]), ...ghosts(kept, ["y"], colors)];
+  return { series, x: timeRange(run), y: rangeOf(series.map((item) => item.y)), spans: saturatedSpans(run) };
+}
+
+function errorPanel(run, kept, colors) {
+  const series = [...inTime(run, [["e", colors.blue]]), ...ghosts(kept, ["e"], colors)];
+  return { series, x: timeRange(run), y: rangeOf(series.map((item) => item.y)), lines: [[0, colors.soft]], spans: saturatedSpans(run) };
+}
+
+function inputPanel(run, kept, colors) {
+  const names = [["v", colors.orange], ["u", colors.blue]];
+  const series = [...ghosts(kept, ["u"], colors), ...inTime(run, names)];
+  series.at(-2).width = 1.3;
+  series.at(-1).width = 2.1;
+  const [low, high] = run.limits;
+  const [peak, instant] = run.peakV;
+  const within = [Math.min(PEAK_ROOM * low, 0), Math.max(PEAK_ROOM * high, 0)];
+  const y = rangeOf(series.map((item) => item.y), within);
+  const note = peak > Math.max(...y.map(Math.abs)) ? `|v| reaches ${short(peak, 3)} at ${short(instant, 3)} s` : "";
+  return { series, x: timeRange(run), y, lines: [[low, colors.grey], [high, colors.grey]], note, spans: saturatedSpans(run) };
+}
+
+function compensatorPanel(run, kept, colors) {
+  const two = run.columns.r2 !== undefined;
+  const series = [...ghosts(kept, ["r1"], colors), ...inTime(run, [["r1", colors.blue]])];
+  const left = rangeOf(series.map((item) => item.y));
+  const spec = { series, x: timeRange(run), y: left, spans: saturatedSpans(run) };
+  if (two) {
+    spec.series.unshift({ name: "r2", x: run.t, y: run.columns.r2, color: colors.orange, right: true, width: 1.3 });
+    spec.right = rangeOf([run.columns.r2]);
+    spec.rightColor = colors.orange;
+  }
+  const still = run.columns.r1.every((value) => value === 0);
+  return { ...spec, note: still ? (run.settings.saturation === "clip" ? "r = 0: plain clipping" : "r = 0: nothing was clipped") : "" };
+}
+
+function lyapunovPanel(run, kept, colors) {
+  const series = [...ghosts(kept, ["V"], colors), ...inTime(run, [["V", colors.green]])];
+  const [, high] = rangeOf(series.map((item) => item.y));
+  let low = Infinity;
+  for (const item of series) for (let i = 0; i < item.y.length; i += 1) if (item.y[i] > 0 && item.y[i] < low) low = item.y[i];
+  const top = Math.log10(Math.max(high, 1e-290)) + 0.2;
+  const bottom = Math.max(Number.isFinite(low) ? Math.log10(low) - 0.2 : top - 1, top - DEPTH);
+  return { series, x: timeRange(run), y: [bottom, Math.max(top, bottom + 1)], log: true, spans: saturatedSpans(run) };
+}
+
+function planePanel(run, kept, colors, panel) {
+  const [a, b] = panel.plane;
+  const series = [];
+  if (kept) series.push({ x: kept.columns[a], y: kept.columns[b], color: colors.ghost, width: 2.4, ghost: true });
+  series.push({ name: `(${a}, ${b})`, x: run.columns[a], y: run.columns[b], color: colors.blue });
+  const [x, y] = [a, b].map((_, i) => rangeOf(series.map((item) => (i ? item.y : item.x))));
+  const last = run.rows - 1;
+  const points = [[run.columns[a][0], run.columns[b][0], colors.blue, true], [run.columns[a][last], run.columns[b][last], colors.blue]];
+  return { series, x, y, points, plane: true };
+}

@@ -1,0 +1,201 @@
+"use strict";
+// Line plots on a canvas.
+
+const MARGIN = { left: 52, right: 12, top: 8, bottom: 22 };
+
+// Round steps that divide a range into about `count` parts, and the numbers on them.
+function ticksOf(low, high, count) {
+  const rough = (high - low) / count;
+  const power = 10 ** Math.floor(Math.log10(rough));
+  const step = [1, 2, 5, 10].find((size) => size * power >= rough) * power;
+  const found = [];
+  for (let i = Math.ceil(low / step - 1e-9); i * step <= high + step * 1e-9; i += 1) found.push(i * step);
+  const digits = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
+  return found.map((value) => [value, Math.abs(value) >= 1e5 || (digits > 4) ? short(value, 2) : value.toFixed(digits).replace("-", "−")]);
+}
+
+function decadesOf(low, high) {
+  const [first, last] = [Math.ceil(low - 1e-9), Math.floor(high + 1e-9)];
+  const step = Math.max(1, Math.ceil((last - first) / 5));
+  const found = [];
+  for (let k = first; k <= last; k += step) found.push([k, `10${superscript(k)}`]);
+  return found;
+}
+
+function superscript(k) {
+  return String(k).replace(/./g, (c) => "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"["-0123456789".indexOf(c)]);
+}
+
+// The range of several arrays with some room; [lower, upper] of `within` bounds it.
+function rangeOf(arrays, within) {
+  let [low, high] = [Infinity, -Infinity];
+  for (const array of arrays) {
+    for (let i = 0; i < array.length; i += 1) {
+      const value = array[i];
+      if (value < low) low = value;
+      if (value > high) high = value;
+    }
+  }
+  if (!(low <= high)) [low, high] = [-1, 1];
+  if (within) [low, high] = [Math.max(low, within[0]), Math.min(high, within[1])];
+  const size = high - low;
+  const tiny = Math.max(Math.abs(low), Math.abs(high)) * 1e-6 || 1;
+  const room = size > tiny ? 0.06 * size : tiny;
+  return [low - room, high + room];
+}
+
+class Plot {
+  constructor(canvas) {
+    this.canvas = canvas;
+    this.context = canvas.getContext("2d");
+    this.resize();
+  }
+
+  resize() {
+    const ratio = window.devicePixelRatio || 1;
+    this.width = this.canvas.clientWidth;
+    this.height = this.canvas.clientHeight;
+    this.canvas.width = Math.round(this.width * ratio);
+    this.canvas.height = Math.round(this.height * ratio);
+    this.context.setTransform(ratio, 0, 0, ratio, 0, 0);
+  }
+
+  // spec: series [{x, y, color, width, dash, right}], x and y ranges, log, lines, spans, note; see panels.js.
+  draw(spec, colors, cursor) {
+    const { context: c, width, height } = this;
+    const right = spec.right ? 46 : MARGIN.right;
+    const box = { x: MARGIN.left, y: MARGIN.top, w: width - MARGIN.left - right, h: height - MARGIN.top - MARGIN.bottom };
+    const toX = (value) => box.x + ((value - spec.x[0]) / (spec.x[1] - spec.x[0])) * box.w;
+    const scale = (range) => (value) => box.y + box.h - ((value - range[0]) / (range[1] - range[0])) * box.h;
+    const [toY, toRight] = [scale(spec.y), scale(spec.right ?? spec.y)];
+    Object.assign(this, { spec, box, toX, toY });
+    c.clearRect(0, 0, width, height);
+    c.font = "11px system-ui, sans-serif";
+    this.spans(spec.spans ?? [], box, toX, colors);
+    this.axes(spec, box, toX, toY, toRight, colors);
+    c.save();
+    c.beginPath();
+    c.rect(box.x, box.y, box.w, box.h);
+    c.clip();
+    for (const [value, color] of spec.lines ?? []) this.line([[box.x, toY(value)], [box.x + box.w, toY(value)]], color, 1, [2, 3]);
+    for (const series of spec.series) this.curve(series, toX, series.right ? toRight : toY, spec.log && !series.right);
+    for (const [x, y, color, hollow] of spec.points ?? []) this.dot(toX(x), toY(y), color, hollow, colors);
+    if (cursor >= 0) this.cursor(spec, cursor, box, toX, toY, toRight, colors);
+    c.restore();
+    if (spec.note) this.note(spec.note, box, colors);
+  }
+
+  spans(spans, box, toX, colors) {
+    this.context.fillStyle = colors.shade;
+    for (const [from, to] of spans) this.context.fillRect(toX(from), box.y, Math.max(1, toX(to) - toX(from)), box.h);
+  }
+
+  axes(spec, box, toX, toY, toRight, colors) {
+    const c = this.context;
+    c.lineWidth = 1;
+    c.strokeStyle = colors.grid;
+    c.fillStyle = colors.soft;
+    c.setLineDash([]);
+    c.textAlign = "right";
+    c.textBaseline = "middle";
+    const vertical = spec.log ? decadesOf(...spec.y) : ticksOf(...spec.y, box.h / 38);
+    for (const [value, text] of vertical) {
+      const y = Math.round(toY(value)) + 0.5;
+      this.segment(box.x, y, box.x + box.w, y);
+      c.fillText(text, box.x - 6, y);
+    }
+    c.textAlign = "center";
+    c.textBaseline = "top";
+    for (const [value, text] of ticksOf(...spec.x, box.w / 70)) {
+      const x = Math.round(toX(value)) + 0.5;
+      this.segment(x, box.y, x, box.y + box.h);
+      c.fillText(text, Math.min(x, this.width - 9), box.y + box.h + 6);
+    }
+    if (spec.right) {
+      c.textAlign = "left";
+      c.textBaseline = "middle";
+      c.fillStyle = spec.rightColor;
+      for (const [value, text] of ticksOf(...spec.right, box.h / 38)) c.fillText(text, box.x + box.w + 6, toRight(value));
+    }
+    c.strokeStyle = colors.line;
+    c.strokeRect(box.x + 0.5, box.y + 0.5, box.w, box.h);
+  }
+
+  segment(x1, y1, x2, y2) {
+    this.context.beginPath();
+    this.context.moveTo(x1, y1);
+    this.context.lineTo(x2, y2);
+    this.context.stroke();
+  }
+
+  line(points, color, width, dash) {
+    const c = this.context;
+    c.strokeStyle = color;
+    c.lineWidth = width;
+    c.setLineDash(dash ?? []);
+    c.beginPath();
+    points.forEach(([x, y], i) => (i ? c.lineTo(x, y) : c.moveTo(x, y)));
+    c.stroke();
+    c.setLineDash([]);
+  }
+
+  curve({ x, y, color, width = 1.7, dash }, toX, toY, log) {
+    const c = this.context;
+    c.strokeStyle = color;
+    c.lineWidth = width;
+    c.lineJoin = "round";
+    c.setLineDash(dash ?? []);
+    c.beginPath();
+    for (let i = 0; i < x.length; i += 1) c.lineTo(toX(x[i]), toY(log ? Math.log10(Math.max(y[i], 1e-300)) : y[i]));
+    c.stroke();
+    c.setLineDash([]);
+  }
+
+  dot(x, y, color, hollow, colors) {
+    const c = this.context;
+    c.beginPath();
+    c.arc(x, y, 4, 0, 2 * Math.PI);
+    c.fillStyle = hollow ? colors.card : color;
+    c.strokeStyle = color;
+    c.lineWidth = 1.6;
+    c.fill();
+    c.stroke();
+  }
+
+  cursor(spec, cursor, box, toX, toY, toRight, colors) {
+    const x = spec.series[0].x[cursor];
+    if (!spec.plane && x !== undefined) this.line([[toX(x), box.y], [toX(x), box.y + box.h]], colors.soft, 1);
+    for (const series of spec.series) {
+      if (series.ghost || cursor >= series.x.length) continue;
+      const value = spec.log && !series.right ? Math.log10(Math.max(series.y[cursor], 1e-300)) : series.y[cursor];
+      this.dot(toX(series.x[cursor]), (series.right ? toRight : toY)(value), series.color, false, colors);
+    }
+  }
+
+  note(text, box, colors) {
+    const c = this.context;
+    c.fillStyle = colors.soft;
+    c.textAlign = "right";
+    c.textBaseline = "top";
+    const width = c.measureText(text).width;
+    c.globalAlpha = 0.85;
+    c.fillStyle = colors.card;
+    c.fillRect(box.x + box.w - width - 12, box.y + 4, width + 8, 16);
+    c.globalAlpha = 1;
+    c.fillStyle = colors.soft;
+    c.fillText(text, box.x + box.w - 8, box.y + 6);
+  }
+
+  // The row nearest to a position inside the canvas; -1 outside the axes.
+  rowAt(clientX, t) {
+    const x = clientX - this.canvas.getBoundingClientRect().left;
+    if (!this.box || this.spec.plane || x < this.box.x - 4 || x > this.box.x + this.box.w + 4) return -1;
+    const instant = this.spec.x[0] + ((x - this.box.x) / this.box.w) * (this.spec.x[1] - this.spec.x[0]);
+    let [low, high] = [0, t.length - 1];
+    while (high - low > 1) {
+      const middle = (low + high) >> 1;
+      if (t[middle] <= instant) low = middle; else high = middle;
+    }
+    return instant - t[low] < t[high] - instant ? low : high;
+  }
+}
