@@ -10,7 +10,7 @@ import sympy as sp
 
 from pmjoint_codegen.export import fields
 from pmjoint_codegen.export.fields import INTEGER
-from pmjoint_codegen.export.lines import Line, Printer, comment
+from pmjoint_codegen.export.lines import Line, Printer, comment, spellings
 from pmjoint_codegen.export.source import TEMPLATES, Identity, banner, filled, joined, words_of
 from pmjoint_codegen.export.statements import Program
 from pmjoint_codegen.export.tree import Precision
@@ -18,8 +18,10 @@ from pmjoint_derive import real_symbol
 
 _MOST: Final = 20_000  # samples of the example
 _ROWS: Final = 10  # of them printed
-_FILES: Final = ("main.c", "Makefile", "CMakeLists.txt", "README.md")
+_FILES: Final = ("main.c", "analyse.c", "Makefile", "CMakeLists.txt", "README.md")
 _LIBRARY: Final = ("library.properties", "library.json")  # of Arduino and of PlatformIO
+_WIDE: Final = 10.0  # range of y in the static analysis, times |y(0)|, where the model declares none
+_RATES: Final = 1000.0  # range of each derivative of the reference, times that of y
 _LONGEST: Final = 50  # characters of a name in PlatformIO
 
 
@@ -28,7 +30,9 @@ def companion_files(program: Program, identity: Identity, precision: Precision) 
     words = words_of(program, identity, precision)
     words |= {"model": comment(identity.model), "rho": str(program.derivation.plant.rho)}
     words |= _library_words(program, identity)
-    blocks = {
+    blocks, ranges = _analysis(program, precision)
+    words |= ranges
+    blocks |= {
         "banner": banner(program, identity, precision),
         "parameters": [Line(_row(item, precision)) for item in fields.parameter_fields(program)],
     }
@@ -38,6 +42,36 @@ def companion_files(program: Program, identity: Identity, precision: Precision) 
         template = (TEMPLATES / f"{name}.in").read_text(encoding="utf-8")
         found[name] = joined(filled(template, {**blocks, **example}, {**words, **numbers}))
     return found
+
+
+def _analysis(program: Program, precision: Precision) -> tuple[dict[str, list[Line]], dict[str, str]]:
+    """The blocks and words of the static analysis: ranges of states and inputs."""
+    s, model = program.derivation.signals, program.derivation.model
+    widest = _WIDE * (abs(model.simulation.x0[0]) or 1.0)
+    low, high = model.y_range or (-widest, widest)
+    printer = Printer(spellings(program), precision)
+    lower, upper = (printer.text(limit) for limit in model.limits)
+    size = "any(-RATES, RATES)"
+    reference = [f"{item} = {size if place else 'any(Y_LOW, Y_HIGH)'};" for place, item in enumerate(s.y_r)]
+    zero, limit = precision.literal(0.0), "_STATE_RANGE"
+    filtered = "filter" in model.chain  # then y is a state of the controller's own
+    kept = [*program.states, s.y] if filtered else program.states
+    lines = {
+        "inputs": [f"    in->{text}" for text in reference],
+        "any_reference": [f"    s->{text}" for text in reference],
+        "first": [f"    first.{item} = {zero};" for item in s.y_r],
+        "any_y": [] if filtered else ["    s->y = any(Y_LOW, Y_HIGH);"],
+        "any_state": [f"    s->{item} = any(-@NAME@{limit}, @NAME@{limit});" for item in kept],
+    }
+    words = {
+        "lower": lower,
+        "upper": upper,
+        "y_low": precision.literal(low),
+        "y_high": precision.literal(high),
+    }
+    words |= {"finite_function": "__finitef" if precision.suffix else "__finite"}  # Frama-C's isfinite
+    words |= {"rates": precision.literal(_RATES * max(abs(low), abs(high)))}
+    return {name: [Line(text) for text in texts] for name, texts in lines.items()}, words
 
 
 def _library_words(program: Program, identity: Identity) -> dict[str, str]:

@@ -118,6 +118,7 @@ def source_lines(
         "rest": list(_rest(program, printer)),
         "start": [Line("    " + line.text) for line in _start(program, printer)],
         "update": list(_update(program, printer)),
+        "confine": [Line(f"    s->{item} = confined(s->{item}, &flags);") for item in program.states],
         "law": [*printer.locals(program.law), *_outputs(program)],
         "actuate": list(_actuate(program, printer)),
         "measure": list(_measure(program, precision)),
@@ -232,7 +233,8 @@ def _measure(program: Program, precision: Precision) -> Iterator[Line]:
     yield Line(f"        if ({whole}) {{")
     yield Line("            state->y = in->y;")
     yield Line("        } else {")
-    yield Line("            state->y = state->y + (constants->filter_gain * (in->y - state->y));")
+    step = "state->y + (constants->filter_gain * (in->y - state->y))"
+    yield Line(f"            state->y = confined({step}, &flags);")
     yield Line("        }")
 
 

@@ -19,7 +19,7 @@ from pmjoint_codegen.check.oracles.exported import Exported
 from pmjoint_codegen.export.package import Export
 
 FILES = {"Makefile", "README.md", "CMakeLists.txt", "main.c", "trace.json"}
-FILES |= {"library.properties", "library.json"}
+FILES |= {"library.properties", "library.json", "analyse.c"}
 STRICT = "-O2 -std=c99 -Wall -Wextra -Wpedantic -Wconversion -Wdouble-promotion -Wshadow -Wmissing-prototypes"
 MODELS = ("paper", "joint-exact", "joint-lag", "third-order", "braking", "chain", "third-nonlinear")
 
