@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import importlib.util
 import io
+import os
 import subprocess
 import sys
 import zipfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
@@ -55,14 +56,20 @@ class Builder:
     Attributes:
         platform: where it runs.
         command: compiler and its own flags.
+        variables: of its environment, beyond those of this process.
     """
 
     platform: Platform
     command: tuple[str, ...]
+    variables: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
-    def by_ziglang(cls, name: str) -> Builder:
+    def by_ziglang(cls, name: str, cache: Path) -> Builder:
         """For any platform of the table.
+
+        Args:
+            name: of the platform.
+            cache: folder for builds; ziglang keeps the libraries of each platform there.
 
         Raises:
             MissingToolError: ziglang is not installed.
@@ -71,7 +78,8 @@ class Builder:
             remedy = f"install it: {installing('pmjoint-codegen[compiler]')}"
             raise MissingToolError(f"ziglang is needed to build for {name}", remedy=remedy)
         platform = PLATFORMS[name]
-        return cls(platform, (sys.executable, "-m", "ziglang", "cc", "-target", platform.target))
+        kept = {"ZIG_GLOBAL_CACHE_DIR": str(cache / "zig")}
+        return cls(platform, (sys.executable, "-m", "ziglang", "cc", "-target", platform.target), kept)
 
     def binary(self, texts: Mapping[str, str], sources: Sequence[str], identifier: str) -> bytes:
         """The shared library.
@@ -93,7 +101,13 @@ class Builder:
             command = [*self.command, *flags, *libraries]
             try:
                 done = subprocess.run(
-                    command, cwd=folder, capture_output=True, text=True, timeout=_LIMIT, check=False
+                    command,
+                    cwd=folder,
+                    env={**os.environ, **self.variables},
+                    capture_output=True,
+                    text=True,
+                    timeout=_LIMIT,
+                    check=False,
                 )
             except subprocess.TimeoutExpired:
                 where = self.platform.folder_3

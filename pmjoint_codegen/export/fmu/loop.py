@@ -54,8 +54,8 @@ class Job:
 class Unit:
     """An instantiated unit of either version; `with` frees it."""
 
-    def __init__(self, path: str, name: str) -> None:
-        """Unpack and instantiate it."""
+    def __init__(self, path: str, name: str, token: str = "") -> None:
+        """Unpack and instantiate it; the token is its own unless another is given."""
         from fmpy import extract, read_model_description
         from fmpy.fmi2 import FMU2Slave
         from fmpy.fmi3 import FMU3Slave
@@ -65,7 +65,7 @@ class Unit:
         self.is_3 = self.description.fmiVersion.startswith("3")
         self.references = {item.name: item.valueReference for item in self.description.modelVariables}
         self.kinds = {item.name: item.type for item in self.description.modelVariables}
-        token = self.description.guid or self.description.instantiationToken
+        token = token or self.description.guid or self.description.instantiationToken
         identifier = self.description.coSimulation.modelIdentifier
         made: Any = FMU3Slave if self.is_3 else FMU2Slave
         self.fmu = made(guid=token, unzipDirectory=self.folder, modelIdentifier=identifier, instanceName=name)

@@ -32,9 +32,9 @@ _APPLIED: Final = sp.Symbol("in->applied", real=True)
 # Names of the C around the printed lines.
 _TAKEN: Final = frozenset(
     """
-    A ATTEMPTS BOOLEAN C E FIXED HUGE_VAL INFINITY INITIALIZING INPUT INSTANTIATED INTEGER LEAST MODEL_H
-    MODEL_TOKEN NAN NO_VARIABLE OUTPUT REAL STAGES STATES STEPPING TERMINATED TUNABLE applied first in inputs
-    m model out outputs p parameters rates report starts t told tolerance x x_dot
+    A ATTEMPTS BOOLEAN C E FIXED HUGE_VAL INFINITY INITIALIZING INPUT INSTANTIATED INTEGER JUMPS LEAST
+    MODEL_H MODEL_TOKEN MOST NAN NO_VARIABLE OUTPUT PATIENCE REAL STAGES STATES STEPPING TERMINATED TUNABLE
+    applied first in inputs m model out outputs p parameters rates report starts t told tolerance x x_dot
     """.split()  # noqa: SIM905 - as words they are read at a glance
 )
 _SIGN: Final = """\
@@ -225,7 +225,7 @@ def plant_header(unit: PlantUnit, variables: tuple[Variable, ...], identity: Ide
     """``model.h`` of the plant."""
     template = (Path(__file__).parent / "plant.h.in").read_text(encoding="utf-8")
     model = unit.derivation.model
-    blocks = {
+    blocks: dict[str, list[Line]] = {
         "banner": [
             Line(f"/* {comment(model.title)}"),
             Line(f" * Simulated plant of the model {comment(identity.model)}."),
@@ -237,7 +237,8 @@ def plant_header(unit: PlantUnit, variables: tuple[Variable, ...], identity: Ide
         **switches(variables),
         **_functions(unit),
     }
-    return joined(filled(template, blocks, {"token": token, "states": str(len(unit.states))}))
+    words = {"token": token, "states": str(len(unit.states)), "jumps": "1" if blocks["helpers"] else "0"}
+    return joined(filled(template, blocks, words))
 
 
 def _structures(unit: PlantUnit, variables: tuple[Variable, ...]) -> dict[str, list[Line]]:

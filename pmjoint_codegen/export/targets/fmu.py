@@ -19,6 +19,7 @@ from pmjoint_codegen.export.fmu.loop import Job
 from pmjoint_codegen.export.fmu.package import CONTROLLER, PLANT, file_name, units
 from pmjoint_codegen.export.fmu.plant import PlantUnit
 from pmjoint_codegen.export.targets.target import Delivery, Order, Report, Target
+from pmjoint_codegen.workspace import cache_dir
 
 _LIMIT: Final = 120.0  # s; a run of both units takes a few
 _NAMES: Final = {"FMI 2.0": 2, "FMI 3.0": 3}
@@ -46,7 +47,9 @@ def _builders(order: Order) -> tuple[list[Builder], str]:
             builders.append(Builder(PLATFORMS[here], compiler.command))
     elif here not in PLATFORMS:
         missing = f"{here} is no platform of the FMI"
-    builders += [Builder.by_ziglang(name) for name in dict.fromkeys(order.platforms)]
+    if order.platforms:
+        cache = cache_dir(order.environment, order.notify)
+        builders += [Builder.by_ziglang(name, cache) for name in dict.fromkeys(order.platforms)]
     return builders, missing
 
 
@@ -111,8 +114,9 @@ def _looped(
     except subprocess.TimeoutExpired:
         raise CheckFailed(f"FMPy takes more than {_LIMIT:g} s for {name}", where=str(folder)) from None
     if done.returncode != 0:
-        last = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
-        raise CheckFailed(f"FMPy cannot run {name}: {last}", where=str(folder))
+        told = [line for line in done.stdout.splitlines() if line.startswith("[ERROR]")]
+        last = (told or done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
+        raise CheckFailed(f"FMPy cannot run {name}: {last.removeprefix('[ERROR] ')}", where=str(folder))
     found = json.loads(done.stdout)
     for path, problems in found["problems"].items():
         if problems:
