@@ -77,7 +77,9 @@ def command(
         source = model_of(contents, str(path))
         identity = Identity(source.name, model_hash(contents), __version__)
         kind = {"double": DOUBLE, "float": FLOAT}[precision]
-        order = Order(derive(source, shown.stage), identity, contents, kind, os.environ, message)
+        order = Order(
+            derive(source, shown.stage), identity, contents, kind, os.environ, message, path.absolute()
+        )
         for name in names:
             folder = out / name if len(names) > 1 else out
             shown.stage(f"writing {name}", 0.0)

@@ -23,7 +23,10 @@ class Entry:
     line: str
 
 
-TARGETS = (Entry("c", "pmjoint_codegen.export.targets.c", "readable C99 with a self test and an example"),)
+TARGETS = (
+    Entry("c", "pmjoint_codegen.export.targets.c", "readable C99 with a self test and an example"),
+    Entry("wasm", "pmjoint_codegen.export.bindings.wasm", "a WebAssembly module for browsers and node"),
+)
 
 
 @dataclass(frozen=True)
@@ -37,6 +40,7 @@ class Order:
         precision: of the numbers.
         environment: of the process: CC, PATH, the place of the cache.
         notify: called with one line that the reader should see.
+        file: the model file, from which files with data are looked for.
     """
 
     derivation: Derivation
@@ -45,6 +49,7 @@ class Order:
     precision: Precision
     environment: Mapping[str, str]
     notify: Callable[[str], None] | None = None
+    file: Path | None = None
 
 
 @dataclass(frozen=True)
