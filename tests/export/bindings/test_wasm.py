@@ -17,7 +17,7 @@ import pytest
 from pmjoint_codegen.errors import CheckFailed, MissingToolError
 from pmjoint_codegen.export import fields
 from pmjoint_codegen.export.bindings import wasm
-from pmjoint_codegen.export.bindings.replay import library_functions
+from pmjoint_codegen.export.bindings.replay import input_names, library_functions
 from pmjoint_codegen.export.source import Identity
 from pmjoint_codegen.export.statements import program_of
 from pmjoint_codegen.export.targets.target import Order
@@ -110,7 +110,7 @@ told.bad = a.init(at(1)) === BAD_PARAMETER;
 told.after = caught(() => a.step(at(1)));
 console.log(JSON.stringify(told));
 """
-    names = [name for name in wasm.input_names(program_of(made.order.derivation)) if name != "y"]
+    names = [name for name in input_names(program_of(made.order.derivation)) if name != "y"]
     extra = "{" + ", ".join(f"{name}: 0" for name in names) + "}"
     text = program.replace("EXTRA", extra)
     (made.folder / "use.mjs").write_text(text)
