@@ -52,13 +52,16 @@ def zig_command() -> tuple[str, ...]:
     return sys.executable, "-m", MODULE, "cc"
 
 
-def wasm_module(sources: Mapping[str, bytes], exports: Sequence[str], cache: Path) -> bytes:
+def wasm_module(
+    sources: Mapping[str, bytes], exports: Sequence[str], cache: Path, linker: Sequence[str] = ()
+) -> bytes:
     """Compile C sources into a WebAssembly module without imports, once.
 
     Args:
         sources: file name -> content; names ending in ``.c`` are compiled, all others can be included.
         exports: names of the functions that the module gives to its host.
         cache: folder for builds.
+        linker: options of the linker.
 
     Raises:
         MissingToolError: ziglang is not installed.
@@ -66,7 +69,7 @@ def wasm_module(sources: Mapping[str, bytes], exports: Sequence[str], cache: Pat
         UsageError: the cache cannot be written.
     """
     command = zig_command()
-    flags = (*WASM, *(f"-Wl,--export={name}" for name in exports))
+    flags = (*WASM, *(f"-Wl,--export={name}" for name in exports), *(f"-Wl,{option}" for option in linker))
     from importlib import metadata
 
     content = b"".join(f"{name} {len(data)}\0".encode() + data for name, data in sorted(sources.items()))

@@ -34,7 +34,7 @@ def companion_files(program: Program, identity: Identity, precision: Precision) 
     words |= ranges
     blocks |= {
         "banner": banner(program, identity, precision),
-        "parameters": [Line(_row(item, precision)) for item in fields.parameter_fields(program)],
+        "parameters": parameter_rows(program, precision),
     }
     example, numbers = _example(program, precision)
     found = {}
@@ -42,6 +42,11 @@ def companion_files(program: Program, identity: Identity, precision: Precision) 
         template = (TEMPLATES / f"{name}.in").read_text(encoding="utf-8")
         found[name] = joined(filled(template, {**blocks, **example}, {**words, **numbers}))
     return found
+
+
+def parameter_rows(program: Program, precision: Precision) -> list[Line]:
+    """The parameters as rows of a table: name, default, meaning."""
+    return [Line(_row(item, precision)) for item in fields.parameter_fields(program)]
 
 
 def _analysis(program: Program, precision: Precision) -> tuple[dict[str, list[Line]], dict[str, str]]:

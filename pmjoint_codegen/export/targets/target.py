@@ -32,6 +32,7 @@ TARGETS = (
         "pmjoint_codegen.export.targets.fmu",
         "co-simulation FMUs of controller and plant, FMI 2.0 and 3.0",
     ),
+    Entry("wasm", "pmjoint_codegen.export.bindings.wasm", "a WebAssembly module for browsers and node"),
 )
 PLATFORMS: Final = ("x86_64-linux", "aarch64-linux", "x86_64-windows", "x86_64-darwin", "aarch64-darwin")
 
