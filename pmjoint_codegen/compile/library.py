@@ -214,7 +214,11 @@ def run_command(
         child = subprocess.Popen(
             command,
             cwd=folder,
-            env={**os.environ, "TMPDIR": str(folder), **(variables or {})},  # a compiler that is killed leaves files there
+            env={
+                **os.environ,
+                "TMPDIR": str(folder),
+                **(variables or {}),
+            },  # a compiler that is killed leaves files there
             stdin=subprocess.DEVNULL,
             stdout=output,
             stderr=subprocess.STDOUT,

@@ -19,8 +19,8 @@ from pmjoint_codegen.scratch import scratch
 from pmjoint_codegen.storage import drop_link, ensure_folder, replace_folder, sha256
 
 MODULE: Final = "ziglang"
-# A reactor is a library: it has exports and no main. WebAssembly has neither a fused product and sum nor modes
-# of rounding, so ARITHMETIC fixes every bit.
+# A reactor is a library: it has exports and no main. WebAssembly neither fuses products and sums nor has
+# modes of rounding, so ARITHMETIC fixes every bit.
 WASM: Final = (
     "--target=wasm32-wasi",
     "-mexec-model=reactor",

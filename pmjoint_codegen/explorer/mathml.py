@@ -13,8 +13,32 @@ from typing import Final
 
 _GREEK: Final = dict(
     zip(
-        "alpha beta gamma delta epsilon eta theta kappa lambda mu nu xi Xi pi rho sigma tau phi psi omega "
-        "Omega Delta Phi input_scale".split(),
+        [
+            "alpha",
+            "beta",
+            "gamma",
+            "delta",
+            "epsilon",
+            "eta",
+            "theta",
+            "kappa",
+            "lambda",
+            "mu",
+            "nu",
+            "xi",
+            "Xi",
+            "pi",
+            "rho",
+            "sigma",
+            "tau",
+            "phi",
+            "psi",
+            "omega",
+            "Omega",
+            "Delta",
+            "Phi",
+            "input_scale",
+        ],
         "αβγδεηθκλμνξΞπρστφψωΩΔΦκ",
         strict=True,
     )
@@ -51,7 +75,9 @@ def symbol(name: str) -> str:
     if found := _RATE.fullmatch(name):
         dots = "¨" if found["order"] == "2" else "˙" if not found["order"] else f"({found['order']})"
         inner = symbol(found["of"])
-        return f'<mover accent="true">{inner}<mo>{dots}</mo></mover>' if len(dots) == 1 else _over(inner, dots)
+        return (
+            f'<mover accent="true">{inner}<mo>{dots}</mo></mover>' if len(dots) == 1 else _over(inner, dots)
+        )
     if found := _PARTIAL.fullmatch(name):
         above, below = symbol(found["of"]), symbol(found["by"])
         return f"<mfrac><mrow><mo>∂</mo>{above}</mrow><mrow><mo>∂</mo>{below}</mrow></mfrac>"
@@ -88,7 +114,7 @@ class _Printer:
 
     def node(self, tree: ast.expr) -> tuple[str, int]:
         match tree:
-            case ast.Constant(value=value):
+            case ast.Constant(value=int() | float() as value):
                 return f"<mn>{value:g}</mn>", _ATOM
             case ast.Name(id=name):
                 known = name.rstrip("_")
