@@ -12,9 +12,9 @@ from pmjoint_codegen.cli.terminal import activity, document, message, result
 
 _ABOUT = """Write a page that runs the closed loop of MODEL in a browser.
 
-It is one file that opens from disk, without a server or a network: sliders for gains, limits, start, reference,
-load and mismatch, and plots that follow while they move. It holds the C of pmjoint simulate, compiled to
-WebAssembly, so its numbers are the command line's. A link to the page carries the settings.
+It is one file that opens from disk, without a server or a network: sliders for gains, limits, start,
+reference, load and mismatch, and plots that follow while they move. It holds the C of pmjoint simulate,
+compiled to WebAssembly, so its numbers are the command line's. A link to the page carries the settings.
 """
 
 _EXAMPLES = """\b

@@ -13,8 +13,32 @@ from typing import Final
 
 _GREEK: Final = dict(
     zip(
-        "alpha beta gamma delta epsilon eta theta kappa lambda mu nu xi Xi pi rho sigma tau phi psi omega "
-        "Omega Delta Phi input_scale".split(),
+        [
+            "alpha",
+            "beta",
+            "gamma",
+            "delta",
+            "epsilon",
+            "eta",
+            "theta",
+            "kappa",
+            "lambda",
+            "mu",
+            "nu",
+            "xi",
+            "Xi",
+            "pi",
+            "rho",
+            "sigma",
+            "tau",
+            "phi",
+            "psi",
+            "omega",
+            "Omega",
+            "Delta",
+            "Phi",
+            "input_scale",
+        ],
         "αβγδεηθκλμνξΞπρστφψωΩΔΦκ",
         strict=True,
     )
@@ -90,7 +114,7 @@ class _Printer:
 
     def node(self, tree: ast.expr) -> tuple[str, int]:
         match tree:
-            case ast.Constant(value=value):
+            case ast.Constant(value=int() | float() as value):
                 return f"<mn>{value:g}</mn>", _ATOM
             case ast.Name(id=name):
                 known = name.rstrip("_")

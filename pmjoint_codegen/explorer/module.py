@@ -41,7 +41,8 @@ def build_module(provided: Provided, cache: Path) -> bytes:
             path.name: path.read_bytes() for path in (*(provided.folder / name for name in GENERATED), *own)
         }
     except OSError as error:
-        remedy = "run pmjoint regenerate"
-        raise StaleError(f"{error.filename} cannot be read", str(provided.folder), remedy) from None
+        raise StaleError(
+            f"{error.filename} cannot be read", where=str(provided.folder), remedy="run pmjoint regenerate"
+        ) from None
     header = model_header(provided.manifest).encode()
     return wasm_module({**sources, "explorer_model.h": header}, EXPORTS, cache)

@@ -22,7 +22,16 @@ from pmjoint_codegen.values import BRAKING, COMPENSATOR
 from pmjoint_codegen.workspace import cache_dir, find_model
 
 WEB: Final = Path(__file__).parent / "web"
-SCRIPTS: Final = ("numbers.js", "actuator.js", "engine.js", "settings.js", "plot.js", "panels.js", "controls.js", "page.js")
+SCRIPTS: Final = (
+    "numbers.js",
+    "actuator.js",
+    "engine.js",
+    "settings.js",
+    "plot.js",
+    "panels.js",
+    "controls.js",
+    "page.js",
+)
 BRAKING_ORDER: Final = 2  # relative degree for which there is a braking compensator
 
 

@@ -29,10 +29,18 @@ RUNS = 20
 TOLERANCE = 1e-9  # of every column, relative to max(1, |value|): a run's own local error is 1e-10
 COLUMNS = ("y", "y_r", "e", "x1", "x2", "r1", "r2", "z1", "z2", "v", "u", "x_hat1", "x_hat2")
 EVERY = 100  # of the rows are compared
-FLAGS = (
-    "--headless=new --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
-    "--disable-component-update --disable-sync --virtual-time-budget=60000 --dump-dom"
-).split()
+FLAGS = [
+    "--headless=new",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--virtual-time-budget=60000",
+    "--dump-dom",
+]
 
 pytestmark = [
     pytest.mark.skipif(BROWSER is None, reason="chromium is not installed"),
@@ -49,9 +57,11 @@ PROBE = """
   for (const change of asked) {
     const settings = Object.assign(defaultSettings(page.data), change);
     const run = page.simulate(settings);
-    const kept = Object.fromEntries(columns.map((name) => [name, [...run.column(name)].filter((_, i) => i % every === 0)]));
+    const thin = (name) => [...run.column(name)].filter((_, i) => i % every === 0);
+    const kept = Object.fromEntries(columns.map((name) => [name, thin(name)]));
     const again = fromHash(page.data, toHash(page.data, settings));
-    found.push({columns: kept, status: run.status, ise: run.ise, saturated: run.saturated, switches: run.switches,
+    found.push({columns: kept, status: run.status, ise: run.ise,
+      saturated: run.saturated, switches: run.switches,
       peak: run.peak("v")[0], returned: JSON.stringify(page.simulate(again).ise) === JSON.stringify(run.ise),
       command: commandLine(page.data, settings), V: run.V[0], values: run.values});
   }
@@ -103,7 +113,10 @@ def drawn(seed: int) -> list[dict[str, Any]]:
     while len(found) < RUNS:
         values = {name: round(random_number.uniform(5, 25), 3) for name in ("c1", "c2")}
         values |= {name: round(random_number.uniform(0.5, 3), 3) for name in ("ck1", "ck2")}
-        values |= {"u_max": round(random_number.uniform(4, 15), 2), "load": round(random_number.uniform(-1, 1), 2)}
+        values |= {
+            "u_max": round(random_number.uniform(4, 15), 2),
+            "load": round(random_number.uniform(-1, 1), 2),
+        }
         values |= {"reference_gain": round(random_number.uniform(0, 2), 2)}
         values |= {"reference_rate": round(random_number.uniform(0.2, 2), 2)}
         found.append(
