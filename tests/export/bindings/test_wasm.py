@@ -48,7 +48,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Written
         contents = document(name)
         derivation = derive(model_of(contents, name))
         identity = Identity(contents["name"], "0" * 64, "test")
-        order = Order(derivation, identity, contents, DOUBLE, os.environ, file)
+        order = Order(derivation, identity, contents, DOUBLE, os.environ, Path(f"{name}.toml").absolute())
         folder = tmp_path_factory.mktemp(name)
         for place, data in wasm.deliver(order).files.items():
             (folder / place).write_bytes(data.encode() if isinstance(data, str) else data)
