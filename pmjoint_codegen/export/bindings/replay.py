@@ -1,9 +1,6 @@
 """A recorded closed-loop run for an exported controller on another machine, and the judgement of its answers.
 
-Without functions of the C library every operation is IEEE 754's, so the answers have the bits of this
-machine's. With them, libraries differ in the last places. Each step is judged by itself: from the state that
-the other machine had at one sample, its values at the next are what the equations give, within the bound of
-`pmjoint_codegen.export.bounds`.
+Answers are judged as `pmjoint_codegen.export.elsewhere` says.
 """
 
 from __future__ import annotations
@@ -22,16 +19,13 @@ from pmjoint_codegen.compile.compiler import Compiler, find_compiler, install_li
 from pmjoint_codegen.compile.library import LIBRARY, build
 from pmjoint_codegen.errors import CheckFailed, MissingToolError
 from pmjoint_codegen.export import fields
-from pmjoint_codegen.export.bounds import Bounded
+from pmjoint_codegen.export.elsewhere import library_functions, step_ratios
 from pmjoint_codegen.export.fields import INTEGER
 from pmjoint_codegen.export.lines import Line
 from pmjoint_codegen.export.package import Export, export_c
-from pmjoint_codegen.export.recording import twin_of
 from pmjoint_codegen.export.source import filled, joined, words_of
 from pmjoint_codegen.export.statements import Program
 from pmjoint_codegen.export.targets.target import Order
-from pmjoint_codegen.export.tree import DOUBLE, operations_in, tree_of
-from pmjoint_codegen.export.twin import COMMAND, bounded_arithmetic
 from pmjoint_codegen.simulate.samples import record
 from pmjoint_codegen.values import MATCHED, ZERO
 from pmjoint_codegen.workspace import cache_dir
@@ -39,8 +33,6 @@ from pmjoint_codegen.workspace import cache_dir
 Array = npt.NDArray[np.float64]
 SAMPLES: Final = 10_000
 _HOST: Final = Path(__file__).with_name("replay.c.in")
-_EXACT: Final = frozenset({"add", "sub", "mul", "div", "neg", "fmin", "fmax", "fabs", "sqrt", "sign"})
-_LEAVES: Final = frozenset({"number", "name"})
 
 
 @dataclass(frozen=True)
@@ -196,49 +188,11 @@ def judged(replay: Replay, found: Array, where: str) -> Agreement:
         a, b = float(replay.host[row, column]), float(found[row, column])
         told = f"{names[column]} at sample {row} is {b!r}, on this machine {a!r}"
         raise CheckFailed(f"{int(differing.sum())} values have other bits: {told}", where=where)
-    ratios = step_ratios(replay, found)
+    columns = dict(zip(names, found.T, strict=True))
+    ratios = step_ratios(replay.export, replay.given, columns)
     row, column = (int(i) for i in np.unravel_index(np.argmax(ratios), ratios.shape))
     worst = float(ratios[row, column])
     if not worst <= 1.0:
         told = f"{names[column]} at sample {row + 1} is off by {worst:.3g} times its derived bound"
         raise CheckFailed(told, where=where)
     return Agreement(len(found), found.size, int(differing.sum()), worst, functions)
-
-
-def library_functions(program: Program) -> tuple[str, ...]:
-    """The functions of the C library that a controller calls, but those that IEEE 754 defines exactly."""
-    groups = (program.constants, program.law, program.update, program.start)
-    trees = [item.tree for group in groups for item in group]
-    trees += [tree_of(entry.value) for entry in program.matrices]
-    trees += [tree_of(value) for value in program.starts.values()]
-    found = set[str]().union(*(operations_in(tree) for tree in trees)) - _EXACT - _LEAVES
-    if "filter" in program.derivation.model.chain:
-        found.add("expm1")
-    return tuple(sorted(found))
-
-
-def step_ratios(replay: Replay, found: Array) -> Array:
-    """How far each step is from the equations, relative to its bound, shape (samples - 1, values)."""
-    program, precision = replay.export.program, replay.export.precision
-    signals = program.derivation.signals
-    names = [*output_names(program), *state_names(program)]
-    symbols = {symbol.name: symbol for symbol in (*program.states, *program.estimate, *signals.z)}
-    symbols |= {"y": signals.y, "v": signals.v, "u": signals.u, "command": COMMAND}
-    twin = twin_of(program, bounded_arithmetic(precision), precision, matched=False)
-    kept = ("v", "u", "command", *state_names(program))
-    twin.values = {symbols[name]: Bounded(found[:-1, names.index(name)], 0.0) for name in kept}
-    twin.ready = True
-    y, *y_r = (Bounded(column, 0.0) for column in replay.given[1:].T)
-    expected = {**twin.values, **twin.step(y, y_r)} | {
-        symbol: twin.values[symbol] for symbol in program.states
-    }
-    expected[signals.y] = twin.values[signals.y]
-    factor = 1.0 + DOUBLE.roundoff / precision.roundoff  # the twin rounds too, to double
-    columns = []
-    for place, name in enumerate(names):
-        item = expected[symbols[name]]
-        error = np.abs(found[1:, place] - item.value)
-        with np.errstate(all="ignore"):  # 0/0 is a value that both have exactly
-            ratio = np.where(error > 0.0, error / (factor * item.error), 0.0)
-        columns.append(np.where(np.isnan(error) | np.isnan(ratio), np.inf, ratio))
-    return np.column_stack(columns)

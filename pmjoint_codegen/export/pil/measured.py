@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
+from pmjoint_codegen.export.elsewhere import library_functions
 from pmjoint_codegen.export.fields import model_y
 from pmjoint_codegen.export.pil.chips import Chip
-from pmjoint_codegen.export.pil.compare import library_functions
 from pmjoint_codegen.export.statements import Program
 from pmjoint_codegen.export.targets.target import Report
 

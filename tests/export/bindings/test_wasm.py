@@ -17,7 +17,8 @@ import pytest
 from pmjoint_codegen.errors import CheckFailed, MissingToolError
 from pmjoint_codegen.export import fields
 from pmjoint_codegen.export.bindings import wasm
-from pmjoint_codegen.export.bindings.replay import input_names, library_functions
+from pmjoint_codegen.export.bindings.replay import input_names
+from pmjoint_codegen.export.elsewhere import library_functions
 from pmjoint_codegen.export.source import Identity
 from pmjoint_codegen.export.statements import program_of
 from pmjoint_codegen.export.targets.target import Order

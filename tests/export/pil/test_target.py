@@ -15,9 +15,10 @@ import pytest
 
 from pmjoint_codegen import ClosedLoop
 from pmjoint_codegen.errors import BuildError, CheckFailed
+from pmjoint_codegen.export.elsewhere import library_functions
 from pmjoint_codegen.export.package import Export
 from pmjoint_codegen.export.pil.chips import chip_named
-from pmjoint_codegen.export.pil.compare import compare, library_functions
+from pmjoint_codegen.export.pil.compare import compare
 from pmjoint_codegen.export.pil.records import check_counter, other_bits
 from pmjoint_codegen.export.pil.target import Bench, deliver, run
 from pmjoint_codegen.export.targets.target import Order, Report
