@@ -33,6 +33,11 @@ TARGETS = (
         "co-simulation FMUs of controller and plant, FMI 2.0 and 3.0",
     ),
     Entry("wasm", "pmjoint_codegen.export.bindings.wasm", "a WebAssembly module for browsers and node"),
+    Entry(
+        "matlab",
+        "pmjoint_codegen.export.bindings.matlab",
+        "a class and a MEX function for MATLAB and GNU Octave",
+    ),
 )
 PLATFORMS: Final = ("x86_64-linux", "aarch64-linux", "x86_64-windows", "x86_64-darwin", "aarch64-darwin")
 
