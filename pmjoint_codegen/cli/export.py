@@ -49,6 +49,14 @@ Examples
     help="Type of all numbers; float throughout is for processors whose hardware has no double.",
 )
 @click.option(
+    "--hold",
+    type=click.Choice(["computed", "baked"]),
+    default="computed",
+    show_default=True,
+    help="Where the matrices of the exact hold come from: init computes them, or they are literals for the "
+    "model's own sample time and gains, and init refuses others.",
+)
+@click.option(
     "--platform",
     "platforms",
     type=click.Choice(PLATFORMS),
@@ -62,6 +70,7 @@ def command(
     targets: tuple[str, ...],
     out: Path,
     precision: str,
+    hold: str,
     platforms: tuple[str, ...],
     runs: bool,
     as_json: bool,
@@ -70,12 +79,12 @@ def command(
     from pmjoint_codegen.storage import ensure_folder, write_bytes
 
     names = list(dict.fromkeys(targets))
-    ensure_folder(out)
     records: list[dict[str, Any]] = []
     lines: list[str] = []
     with activity(f"exporting {model}") as shown:
         shown.stage("loading the toolchain", 0.0)
         from pmjoint_codegen import __version__
+        from pmjoint_codegen.errors import UsageError
         from pmjoint_codegen.export.source import Identity
         from pmjoint_codegen.export.targets.target import Order, target_named
         from pmjoint_codegen.export.tree import DOUBLE, FLOAT
@@ -85,6 +94,12 @@ def command(
         from pmjoint_codegen.workspace import find_model
         from pmjoint_derive import derive
 
+        made = {name: target_named(name) for name in names}
+        tunable = [name for name, target in made.items() if hold == "baked" and not target.bakes]
+        if tunable:
+            told = f"{tunable[0]} takes no baked-in hold: its gains stay tunable"
+            raise UsageError(told, where="--hold", remedy="export it with --hold computed")
+        ensure_folder(out)
         path = find_model(model)
         shown.stage("reading the model", 0.0)
         contents = read_document(path)
@@ -93,11 +108,11 @@ def command(
         kind = {"double": DOUBLE, "float": FLOAT}[precision]
         derivation = derive(source, shown.stage)
         file = path.absolute()
-        order = Order(derivation, identity, contents, kind, os.environ, file, message, platforms)
+        order = Order(derivation, identity, contents, kind, os.environ, file, message, platforms, hold)
         for name in names:
             folder = out / name if len(names) > 1 else out
             shown.stage(f"writing {name}", 0.0)
-            target = target_named(name)
+            target = made[name]
             delivery = target.deliver(order)
             for place, contained in delivery.files.items():
                 (folder / place).parent.mkdir(parents=True, exist_ok=True)
@@ -112,7 +127,7 @@ def command(
                 record |= ran.record
                 lines += ran.lines
             records.append(record)
-    head = {"model": source.name, "model_hash": identity.model_hash, "precision": precision}
+    head = {"model": source.name, "model_hash": identity.model_hash, "precision": precision, "hold": hold}
     if as_json:
         document({**head, **records[0]} if len(records) == 1 else {**head, "targets": records})
     else:

@@ -10,6 +10,7 @@ import sympy as sp
 
 from pmjoint_codegen.export import fields
 from pmjoint_codegen.export.fields import INTEGER
+from pmjoint_codegen.export.hold import BAKED, COMPUTED
 from pmjoint_codegen.export.lines import Line, Printer, comment, spellings
 from pmjoint_codegen.export.source import TEMPLATES, Identity, banner, filled, joined, words_of
 from pmjoint_codegen.export.statements import Program
@@ -25,9 +26,11 @@ _RATES: Final = 1000.0  # range of each derivative of the reference, times that 
 _LONGEST: Final = 50  # characters of a name in PlatformIO
 
 
-def companion_files(program: Program, identity: Identity, precision: Precision) -> dict[str, str]:
+def companion_files(
+    program: Program, identity: Identity, precision: Precision, hold: str = COMPUTED
+) -> dict[str, str]:
     """File name -> text."""
-    words = words_of(program, identity, precision)
+    words = words_of(program, identity, precision, hold)
     words |= {"model": comment(identity.model), "rho": str(program.derivation.plant.rho)}
     words |= _library_words(program, identity)
     blocks, ranges = _analysis(program, precision)
@@ -36,6 +39,8 @@ def companion_files(program: Program, identity: Identity, precision: Precision) 
         "banner": banner(program, identity, precision),
         "parameters": parameter_rows(program, precision),
     }
+    about = (TEMPLATES / "baked.md.in").read_text(encoding="utf-8")
+    blocks["baked"] = [Line(text) for text in about.splitlines()] if hold == BAKED else []
     example, numbers = _example(program, precision)
     found = {}
     for name in (*_FILES, *_LIBRARY):

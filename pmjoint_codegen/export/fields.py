@@ -6,8 +6,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
+import numpy as np
+import sympy as sp
+
 from pmjoint_codegen.export.lines import identifier
 from pmjoint_codegen.export.statements import Program
+from pmjoint_codegen.export.tree import Precision
 from pmjoint_codegen.values import SI, from_si
 
 INTEGER: Final = "int"
@@ -187,3 +191,17 @@ def constant_fields(program: Program) -> Iterator[Field]:
         yield Field(
             identifier(item.symbol.name), REAL, _said(" ".join((item.number, meaning)).strip(), item.unit, "")
         )
+
+
+def defaults(program: Program, precision: Precision) -> dict[sp.Symbol, float]:
+    """The model's parameters by symbol, as numbers of the precision."""
+    items = parameter_fields(program)
+    values = [item.value for item in items if item.kind != INTEGER and item.name != SAMPLE_TIME]
+    return {
+        symbol: nearest(value, precision) for symbol, value in zip(program.parameters, values, strict=True)
+    }
+
+
+def nearest(value: float, precision: Precision) -> float:
+    """The number of a precision that is nearest to a double."""
+    return float(np.float32(value)) if precision.suffix else value

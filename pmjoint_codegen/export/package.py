@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pmjoint_codegen.export.companions import companion_files
+from pmjoint_codegen.export.hold import COMPUTED
 from pmjoint_codegen.export.recording import recorded, self_test_lines
 from pmjoint_codegen.export.source import Identity, header_text, joined, source_lines
 from pmjoint_codegen.export.statements import Program, program_of
@@ -56,21 +57,24 @@ def cost_of(program: Program, precision: Precision) -> Cost:
     return Cost(max(item.tolerance[0] for item in samples), max(abs(item.expected[0]) for item in samples))
 
 
-def export_c(derivation: Derivation, identity: Identity, precision: Precision = DOUBLE) -> Export:
+def export_c(
+    derivation: Derivation, identity: Identity, precision: Precision = DOUBLE, hold: str = COMPUTED
+) -> Export:
     """The controller of a derivation as a folder of C.
 
     Args:
         derivation: of the model.
         identity: names and hash.
         precision: double or float.
+        hold: its matrices are `COMPUTED` by init, or `BAKED` in for the model's own sample time and gains.
     """
     program = program_of(derivation)
-    lines = source_lines(program, identity, precision, self_test_lines(program, identity, precision))
+    lines = source_lines(program, identity, precision, self_test_lines(program, identity, precision), hold)
     source = f"{identity.prefix}.c"
     files = {
         source: joined(lines),
-        f"{identity.prefix}.h": header_text(program, identity, precision),
+        f"{identity.prefix}.h": header_text(program, identity, precision, hold),
         TRACE: trace_text(trace_of(lines, source)),
-        **companion_files(program, identity, precision),
+        **companion_files(program, identity, precision, hold),
     }
     return Export(program, identity, precision, files)

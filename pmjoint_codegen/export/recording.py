@@ -11,11 +11,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 
-import numpy as np
 import sympy as sp
 
 from pmjoint_codegen.export import fields
-from pmjoint_codegen.export.fields import INTEGER, SAMPLE_TIME
+from pmjoint_codegen.export.fields import INTEGER, defaults, nearest
 from pmjoint_codegen.export.lines import Line
 from pmjoint_codegen.export.source import TEMPLATES, Identity, replaced
 from pmjoint_codegen.export.statements import Program
@@ -47,20 +46,6 @@ class Sample:
     command: float | None
     expected: tuple[float, ...]
     tolerance: tuple[float, ...]
-
-
-def defaults(program: Program, precision: Precision) -> dict[sp.Symbol, float]:
-    """The model's parameters by symbol, as numbers of the precision."""
-    items = fields.parameter_fields(program)
-    values = [item.value for item in items if item.kind != INTEGER and item.name != SAMPLE_TIME]
-    return {
-        symbol: nearest(value, precision) for symbol, value in zip(program.parameters, values, strict=True)
-    }
-
-
-def nearest(value: float, precision: Precision) -> float:
-    """The number of a precision that is nearest to a double."""
-    return float(np.float32(value)) if precision.suffix else value
 
 
 def twin_of(program: Program, arithmetic: Arithmetic, precision: Precision, *, matched: bool) -> Twin:

@@ -11,7 +11,8 @@ from typing import Final
 import sympy as sp
 
 from pmjoint_codegen.export import fields
-from pmjoint_codegen.export.fields import INTEGER, MATRIX, Field
+from pmjoint_codegen.export.fields import INTEGER, MATRIX, SAMPLE_TIME, Field
+from pmjoint_codegen.export.hold import BAKED, COMPUTED, baked_matrices, shaping
 from pmjoint_codegen.export.lines import Line, Printer, comment, identifier, spellings
 from pmjoint_codegen.export.statements import Program, next_symbol
 from pmjoint_codegen.export.tree import Precision, operations_in
@@ -63,10 +64,16 @@ def replaced(text: str, words: Mapping[str, str]) -> str:
     return text
 
 
-def words_of(program: Program, identity: Identity, precision: Precision) -> dict[str, str]:
+def words_of(
+    program: Program, identity: Identity, precision: Precision, hold: str = COMPUTED
+) -> dict[str, str]:
     """What stands for each word of the templates."""
     model = program.derivation.model
+    baked = hold == BAKED
     return {
+        "or_baked": ", or the baked-in hold is of another sample_time or gain" if baked else "",
+        "prepared": "the baked-in hold" if baked else "the exact hold for params->sample_time",
+        "baked_for": ", ".join(f"`{name}`" for name in _shaping_fields(program)),
         "name": identity.prefix,
         "NAME": identity.prefix.upper(),
         "real": precision.name,
@@ -94,7 +101,11 @@ def banner(program: Program, identity: Identity, precision: Precision) -> list[L
 
 
 def source_lines(
-    program: Program, identity: Identity, precision: Precision, self_test: Iterable[Line]
+    program: Program,
+    identity: Identity,
+    precision: Precision,
+    self_test: Iterable[Line],
+    hold: str = COMPUTED,
 ) -> list[Line]:
     """The lines of the C file.
 
@@ -103,14 +114,17 @@ def source_lines(
         identity: names and hash.
         precision: double or float.
         self_test: the lines of the self test.
+        hold: `COMPUTED` by init, or `BAKED` in.
     """
+    baked = hold == BAKED
     printer = Printer(spellings(program), precision)
     template = (TEMPLATES / "controller.c.in").read_text(encoding="utf-8")
     blocks = {
         "banner": banner(program, identity, precision),
         "helpers": _helpers(program),
         "defaults": _defaults(program, precision),
-        "matrices": list(printer.matrix(program.matrices)),
+        "hold_code": _hold_code(program, precision, baked=baked),
+        "matrices": list(_literals(program, precision) if baked else _computed(program, printer)),
         "constants": [*_filter_gain(program, precision), *printer.constants(program.constants)],
         "finite": _finite(program),
         "take": [Line(f"    s->{y_r} = in->{y_r};") for y_r in program.derivation.signals.y_r],
@@ -128,7 +142,47 @@ def source_lines(
     words = words_of(program, identity, precision)
     sound = ["in->y", *(f"in->{y_r}" for y_r in program.derivation.signals.y_r)]
     words = {"sound": " && ".join(f"(isfinite({name}) != 0)" for name in sound), **words}
+    refused = ["(params->sample_time <= 0.0@f@)", "(are_finite(constants) == 0)"]
+    words = {"refused": " || ".join([*refused, *(["(fits_hold(params) == 0)"] if baked else [])]), **words}
     return filled(template, blocks, words)
+
+
+def _hold_code(program: Program, precision: Precision, *, baked: bool) -> list[Line]:
+    """The matrix exponential; or, where the hold is baked in, the check that it fits."""
+    text = (TEMPLATES / ("baked.c.in" if baked else "hold.c.in")).read_text(encoding="utf-8")
+    own = {item.name: item.value for item in fields.parameter_fields(program)}
+    compared = [
+        Line(text)
+        for name in _shaping_fields(program)
+        for text in (
+            f"    if (are_equal(p->{name}, {precision.literal(own[name])}) == 0) {{",
+            "        fits = 0;",
+            "    }",
+        )
+    ]
+    return filled(text, {"compared": compared}, {})
+
+
+def _shaping_fields(program: Program) -> list[str]:
+    """The fields of the parameters that shape the matrices of the hold."""
+    return [SAMPLE_TIME, *(identifier(symbol.name) for symbol in shaping(program))]
+
+
+def _computed(program: Program, printer: Printer) -> Iterator[Line]:
+    """The matrices A0 and Ar, and their hold."""
+    yield Line("    matrix A0 = {{0.0@f@}};")
+    yield Line("    matrix Ar = {{0.0@f@}};")
+    yield from printer.matrix(program.matrices)
+    yield Line("    hold(@ROWS_A0@, A0, p->sample_time, c->F0, c->G0);")
+    yield Line("    hold(@ROWS_AR@, Ar, p->sample_time, c->Fr, c->Gr);")
+
+
+def _literals(program: Program, precision: Precision) -> Iterator[Line]:
+    """The hold in numbers; the matrices that it is made of are not in the C."""
+    for name, matrix in baked_matrices(program, precision).items():
+        for i, row in enumerate(matrix):
+            for j, value in enumerate(row):
+                yield Line(f"    c->{name}[{i}][{j}] = {precision.literal(value)};")
 
 
 def _helpers(program: Program) -> list[Line]:
@@ -238,7 +292,7 @@ def _measure(program: Program, precision: Precision) -> Iterator[Line]:
     yield Line("        }")
 
 
-def header_text(program: Program, identity: Identity, precision: Precision) -> str:
+def header_text(program: Program, identity: Identity, precision: Precision, hold: str = COMPUTED) -> str:
     """The header's text."""
     template = (TEMPLATES / "controller.h.in").read_text(encoding="utf-8")
     size = f"{identity.prefix.upper()}_SIZE"
@@ -254,7 +308,7 @@ def header_text(program: Program, identity: Identity, precision: Precision) -> s
         "input": declared(fields.input_fields(program)),
         "output": declared(fields.output_fields(program)),
     }
-    return joined(filled(template, blocks, words_of(program, identity, precision)))
+    return joined(filled(template, blocks, words_of(program, identity, precision, hold)))
 
 
 def _declaration(item: Field, precision: Precision, size: str) -> str:

@@ -10,13 +10,17 @@ import json
 import random
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Set
 from typing import Any, Final
 
 import sympy as sp
 
+from pmjoint_codegen.export.hold import BAKED, COMPUTED
 from pmjoint_codegen.export.lines import Line, identifier
+from pmjoint_codegen.export.recording import twin_of
 from pmjoint_codegen.export.statements import Program, drive_symbol
+from pmjoint_codegen.export.tree import DOUBLE
+from pmjoint_codegen.export.twin import bounded_arithmetic, exact_arithmetic
 from pmjoint_codegen.report.notation import scaled_sum
 from pmjoint_derive import real_symbol
 from pmjoint_derive.signals import derivative_name
@@ -51,16 +55,25 @@ def trace_text(entries: Iterable[Mapping[str, Any]]) -> str:
     return "[\n" + ",\n".join(f" {json.dumps(entry)}" for entry in entries) + "\n]\n"
 
 
-def trace_faults(program: Program, text: str, entries: Sequence[Mapping[str, Any]]) -> list[str]:
+def trace_faults(
+    program: Program, text: str, entries: Sequence[Mapping[str, Any]], hold: str = COMPUTED
+) -> list[str]:
     """What is wrong with a trace or with the C that it describes; empty if nothing is.
+
+    With the hold baked in, no line has the terms of its matrices. Then the literals are compared with the
+    exact hold of the derivation's matrices.
 
     Args:
         program: for the derivation.
         text: of the C file, in double precision.
         entries: of the trace.
+        hold: `COMPUTED` by init, or `BAKED` in.
     """
-    faults = [*_misplaced(entries), *_missing(program, entries)]
-    reader = _Reader(program, text)
+    baked = hold == BAKED
+    held = {item for entry in program.matrices for item in entry.sources} if baked else set()
+    faults = [*_misplaced(entries), *_missing(program, entries, held)]
+    faults += _literal_faults(program, text) if baked else []
+    reader = _Reader(program, text, held)
     by_equation: dict[str, list[int]] = defaultdict(list)
     for entry in entries:
         by_equation[entry["equation"]].append(int(entry["line"]))
@@ -83,7 +96,27 @@ def _misplaced(entries: Iterable[Mapping[str, Any]]) -> list[str]:
     return faults + [f"line {at} has {sorted(found)}" for at, found in numbers.items() if len(found) != 1]
 
 
-def _missing(program: Program, entries: Iterable[Mapping[str, Any]]) -> list[str]:
+def _literal_faults(program: Program, text: str) -> list[str]:
+    """Literals of the hold that are further from the exact one than the C's rounding errors could be."""
+    exact, bounded = (
+        twin_of(program, arithmetic, DOUBLE, matched=False).fixed
+        for arithmetic in (exact_arithmetic(), bounded_arithmetic(DOUBLE))
+    )
+    faults = []
+    for name in ("F0", "G0", "Fr", "Gr"):
+        matrix = getattr(program.hold, name)
+        for i in range(matrix.rows):
+            for j in range(matrix.cols):
+                found = re.findall(rf"^    c->{name}\[{i}\]\[{j}\] = (\S+);$", text, re.MULTILINE)
+                wanted, bound = exact[matrix[i, j]], bounded[matrix[i, j]].error + DOUBLE.smallest
+                if len(found) != 1 or not abs(float(found[0]) - wanted) <= bound:
+                    faults.append(f"{name}[{i}][{j}]: the C has {found}, the exact hold {float(wanted)!r}")
+    return faults
+
+
+def _missing(
+    program: Program, entries: Iterable[Mapping[str, Any]], held: Set[tuple[str, sp.Expr]]
+) -> list[str]:
     """Terms of the controller's equations that no line has: (14), (15), (21), (23)-(25) and (29)."""
     present = {(entry["equation"], entry["term"]) for entry in entries}
     s, equations = program.derivation.signals, program.derivation.equations
@@ -98,15 +131,16 @@ def _missing(program: Program, entries: Iterable[Mapping[str, Any]]) -> list[str
         f"{name}: no line has {term}"
         for name, parts in terms.items()
         for term in parts
-        if (name, str(term)) not in present
+        if (name, str(term)) not in present and (name, term) not in held
     ]
 
 
 class _Reader:
     """Reads statements of the C back into SymPy."""
 
-    def __init__(self, program: Program, text: str) -> None:
+    def __init__(self, program: Program, text: str, held: Set[tuple[str, sp.Expr]]) -> None:
         self.program = program
+        self.held = held
         self.lines = text.splitlines()
         s, d = program.derivation.signals, program.derivation
         symbols = {*program.parameters, *program.states, s.y, s.u, s.v, *s.y_r, *program.hold.symbols}
@@ -212,6 +246,7 @@ class _Reader:
             if not re.match(r"\s*A[0r]\[", self.lines[place - 1])
         }
         total += sum((self.expression(text) for text in driven), sp.Integer(0))
+        total += sum((term for equation, term in self.held if equation == name), sp.Integer(0))
         return self._same(name, total, self.program.derivation.equations[name].expression)
 
     def _same(self, name: str, found: sp.Expr, wanted: sp.Expr) -> list[str]:

@@ -128,7 +128,7 @@ def replay_of(order: Order, samples: int = SAMPLES) -> Replay:
     if isinstance(recorded, str):
         raise CheckFailed(recorded, where=order.identity.model)
     given = np.column_stack([recorded.reading, recorded.y_r])[:samples]
-    export = export_c(order.derivation, order.identity, order.precision)
+    export = export_c(order.derivation, order.identity, order.precision, order.hold)
     given = given.astype(_type(export)).astype(np.float64)
     return Replay(export, given, _host(export, given, compiler, cache_dir(order.environment)))
 

@@ -39,7 +39,7 @@ def deliver(order: Order) -> Delivery:
         MissingToolError: ziglang is not installed.
         BuildError: it failed.
     """
-    export = export_c(order.derivation, order.identity, order.precision)
+    export = export_c(order.derivation, order.identity, order.precision, order.hold)
     program, prefix = export.program, order.identity.prefix
     sources = {name: export.files[name] for name in (f"{prefix}.c", f"{prefix}.h")}
     sources["wasm.c"] = _filled("wasm.c.in", export, _offsets(program, prefix), {})
@@ -168,4 +168,4 @@ def _node(command: list[str], folder: Path) -> str:
     return done.stdout
 
 
-TARGET: Final = Target(deliver, run)
+TARGET: Final = Target(deliver, run, bakes=True)

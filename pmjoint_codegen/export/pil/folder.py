@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from pmjoint_codegen.export.fields import INTEGER, input_fields, output_fields
+from pmjoint_codegen.export.hold import COMPUTED
 from pmjoint_codegen.export.lines import comment
 from pmjoint_codegen.export.package import TRACE, Export, export_c
 from pmjoint_codegen.export.pil.chips import Chip
@@ -52,9 +53,9 @@ class Columns:
         return (*self.states, *self.outputs)
 
 
-def exports_of(derivation: Derivation, identity: Identity) -> dict[str, Export]:
+def exports_of(derivation: Derivation, identity: Identity, hold: str = COMPUTED) -> dict[str, Export]:
     """The controller in every precision, by its name."""
-    return {kind.name: export_c(derivation, identity, kind) for kind in PRECISIONS}
+    return {kind.name: export_c(derivation, identity, kind, hold) for kind in PRECISIONS}
 
 
 def folder_files(chip: Chip, exports: Iterable[Export]) -> dict[str, str]:

@@ -35,12 +35,14 @@ _MOST: Final = 3000  # samples of a closed loop: its plant takes 0.5 ms for each
 def target_of(name: str) -> Target:
     """The target of a chip."""
     chip = chip_named(name)
-    return Target(lambda order: deliver(chip, order), lambda order, folder: run(chip, order, folder))
+    return Target(
+        lambda order: deliver(chip, order), lambda order, folder: run(chip, order, folder), bakes=True
+    )
 
 
 def deliver(chip: Chip, order: Order) -> Delivery:
     """The folder; it has both precisions, whichever was asked for."""
-    exports = exports_of(order.derivation, order.identity)
+    exports = exports_of(order.derivation, order.identity, order.hold)
     return Delivery(folder_files(chip, exports.values()), Report())
 
 
@@ -66,7 +68,7 @@ def run(chip: Chip, order: Order, folder: Path, samples: int = SAMPLES) -> Repor
     recorded = record(evaluator, start, samples - 1)
     if isinstance(recorded, str):
         raise CheckFailed(recorded, where=chip.name)
-    exports = exports_of(order.derivation, order.identity)
+    exports = exports_of(order.derivation, order.identity, order.hold)
     bench = Bench(tools, folder, evaluator, recorded, start, samples)
     in_double, first = bench.measure(exports[DOUBLE.name])
     found = {DOUBLE.name: first}

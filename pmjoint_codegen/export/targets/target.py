@@ -55,6 +55,7 @@ class Order:
         file: the model file, from which files with data are looked for.
         notify: called with one line that the reader should see.
         platforms: for which binaries are asked beyond this one, where the format has any.
+        hold: the matrices of the exact hold are ``computed`` by init, or ``baked`` in.
     """
 
     derivation: Derivation
@@ -65,6 +66,7 @@ class Order:
     file: Path
     notify: Callable[[str], None] | None = None
     platforms: tuple[str, ...] = ()
+    hold: str = "computed"
 
 
 @dataclass(frozen=True)
@@ -101,10 +103,12 @@ class Target:
         deliver: makes the files; it writes none.
         run: builds the written folder with the target's own tools, and runs it. Raises `MissingToolError`
             if a tool is absent, `BuildError` if it does not build, `CheckFailed` if it does not hold.
+        bakes: whether it takes an order with the hold baked in; not where gains must stay tunable.
     """
 
     deliver: Callable[[Order], Delivery]
     run: Callable[[Order, Path], Report]
+    bakes: bool = False
 
 
 def target_named(name: str) -> Target:
