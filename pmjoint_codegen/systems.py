@@ -10,15 +10,16 @@ For that there is `ClosedLoop.controller`.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from pmjoint_codegen.errors import MissingToolError, installing
+from pmjoint_codegen.errors import MissingToolError, UsageError, installing
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator
 from pmjoint_codegen.loops.chain import make_chain
+from pmjoint_codegen.margins import Margins, equilibrium, jacobian, margins_of
 from pmjoint_codegen.simulate.settings import Settings, left_out
 from pmjoint_codegen.simulate.start import initial_state
 
@@ -52,6 +53,73 @@ class ControlSystems:
     reference: Callable[[npt.ArrayLike], Array]
     X0: Array
     left_out: tuple[str, ...]
+    _functions: _Functions = field(repr=False)
+
+    def open_loop(
+        self, t: float = 0.0, *, y_r: float | None = None, params: Mapping[str, float] | None = None
+    ) -> control.StateSpace:
+        """L at the equilibrium for a constant reference, the loop cut at the plant's input.
+
+        The input is the plant's u, the output what the controller answers, negated: 1 + L = 0 is the closed
+        loop. The controller's filters see its own command, not what acts after the cut. No limit is active.
+
+        Args:
+            t: the instant at which the model's reference is taken and a disturbance is frozen, s.
+            y_r: another constant reference, in the kernels' unit.
+            params: parameters and gains that differ, as for the systems.
+
+        Raises:
+            UsageError: there is no equilibrium, u is not inside the limits there, or the loop is not smooth.
+        """
+        import control
+
+        A, B, C, _ = self._linear(t, y_r, params)
+        states = self.loop.state_labels
+        names = {"inputs": ["u"], "outputs": ["-u"], "states": states, "name": "open_loop"}
+        return control.StateSpace(A, B, C, np.zeros((1, 1)), **names)
+
+    def margins(
+        self, t: float = 0.0, *, y_r: float | None = None, params: Mapping[str, float] | None = None
+    ) -> Margins:
+        """Margins of `open_loop`.
+
+        Args:
+            t: as for `open_loop`.
+            y_r: as for `open_loop`.
+            params: as for `open_loop`.
+
+        Raises:
+            UsageError: as for `open_loop`, or the closed loop is unstable there.
+        """
+        A, B, C, z = self._linear(t, y_r, params)
+        held = self._held(t, y_r)
+        return margins_of(A, B, C, z[: self.plant.nstates], float(z[-1]), held)
+
+    def _held(self, t: float, y_r: float | None) -> float:
+        return float(self.reference(t)[0, 0]) if y_r is None else float(y_r)
+
+    def _linear(
+        self, t: float, y_r: float | None, params: Mapping[str, float] | None
+    ) -> tuple[Array, Array, Array, Array]:
+        """A, B, C of L, and the operating point: all states, and u."""
+        free, nx, held = self._functions.unlimited(), self.plant.nstates, self._held(t, y_r)
+        commands = [held, *np.zeros(self.loop.ninputs - 1)]
+
+        def open_loop(z: Array) -> Array:
+            x, s, u = z[:nx], z[nx:-1], z[-1:]
+            inputs = np.array([x[0], *commands])
+            rates = free.plant_rates(t, x, u, params), free.controller_rates(t, s, inputs, params)
+            return np.concatenate([*rates, -free.controller_outputs(t, s, inputs, params)[:1]])
+
+        def closed(z: Array) -> Array:
+            found = open_loop(z)
+            found[-1] += z[-1]
+            return found
+
+        z = equilibrium(closed, np.array([held, *np.zeros(self.loop.nstates)]))
+        self._functions.require_room(float(z[-1]), params)
+        J = jacobian(open_loop, z)
+        return J[:-1, :-1], J[:-1, -1:], J[-1:, :-1], z
 
 
 def make_systems(evaluator: Evaluator, prepare: Prepare) -> ControlSystems:
@@ -105,6 +173,7 @@ def make_systems(evaluator: Evaluator, prepare: Prepare) -> ControlSystems:
         lambda t: _reference(evaluator, own, t),
         initial_state(evaluator, own),
         left_out(manifest, "continuous"),
+        functions,
     )
 
 
@@ -116,12 +185,13 @@ def reference_names(rho: int) -> list[str]:
 class _Functions:
     """The right-hand sides and outputs, from the kernels."""
 
-    def __init__(self, evaluator: Evaluator, prepare: Prepare) -> None:
+    def __init__(self, evaluator: Evaluator, prepare: Prepare, limited: bool = True) -> None:
         names = ("law", "filters", "compensator", "plant", "actuation")
         self._law, self._filters, self._compensator, self._plant, self._actuation = map(
             evaluator.kernel, names
         )
         self._manifest, self._prepare = evaluator.manifest, prepare
+        self._evaluator, self._limited = evaluator, limited
         self._present: tuple[dict[str, float], Settings, Any, Array] | None = None
 
     def _values(self, params: Mapping[str, float] | None) -> tuple[Array, Any, Array]:
@@ -131,9 +201,30 @@ class _Functions:
             settings = self._prepare(given)
             chain = make_chain(self._manifest, settings.parameters, 1.0)
             (limits,) = self._actuation(settings.p)
-            self._present = given, settings, chain, limits.reshape(-1, 4)
+            limits = limits.reshape(-1, 4).copy()
+            if not self._limited:
+                chain = replace(chain, lower=-np.inf, upper=np.inf)
+                limits[:, 2:] = -np.inf, np.inf
+            self._present = given, settings, chain, limits
         _, settings, chain, limits = self._present
         return settings.p, chain, limits
+
+    def unlimited(self) -> _Functions:
+        """The same without limits of the actuator and its channels."""
+        return _Functions(self._evaluator, self._prepare, limited=False)
+
+    def require_room(self, u: float, params: Mapping[str, float] | None) -> None:
+        """Refuse a command that some limit of the actuator or its channels stops, or that lies on one."""
+        _, chain, limits = self._values(params)
+        _, free, unlimited = self.unlimited()._values(params)
+        w, ends = free.channels(unlimited, u)[1:], limits[1:, 2:]
+        if chain.lower < u < chain.upper and np.all((ends[:, 0] < w) & (w < ends[:, 1])):
+            return
+        raise UsageError(
+            f"the equilibrium needs u = {u:.6g}, which is not inside the actuator's limits",
+            where="margins",
+            remedy="ask for a y_r that the plant can hold within them",
+        )
 
     def controller_rates(self, _t: float, s: Array, u: Array, params: Mapping[str, float] | None) -> Array:
         """Rates of xi, Xi, lambda and r: (14), (23)."""

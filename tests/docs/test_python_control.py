@@ -21,11 +21,12 @@ def test_the_code_of_the_page(capsys: pytest.CaptureFixture[str]) -> None:
     names: dict[str, Any] = {}
     for text in re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.DOTALL | re.M):
         exec(compile(text, "howto", "exec"), names)
-    assert re.fullmatch(r"phase margin \d+ deg at \d+ rad/s: a delay of [\d.]+ ms\n", capsys.readouterr().out)
-    L = -names["C"] * names["P"]  # at the phase margin's frequency |L| = 1
-    assert abs(L(1j * names["frequency"])) == pytest.approx(1.0, rel=1e-6)
-    delayed = np.radians(names["phase"])
-    assert L(1j * names["frequency"]) * np.exp(-1j * delayed) == pytest.approx(-1.0, rel=1e-6)
+    said = r"phase margin \d+ deg at \d+ rad/s\ndelay margin [\d.]+ ms\n"
+    assert re.fullmatch(said, capsys.readouterr().out)
+    L, margins, frequency = names["L"], names["margins"], names["frequency"]
+    _, phase, _, crossover = control.margin(L)
+    assert (margins.phase_margin, frequency) == pytest.approx((phase, crossover), rel=1e-6)
+    assert L(1j * frequency) * np.exp(-1j * frequency * margins.delay_margin) == pytest.approx(-1.0, rel=1e-6)
     assert control.feedback(L, 1).poles().real.max() < 0.0
 
     run = ClosedLoop.load("joint").simulate(horizon=2.0, output_step=0.005)
