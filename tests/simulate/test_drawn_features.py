@@ -25,6 +25,7 @@ from pmjoint_codegen.kernels.processor import usable_levels
 from pmjoint_codegen.loops import batch
 from pmjoint_codegen.loops.guard import HOLD_RATIOS, Discs
 from pmjoint_codegen.provision import provide
+from pmjoint_codegen.simulate import fixed
 from pmjoint_codegen.simulate import run as simulate_run
 
 from .drawn_features import (
@@ -147,7 +148,7 @@ def test_loops_without_a_guard_are_caught(
     off = times_allowed(models("time"), example, "continuous")
     assert max(run() for run in off.values()) <= 1.0
     monkeypatch.setattr(simulate_run, "SHARED", lambda settings: (object(),))  # nothing prepared earlier
-    for module in (simulate_run, batch):
+    for module in (fixed, batch):
         monkeypatch.setattr(module, "discs", lambda rule, tolerance: NO_DISCS)
     found = {way: run() for way, run in off.items()}
     assert min(found.values()) > 1.0 and max(found.values()) < math.inf
@@ -191,7 +192,7 @@ def test_holds_without_a_guard_are_caught(
     off = times_allowed(models(name), example, "sampled")
     assert max(run() for run in off.values()) <= 1.0
     monkeypatch.setattr(simulate_run, "SHARED", lambda settings: (object(),))  # nothing prepared earlier
-    for module in (simulate_run, batch):
+    for module in (fixed, batch):
         monkeypatch.setattr(module, "discs", lambda rule, tolerance: NO_DISCS)
         monkeypatch.setattr(module, "hold_factors", lambda zeros: [0.0] * len(HOLD_RATIOS))
         monkeypatch.setattr(module, "HOLD_RATIOS", (0.0,) * len(HOLD_RATIOS))

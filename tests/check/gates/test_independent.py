@@ -29,7 +29,7 @@ from pmjoint_codegen.loops.modes import Actuator, make_actuator
 from pmjoint_codegen.loops.stepper import Stepper
 from pmjoint_codegen.modelfile import model_of
 from pmjoint_codegen.provision import provide, provide_document
-from pmjoint_codegen.simulate import run as simulate_run
+from pmjoint_codegen.simulate import fixed
 from pmjoint_codegen.simulate.run import run
 from pmjoint_codegen.simulate.settings import make_settings
 from pmjoint_codegen.simulate.start import initial_state
@@ -333,7 +333,7 @@ def test_a_step_over_a_narrow_feature_fails(paper: Subject, monkeypatch: pytest.
     subject = interpreted_of(changed(paper, "0", pulse, [0.0, 0.0]))
     monkeypatch.setattr(independent, "RUNS", (0, 0))
     assert independent.check(subject).verdict is Verdict.PASSED
-    monkeypatch.setattr(simulate_run, "discs", lambda rule, tolerance: Discs((0.0,), (0.0,)))
+    monkeypatch.setattr(fixed, "discs", lambda rule, tolerance: Discs((0.0,), (0.0,)))
     result = independent.check(subject)
     assert result.verdict is Verdict.FAILED
     assert result.difference is not None
