@@ -49,7 +49,7 @@ def deliver(order: Order) -> Delivery:
         f"{prefix}_mex.c": text("mex.c.in", blocks),
         f"{prefix}.m": text("controller.m.in", {}),
         "build.m": text("build.m.in", {}),
-        "example.m": text("example.m.in", {}),
+        f"{prefix}_example.m": text("example.m.in", {}),
         "README.md": text("README.md.in", {"parameters": parameter_rows(program, order.precision)}),
     }
     return Delivery(files, Report())
@@ -87,7 +87,7 @@ def run(order: Order, folder: Path) -> Report:
     built = _octave([*command, "--eval", "build"], folder)
     if built.returncode != 0:
         raise BuildError("mkoctfile fails", where=str(folder), output=built.stderr)
-    _holds(_octave([*command, "example.m"], folder), folder)
+    _holds(_octave([*command, f"{prefix}_example.m"], folder), folder)
     replay = replay_of(order)
     program = replay.export.program
     outputs, states = output_names(program), state_names(program)
