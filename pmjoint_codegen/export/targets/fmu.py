@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from pmjoint_codegen.compile.compiler import INSTALL, find_compiler
+from pmjoint_codegen.compile.compiler import find_compiler, install_line
 from pmjoint_codegen.errors import CheckFailed, MissingToolError, installing
 from pmjoint_codegen.export.fmu.archive import PLATFORMS, Builder
 from pmjoint_codegen.export.fmu.comparison import Expected, expected_of, not_compared
@@ -42,7 +42,7 @@ def _builders(order: Order) -> tuple[list[Builder], str]:
     if here in PLATFORMS and here not in order.platforms:
         compiler = find_compiler(order.environment, order.notify)
         if compiler is None:
-            missing = f"no C compiler is found; install one: {INSTALL}"
+            missing = f"no C compiler is found; install one: {install_line()}"
         else:
             builders.append(Builder(PLATFORMS[here], compiler.command))
     elif here not in PLATFORMS:
