@@ -30,7 +30,7 @@ _LIMIT: Final = 240.0  # s; Octave takes three
 
 def deliver(order: Order) -> Delivery:
     """The sources; the reader's MATLAB or Octave compiles them."""
-    export = export_c(order.derivation, order.identity, order.precision)
+    export = export_c(order.derivation, order.identity, order.precision, order.hold)
     program, prefix = export.program, order.identity.prefix
     words = words_of(program, order.identity, order.precision) | {
         "model": comment(order.identity.model),
@@ -130,4 +130,4 @@ def _holds(done: subprocess.CompletedProcess[str], folder: Path) -> str:
     return done.stdout
 
 
-TARGET: Final = Target(deliver, run)
+TARGET: Final = Target(deliver, run, bakes=True)
