@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 import sympy as sp
 
+from pmjoint_codegen.chain import LIMIT, LINKS
 from pmjoint_codegen.export.lines import identifier
 from pmjoint_codegen.export.statements import Program
 from pmjoint_codegen.export.tree import Precision
@@ -56,16 +57,27 @@ def parameter_fields(program: Program) -> tuple[Field, ...]:
             item = stated[symbol]
             unit = item.unit
             if item.scale != SI:
-                unit = f"SI; {from_si(item.value, item.scale)!r} {item.unit} in the model"
+                key = LIMIT if symbol == model.limit else chained.get(symbol, "")
+                held = _bench_unit(program, key) or "SI"
+                unit = f"{held}; {from_si(item.value, item.scale)!r} {item.unit} in the model"
             allowed = "> 0" if symbol == model.limit else _RANGES.get(chained.get(symbol, ""), "finite")
             found.append(Field(identifier(symbol.name), REAL, _said(item.about, unit, allowed), item.value))
         else:
             about, allowed = _gain(program, symbol.name)
             unit = str(d.units.of(symbol))
+            if symbol == s.input_scale and model.measures.si is not None:
+                unit = f"{unit}; {from_si(gains[symbol], model.measures.input_scale)!r} for SI units"
             found.append(Field(identifier(symbol.name), REAL, _said(about, unit, allowed), gains[symbol]))
     T = Field(SAMPLE_TIME, REAL, "time from step to step [s]; > 0", model.simulation.sample_time)
     start = "start of filters and compensator; 1: matched to the first y and reference, 0: at zero"
     return (*found, T, Field("matched", INTEGER, start, float(model.gains.matched)))
+
+
+def _bench_unit(program: Program, key: str) -> str:
+    """The unit in which a key of ``[actuator]`` or ``[sensor]`` is held, if it is that of y or u."""
+    of = {"y": model_y(program), "u": str(program.derivation.units.of(program.derivation.signals.u))}
+    label, _, over = next((link.unit for link in LINKS if link.key == key), "").partition("/")
+    return of.get(label, "") + (f"/{over}" if over and label in of else "")
 
 
 _RANGES: Final = {

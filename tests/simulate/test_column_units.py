@@ -16,8 +16,10 @@ from pmjoint_codegen import ClosedLoop
 from pmjoint_codegen.check.oracles.exported import Exported
 from pmjoint_codegen.cli.main import run as command
 from pmjoint_codegen.compile.compiler import find_compiler
+from pmjoint_codegen.export.fields import parameter_fields
 from pmjoint_codegen.export.package import export_c
 from pmjoint_codegen.export.source import Identity
+from pmjoint_codegen.export.statements import program_of
 from pmjoint_codegen.export.tree import DOUBLE
 from pmjoint_codegen.modelfile import model_of
 from pmjoint_codegen.modelfile.reader import read_document
@@ -250,6 +252,20 @@ def test_the_exported_controller_has_the_units_of_the_file(
         assert exported.output.v == pytest.approx(stepping.v, rel=1e-9)
     header = next(text for name, text in made.files.items() if name.endswith(".h"))
     assert "[deg]" in header and "[bar]" in header
+
+
+def test_comments_name_the_unit_of_each_default(files: tuple[Path, Path]) -> None:
+    told = []
+    for path in files:
+        program = program_of(derive(model_of(read_document(path), "axis")))
+        told.append({item.name: item for item in parameter_fields(program)})
+    si, other = told
+    assert si["u_max"].value == 3e4 and "[Pa; 0.3 bar in the model]; > 0" in si["u_max"].about
+    assert other["u_max"].value == 0.3 and "[bar]; > 0" in other["u_max"].about
+    kappa = si["input_scale"].value
+    assert other["input_scale"].value == pytest.approx(kappa * OTHER.of_u / OTHER.of_y, rel=1e-12)
+    assert f"{kappa:.6g}"[:6] in other["input_scale"].about and "for SI units" in other["input_scale"].about
+    assert "for SI units" not in si["input_scale"].about
 
 
 def test_a_sweep_and_a_tuned_design_agree_with_those_in_si_units(
