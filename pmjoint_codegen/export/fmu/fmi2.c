@@ -1,8 +1,7 @@
-/* FMI 2.0 for co-simulation around model.h. The model is plain data: a state of the unit is a copy of it. */
+/* FMI 2.0 for co-simulation around unit.h. */
 #include "fmi2.h"
-#include "model.h"
+#include "unit.h"
 
-#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -13,12 +12,7 @@
 #define REFERENCES fmi2Component c, const fmi2ValueReference vr[], size_t n
 
 typedef struct {
-    model held;
-    int phase;
-} saved;
-
-typedef struct {
-    saved s;
+    unit s;
     fmi2CallbackFunctions callbacks;
     char *name;
 } instance;
@@ -29,6 +23,11 @@ static fmi2Status failed(instance *at, const char *message)
         at->callbacks.logger(at->callbacks.componentEnvironment, at->name, fmi2Error, "logStatusError", "%s", message);
     }
     return fmi2Error;
+}
+
+static fmi2Status answer(instance *at, const char *trouble)
+{
+    return (trouble == NULL) ? fmi2OK : failed(at, trouble);
 }
 
 API(const char *, fmi2GetTypesPlatform, void)
@@ -74,8 +73,7 @@ API(fmi2Component, fmi2Instantiate, fmi2String name, fmi2Type type, fmi2String t
         free(at);
         return NULL;
     }
-    model_defaults(&at->s.held);
-    at->s.phase = INSTANTIATED;
+    unit_renew(&at->s);
     return at;
 }
 
@@ -113,15 +111,7 @@ API(fmi2Status, fmi2EnterInitializationMode, fmi2Component c)
 API(fmi2Status, fmi2ExitInitializationMode, fmi2Component c)
 {
     instance *const at = c;
-    if (at->s.phase != INITIALIZING) {
-        return failed(at, "fmi2ExitInitializationMode: the unit is not being initialised");
-    }
-    const char *const trouble = model_begin(&at->s.held);
-    if (trouble != NULL) {
-        return failed(at, trouble);
-    }
-    at->s.phase = STEPPING;
-    return fmi2OK;
+    return answer(at, unit_initialized(&at->s));
 }
 
 API(fmi2Status, fmi2Terminate, fmi2Component c)
@@ -132,34 +122,7 @@ API(fmi2Status, fmi2Terminate, fmi2Component c)
 
 API(fmi2Status, fmi2Reset, fmi2Component c)
 {
-    instance *const at = c;
-    (void)memset(&at->s, 0, sizeof(at->s));
-    model_defaults(&at->s.held);
-    at->s.phase = INSTANTIATED;
-    return fmi2OK;
-}
-
-static fmi2Status value_of(instance *at, fmi2ValueReference reference, int kind, double *value)
-{
-    if (model_kind(reference) != kind) {
-        return failed(at, "no variable of this type has that value reference");
-    }
-    if (at->s.phase <= INITIALIZING) {
-        (void)model_begin(&at->s.held); /* fmi2ExitInitializationMode tells what is wrong */
-    }
-    *value = model_get(&at->s.held, reference);
-    return fmi2OK;
-}
-
-static fmi2Status put(instance *at, fmi2ValueReference reference, int kind, double value)
-{
-    if (model_kind(reference) != kind) {
-        return failed(at, "no variable of this type has that value reference");
-    }
-    if (!is_settable(model_role(reference), at->s.phase)) {
-        return failed(at, "a variable cannot be set now: an output, or fixed since the initialisation");
-    }
-    model_set(&at->s.held, reference, value);
+    unit_renew(&((instance *)c)->s);
     return fmi2OK;
 }
 
@@ -170,7 +133,7 @@ static fmi2Status put(instance *at, fmi2ValueReference reference, int kind, doub
         fmi2Status status = fmi2OK;                                                                                  \
         for (size_t i = 0; (i < n) && (status == fmi2OK); ++i) {                                                     \
             double value = 0.0;                                                                                      \
-            status = value_of(c, vr[i], kind, &value);                                                               \
+            status = answer(c, unit_get(&((instance *)c)->s, vr[i], kind, &value));                                  \
             values[i] = (fmi2##Type)value;                                                                           \
         }                                                                                                            \
         return status;                                                                                               \
@@ -179,7 +142,7 @@ static fmi2Status put(instance *at, fmi2ValueReference reference, int kind, doub
     {                                                                                                                \
         fmi2Status status = fmi2OK;                                                                                  \
         for (size_t i = 0; (i < n) && (status == fmi2OK); ++i) {                                                     \
-            status = put(c, vr[i], kind, (double)values[i]);                                                         \
+            status = answer(c, unit_set(&((instance *)c)->s, vr[i], kind, (double)values[i]));                       \
         }                                                                                                            \
         return status;                                                                                               \
     }
@@ -205,24 +168,13 @@ API(fmi2Status, fmi2SetString, REFERENCES, const fmi2String values[])
 API(fmi2Status, fmi2GetFMUstate, fmi2Component c, fmi2FMUstate *state)
 {
     instance *const at = c;
-    if (*state == NULL) {
-        *state = calloc(1, sizeof(saved));
-    }
-    if (*state == NULL) {
-        return failed(at, "no memory for a state");
-    }
-    (void)memcpy(*state, &at->s, sizeof(saved));
-    return fmi2OK;
+    return answer(at, unit_keep(state, &at->s));
 }
 
 API(fmi2Status, fmi2SetFMUstate, fmi2Component c, fmi2FMUstate state)
 {
     instance *const at = c;
-    if (state == NULL) {
-        return failed(at, "fmi2SetFMUstate: no state is given");
-    }
-    (void)memcpy(&at->s, state, sizeof(saved));
-    return fmi2OK;
+    return answer(at, unit_restore(&at->s, state));
 }
 
 API(fmi2Status, fmi2FreeFMUstate, fmi2Component c, fmi2FMUstate *state)
@@ -237,32 +189,18 @@ API(fmi2Status, fmi2SerializedFMUstateSize, fmi2Component c, fmi2FMUstate state,
 {
     (void)c;
     (void)state;
-    *size = sizeof(saved);
+    *size = sizeof(unit);
     return fmi2OK;
 }
 
 API(fmi2Status, fmi2SerializeFMUstate, fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size)
 {
-    if ((state == NULL) || (size < sizeof(saved))) {
-        return failed(c, "fmi2SerializeFMUstate: no state, or too few bytes for it");
-    }
-    (void)memcpy(bytes, state, sizeof(saved));
-    return fmi2OK;
+    return answer(c, unit_serialize(state, bytes, size));
 }
 
 API(fmi2Status, fmi2DeSerializeFMUstate, fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state)
 {
-    if (size != sizeof(saved)) {
-        return failed(c, "fmi2DeSerializeFMUstate: these bytes are no state of this unit");
-    }
-    if (*state == NULL) {
-        *state = calloc(1, sizeof(saved));
-    }
-    if (*state == NULL) {
-        return failed(c, "no memory for a state");
-    }
-    (void)memcpy(*state, bytes, sizeof(saved));
-    return fmi2OK;
+    return answer(c, unit_deserialize(state, bytes, size));
 }
 
 API(fmi2Status, fmi2GetDirectionalDerivative, fmi2Component c, const fmi2ValueReference unknown[], size_t n,
@@ -301,11 +239,7 @@ API(fmi2Status, fmi2DoStep, fmi2Component c, fmi2Real time, fmi2Real step, fmi2B
 {
     instance *const at = c;
     (void)keeps;
-    if (at->s.phase != STEPPING) {
-        return failed(at, "fmi2DoStep: the unit is not initialised, or terminated");
-    }
-    const char *const trouble = model_step(&at->s.held, time, step);
-    return (trouble == NULL) ? fmi2OK : failed(at, trouble);
+    return answer(at, unit_step(&at->s, time, step));
 }
 
 API(fmi2Status, fmi2CancelStep, fmi2Component c)

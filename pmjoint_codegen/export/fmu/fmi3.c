@@ -1,8 +1,7 @@
-/* FMI 3.0 for co-simulation around model.h. The model is plain data: a state of the unit is a copy of it. */
+/* FMI 3.0 for co-simulation around unit.h. */
 #include "fmi3.h"
-#include "model.h"
+#include "unit.h"
 
-#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -13,12 +12,7 @@
 #define REFERENCES fmi3Instance c, const fmi3ValueReference vr[], size_t n
 
 typedef struct {
-    model held;
-    int phase;
-} saved;
-
-typedef struct {
-    saved s;
+    unit s;
     fmi3InstanceEnvironment environment;
     fmi3LogMessageCallback log;
 } instance;
@@ -29,6 +23,11 @@ static fmi3Status failed(instance *at, const char *message)
         at->log(at->environment, fmi3Error, "logStatusError", message);
     }
     return fmi3Error;
+}
+
+static fmi3Status answer(instance *at, const char *trouble)
+{
+    return (trouble == NULL) ? fmi3OK : failed(at, trouble);
 }
 
 API(const char *, fmi3GetVersion, void)
@@ -100,8 +99,7 @@ API(fmi3Instance, fmi3InstantiateCoSimulation, fmi3String name, fmi3String token
         free(at);
         return NULL;
     }
-    model_defaults(&at->s.held);
-    at->s.phase = INSTANTIATED;
+    unit_renew(&at->s);
     return at;
 }
 
@@ -130,15 +128,7 @@ API(fmi3Status, fmi3EnterInitializationMode, fmi3Instance c, fmi3Boolean toleran
 API(fmi3Status, fmi3ExitInitializationMode, fmi3Instance c)
 {
     instance *const at = c;
-    if (at->s.phase != INITIALIZING) {
-        return failed(at, "fmi3ExitInitializationMode: the unit is not being initialised");
-    }
-    const char *const trouble = model_begin(&at->s.held);
-    if (trouble != NULL) {
-        return failed(at, trouble);
-    }
-    at->s.phase = STEPPING;
-    return fmi3OK;
+    return answer(at, unit_initialized(&at->s));
 }
 
 API(fmi3Status, fmi3Terminate, fmi3Instance c)
@@ -149,34 +139,7 @@ API(fmi3Status, fmi3Terminate, fmi3Instance c)
 
 API(fmi3Status, fmi3Reset, fmi3Instance c)
 {
-    instance *const at = c;
-    (void)memset(&at->s, 0, sizeof(at->s));
-    model_defaults(&at->s.held);
-    at->s.phase = INSTANTIATED;
-    return fmi3OK;
-}
-
-static fmi3Status value_of(instance *at, fmi3ValueReference reference, int kind, double *value)
-{
-    if (model_kind(reference) != kind) {
-        return failed(at, "no variable of this type has that value reference");
-    }
-    if (at->s.phase <= INITIALIZING) {
-        (void)model_begin(&at->s.held); /* fmi3ExitInitializationMode tells what is wrong */
-    }
-    *value = model_get(&at->s.held, reference);
-    return fmi3OK;
-}
-
-static fmi3Status put(instance *at, fmi3ValueReference reference, int kind, double value)
-{
-    if (model_kind(reference) != kind) {
-        return failed(at, "no variable of this type has that value reference");
-    }
-    if (!is_settable(model_role(reference), at->s.phase)) {
-        return failed(at, "a variable cannot be set now: an output, or fixed since the initialisation");
-    }
-    model_set(&at->s.held, reference, value);
+    unit_renew(&((instance *)c)->s);
     return fmi3OK;
 }
 
@@ -187,7 +150,7 @@ static fmi3Status put(instance *at, fmi3ValueReference reference, int kind, doub
         fmi3Status status = (count == n) ? fmi3OK : failed(c, "every variable has one value");                       \
         for (size_t i = 0; (i < n) && (status == fmi3OK); ++i) {                                                     \
             double value = 0.0;                                                                                      \
-            status = value_of(c, vr[i], kind, &value);                                                               \
+            status = answer(c, unit_get(&((instance *)c)->s, vr[i], kind, &value));                                  \
             values[i] = (fmi3##Type)value;                                                                           \
         }                                                                                                            \
         return status;                                                                                               \
@@ -196,7 +159,7 @@ static fmi3Status put(instance *at, fmi3ValueReference reference, int kind, doub
     {                                                                                                                \
         fmi3Status status = (count == n) ? fmi3OK : failed(c, "every variable has one value");                       \
         for (size_t i = 0; (i < n) && (status == fmi3OK); ++i) {                                                     \
-            status = put(c, vr[i], kind, (double)values[i]);                                                         \
+            status = answer(c, unit_set(&((instance *)c)->s, vr[i], kind, (double)values[i]));                       \
         }                                                                                                            \
         return status;                                                                                               \
     }
@@ -248,24 +211,13 @@ API(fmi3Status, fmi3SetBinary, REFERENCES, const size_t sizes[], const fmi3Binar
 API(fmi3Status, fmi3GetFMUState, fmi3Instance c, fmi3FMUState *state)
 {
     instance *const at = c;
-    if (*state == NULL) {
-        *state = calloc(1, sizeof(saved));
-    }
-    if (*state == NULL) {
-        return failed(at, "no memory for a state");
-    }
-    (void)memcpy(*state, &at->s, sizeof(saved));
-    return fmi3OK;
+    return answer(at, unit_keep(state, &at->s));
 }
 
 API(fmi3Status, fmi3SetFMUState, fmi3Instance c, fmi3FMUState state)
 {
     instance *const at = c;
-    if (state == NULL) {
-        return failed(at, "fmi3SetFMUState: no state is given");
-    }
-    (void)memcpy(&at->s, state, sizeof(saved));
-    return fmi3OK;
+    return answer(at, unit_restore(&at->s, state));
 }
 
 API(fmi3Status, fmi3FreeFMUState, fmi3Instance c, fmi3FMUState *state)
@@ -280,32 +232,18 @@ API(fmi3Status, fmi3SerializedFMUStateSize, fmi3Instance c, fmi3FMUState state, 
 {
     (void)c;
     (void)state;
-    *size = sizeof(saved);
+    *size = sizeof(unit);
     return fmi3OK;
 }
 
 API(fmi3Status, fmi3SerializeFMUState, fmi3Instance c, fmi3FMUState state, fmi3Byte bytes[], size_t size)
 {
-    if ((state == NULL) || (size < sizeof(saved))) {
-        return failed(c, "fmi3SerializeFMUState: no state, or too few bytes for it");
-    }
-    (void)memcpy(bytes, state, sizeof(saved));
-    return fmi3OK;
+    return answer(c, unit_serialize(state, bytes, size));
 }
 
 API(fmi3Status, fmi3DeserializeFMUState, fmi3Instance c, const fmi3Byte bytes[], size_t size, fmi3FMUState *state)
 {
-    if (size != sizeof(saved)) {
-        return failed(c, "fmi3DeserializeFMUState: these bytes are no state of this unit");
-    }
-    if (*state == NULL) {
-        *state = calloc(1, sizeof(saved));
-    }
-    if (*state == NULL) {
-        return failed(c, "no memory for a state");
-    }
-    (void)memcpy(*state, bytes, sizeof(saved));
-    return fmi3OK;
+    return answer(c, unit_deserialize(state, bytes, size));
 }
 
 API(fmi3Status, fmi3EnterStepMode, fmi3Instance c)
@@ -318,16 +256,12 @@ API(fmi3Status, fmi3DoStep, fmi3Instance c, fmi3Float64 time, fmi3Float64 step, 
 {
     instance *const at = c;
     (void)keeps;
+    const char *const trouble = unit_step(&at->s, time, step);
     *event = false;
     *terminate = false;
     *early = false;
     *last = at->s.held.time;
-    if (at->s.phase != STEPPING) {
-        return failed(at, "fmi3DoStep: the unit is not initialised, or terminated");
-    }
-    const char *const trouble = model_step(&at->s.held, time, step);
-    *last = at->s.held.time;
-    return (trouble == NULL) ? fmi3OK : failed(at, trouble);
+    return answer(at, trouble);
 }
 
 API(fmi3Status, fmi3UpdateDiscreteStates, fmi3Instance c, fmi3Boolean *again, fmi3Boolean *terminate,

@@ -123,7 +123,7 @@ def _plant(
 def _unit(unit: Description, texts: dict[str, str], version: int, builders: Sequence[Builder]) -> bytes:
     here = Path(__file__).parent
     wrapper = f"fmi{version}.c"
-    shared = ("variables.h", f"fmi{version}.h", wrapper)
+    shared = ("variables.h", "unit.h", f"fmi{version}.h", wrapper)
     texts = texts | {name: (here / name).read_text(encoding="utf-8") for name in shared}
     sources = (*unit.sources, wrapper)
     told = Description(**(vars(unit) | {"sources": sources}))
