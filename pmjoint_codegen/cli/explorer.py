@@ -30,10 +30,10 @@ Examples
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
 def command(model: str, out: Path | None, as_json: bool) -> None:
     """Run ``pmjoint explorer``: click passes the parsed arguments."""
-    from pmjoint_codegen.compile.zig import zig_command
+    from pmjoint_codegen.compile.zig import zig_compiler
     from pmjoint_codegen.storage import write_text
 
-    zig_command()  # without it, say so before a derivation
+    zig_compiler(os.environ)  # without it, say so before a derivation
     with activity(f"preparing {model}") as shown:
         from pmjoint_codegen.explorer.page import make_page, prepare
 

@@ -108,7 +108,7 @@ def command(
         kind = {"double": DOUBLE, "float": FLOAT}[precision]
         derivation = derive(source, shown.stage)
         file = path.absolute()
-        order = Order(derivation, identity, contents, kind, os.environ, file, message, platforms, hold)
+        order = Order(derivation, identity, contents, kind, os.environ, file, _tell, platforms, hold)
         for name in names:
             folder = out / name if len(names) > 1 else out
             shown.stage(f"writing {name}", 0.0)
@@ -132,3 +132,7 @@ def command(
         document({**head, **records[0]} if len(records) == 1 else {**head, "targets": records})
     else:
         result("\n".join(lines))
+
+
+def _tell(line: str) -> None:
+    message(f"pmjoint: {line}")

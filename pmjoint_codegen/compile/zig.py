@@ -6,19 +6,18 @@ the C libraries that it has built in the cache folder: the first use of a target
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from subprocess import TimeoutExpired
 from typing import Final
 
+from pmjoint_codegen.compile import compiler
+from pmjoint_codegen.compile.compiler import PACKAGE, Compiler
 from pmjoint_codegen.compile.library import ARITHMETIC, COMPILE_S, run_command
 from pmjoint_codegen.errors import BuildError, MissingToolError, installing
 from pmjoint_codegen.scratch import scratch
 from pmjoint_codegen.storage import drop_link, ensure_folder, replace_folder, sha256
 
-MODULE: Final = "ziglang"
 # A reactor is a library: it has exports and no main. WebAssembly has neither a fused product and sum nor
 # modes of rounding, so ARITHMETIC fixes every bit.
 WASM: Final = (
@@ -38,42 +37,48 @@ OUTPUT: Final = "out.wasm"
 HASH: Final = "sha256"
 
 
-def zig_command() -> tuple[str, ...]:
-    """The command that starts zig's C compiler.
+def zig_compiler(env: Mapping[str, str], purpose: str = "compile for WebAssembly") -> Compiler:
+    """Zig's C compiler.
+
+    Args:
+        env: environment: the place of the cache.
+        purpose: what it is needed to do, for the message.
 
     Raises:
         MissingToolError: ziglang is not installed.
     """
-    if importlib.util.find_spec(MODULE) is None:
+    found = compiler.packaged(env)
+    if found is None:
         raise MissingToolError(
-            "ziglang is needed to compile for WebAssembly",
+            f"{PACKAGE} is needed to {purpose}",
             remedy=f"install it: {installing('pmjoint-codegen[compiler]')}",
         )
-    return sys.executable, "-m", MODULE, "cc"
+    return found
 
 
 def wasm_module(
-    sources: Mapping[str, bytes], exports: Sequence[str], cache: Path, linker: Sequence[str] = ()
+    sources: Mapping[str, bytes],
+    exports: Sequence[str],
+    zig: Compiler,
+    cache: Path,
+    linker: Sequence[str] = (),
 ) -> bytes:
     """Compile C sources into a WebAssembly module without imports, once.
 
     Args:
         sources: file name -> content; names ending in ``.c`` are compiled, all others can be included.
         exports: names of the functions that the module gives to its host.
+        zig: as `zig_compiler` gave it.
         cache: folder for builds.
         linker: options of the linker.
 
     Raises:
-        MissingToolError: ziglang is not installed.
         BuildError: the compiler failed or hangs; ``output`` is its whole text.
         UsageError: the cache cannot be written.
     """
-    command = zig_command()
     flags = (*WASM, *(f"-Wl,--export={name}" for name in exports), *(f"-Wl,{option}" for option in linker))
-    from importlib import metadata
-
     content = b"".join(f"{name} {len(data)}\0".encode() + data for name, data in sorted(sources.items()))
-    key = sha256("\0".join((metadata.version(MODULE), *flags, "")).encode() + content)[:32]
+    key = sha256("\0".join((zig.identity, *flags, "")).encode() + content)[:32]
     folder = cache / "wasm" / key
     drop_link(folder)
     kept = _kept(folder)
@@ -84,7 +89,7 @@ def wasm_module(
         for name, data in sources.items():
             (private / name).write_bytes(data)
         units = sorted(name for name in sources if name.endswith(".c"))
-        _call([*command, *flags, *units, "-lm", "-o", OUTPUT], private, cache)
+        _call([*zig.command, *flags, *units, "-lm", "-o", OUTPUT], private)
         made = (private / OUTPUT).read_bytes()
     replace_folder(folder, {OUTPUT: made, HASH: sha256(made).encode()}, private=True)
     return made
@@ -99,17 +104,13 @@ def _kept(folder: Path) -> bytes | None:
         return None
 
 
-def _call(command: list[str], folder: Path, cache: Path) -> None:
-    caches = {
-        "ZIG_GLOBAL_CACHE_DIR": str((cache / "zig").absolute()),
-        "ZIG_LOCAL_CACHE_DIR": str(folder / "zig"),
-    }
+def _call(command: list[str], folder: Path) -> None:
     remedy = "reinstall ziglang, or set PMJOINT_CACHE to a folder with room"
     try:
-        code, output = run_command(command, folder, COMPILE_S, caches)
+        code, output = run_command(command, folder, COMPILE_S)
     except TimeoutExpired:
-        raise BuildError(f"zig did not end within {COMPILE_S:g} s", where=MODULE, remedy=remedy) from None
+        raise BuildError(f"zig did not end within {COMPILE_S:g} s", where=PACKAGE, remedy=remedy) from None
     if code != 0 or not (folder / OUTPUT).is_file():
         raise BuildError(
-            f"zig's C compiler failed (exit code {code})", where=MODULE, remedy=remedy, output=output
+            f"zig's C compiler failed (exit code {code})", where=PACKAGE, remedy=remedy, output=output
         )

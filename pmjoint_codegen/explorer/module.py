@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
+from pmjoint_codegen.compile.compiler import Compiler
 from pmjoint_codegen.compile.zig import wasm_module
 from pmjoint_codegen.errors import StaleError
 from pmjoint_codegen.explorer.model_header import model_header
@@ -23,15 +24,15 @@ EXPORTS: Final = (
 )
 
 
-def build_module(provided: Provided, cache: Path) -> bytes:
+def build_module(provided: Provided, zig: Compiler, cache: Path) -> bytes:
     """Compile a model's closed loop for a browser, or reuse the build.
 
     Args:
         provided: the kernels.
+        zig: as `zig_compiler` gave it.
         cache: folder for builds.
 
     Raises:
-        MissingToolError: ziglang is not installed.
         BuildError: the compiler failed.
         StaleError: a generated file is missing.
     """
@@ -45,4 +46,4 @@ def build_module(provided: Provided, cache: Path) -> bytes:
             f"{error.filename} cannot be read", where=str(provided.folder), remedy="run pmjoint regenerate"
         ) from None
     header = model_header(provided.manifest).encode()
-    return wasm_module({**sources, "explorer_model.h": header}, EXPORTS, cache)
+    return wasm_module({**sources, "explorer_model.h": header}, EXPORTS, zig, cache)

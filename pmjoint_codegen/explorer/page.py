@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from pmjoint_codegen import __version__
+from pmjoint_codegen.compile.zig import zig_compiler
 from pmjoint_codegen.errors import ModelError
 from pmjoint_codegen.explorer.facts import facts_of
 from pmjoint_codegen.explorer.knobs import Knobbed, with_knobs
@@ -138,11 +139,11 @@ def make_page(
         MissingToolError: ziglang is not installed.
         BuildError: it failed.
     """
-    cache = cache_dir(environment, notify)
+    zig, cache = zig_compiler(environment), cache_dir(environment, notify)
     variants, sizes = {}, {}
     for saturation, provided in prepared.variants.items():
         stage(f"compiling the loop with {saturation} for the browser", 0.0)
-        module = build_module(provided, cache)
+        module = build_module(provided, zig, cache)
         sizes[saturation] = len(module)
         encoded = base64.b64encode(module).decode("ascii")
         variants[saturation] = {**facts_of(provided.manifest, provided.folder), "wasm": encoded}

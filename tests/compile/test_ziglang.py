@@ -16,9 +16,12 @@ import pytest
 from pmjoint_codegen import ClosedLoop
 from pmjoint_codegen.check.bits import different_bits
 from pmjoint_codegen.cli import doctor
+from pmjoint_codegen.cli.main import run
 from pmjoint_codegen.compile import zig_cc
 from pmjoint_codegen.compile.compiler import Compiler, find_compiler, install_line
 from pmjoint_codegen.compile.library import build
+from pmjoint_codegen.errors import MissingToolError
+from pmjoint_codegen.export.fmu.archive import Builder
 from pmjoint_codegen.kernels import compiled
 
 pytest.importorskip("ziglang", reason="the package ziglang is not installed")
@@ -125,3 +128,17 @@ def test_undefined_behaviour_is_trapped_only_on_request(
     command = [*ziglang.command, *flags, "-O0", "-S", "sum.c", "-o", "sum.s"]
     subprocess.run(command, cwd=tmp_path, check=True, env={})
     assert ("ubsan" in (tmp_path / "sum.s").read_text()) is trapped
+
+
+@pytest.mark.usefixtures("no_ziglang")
+def test_what_only_ziglang_can_build_names_the_extra_before_any_work(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(MissingToolError, match="ziglang is needed to build for aarch64-darwin") as told:
+        Builder.by_ziglang("aarch64-darwin", os.environ)
+    assert "pmjoint-codegen[compiler]" in told.value.remedy
+    for asked in (["explorer"], ["export", "paper", "--target", "wasm"]):
+        assert run([*asked, "--out", str(tmp_path / "made")]) == 3
+        said = capsys.readouterr().err.splitlines()[-1]
+        assert "ziglang is needed to compile for WebAssembly" in said and "[compiler]" in said
+    assert not (tmp_path / "made").is_file()

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from pmjoint_codegen.compile.zig import wasm_module
+from pmjoint_codegen.compile.zig import wasm_module, zig_compiler
 from pmjoint_codegen.errors import CheckFailed, MissingToolError
 from pmjoint_codegen.export import fields
 from pmjoint_codegen.export.bindings.replay import input_names, judged, output_names, replay_of, state_names
@@ -45,7 +45,8 @@ def deliver(order: Order) -> Delivery:
     sources["wasm.c"] = _filled("wasm.c.in", export, _offsets(program, prefix), {})
     exported = [f"controller_{name}" for name in EXPORTED]
     given = {name: text.encode() for name, text in sources.items()}
-    module = wasm_module(given, exported, cache_dir(order.environment, order.notify), LINKER)
+    cache = cache_dir(order.environment, order.notify)
+    module = wasm_module(given, exported, zig_compiler(order.environment), cache, LINKER)
     y0 = repr(program.derivation.model.simulation.x0[0])
     names = input_names(program)
     words = {

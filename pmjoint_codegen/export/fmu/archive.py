@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import importlib.util
 import io
-import os
-import subprocess
-import sys
 import zipfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
+from subprocess import TimeoutExpired
 from tempfile import TemporaryDirectory
 from typing import Final
 
-from pmjoint_codegen.errors import BuildError, MissingToolError, installing
+from pmjoint_codegen.compile.library import run_command
+from pmjoint_codegen.compile.zig import zig_compiler
+from pmjoint_codegen.errors import BuildError
 
 FLAGS: Final = ("-std=c99", "-O2", "-shared", "-fvisibility=hidden", "-ffp-contract=off")
 _LIMIT: Final = 600.0  # s; the first build of a platform takes more than a minute
@@ -56,30 +55,24 @@ class Builder:
     Attributes:
         platform: where it runs.
         command: compiler and its own flags.
-        variables: of its environment, beyond those of this process.
     """
 
     platform: Platform
     command: tuple[str, ...]
-    variables: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
-    def by_ziglang(cls, name: str, cache: Path) -> Builder:
+    def by_ziglang(cls, name: str, env: Mapping[str, str]) -> Builder:
         """For any platform of the table.
 
         Args:
             name: of the platform.
-            cache: folder for builds; ziglang keeps the libraries of each platform there.
+            env: environment: ziglang keeps the libraries of each platform in the cache.
 
         Raises:
             MissingToolError: ziglang is not installed.
         """
-        if importlib.util.find_spec("ziglang") is None:
-            remedy = f"install it: {installing('pmjoint-codegen[compiler]')}"
-            raise MissingToolError(f"ziglang is needed to build for {name}", remedy=remedy)
         platform = PLATFORMS[name]
-        kept = {"ZIG_GLOBAL_CACHE_DIR": str(cache / "zig")}
-        return cls(platform, (sys.executable, "-m", "ziglang", "cc", "-target", platform.target), kept)
+        return cls(platform, (*zig_compiler(env, f"build for {name}").command, "-target", platform.target))
 
     def binary(self, texts: Mapping[str, str], sources: Sequence[str], identifier: str) -> bytes:
         """The shared library.
@@ -98,25 +91,13 @@ class Builder:
             made = f"{identifier}{self.platform.suffix}"
             flags = [*FLAGS, *self.platform.further, "-o", made, *sources]
             libraries = [] if self.platform.suffix == ".dll" else ["-lm"]
-            command = [*self.command, *flags, *libraries]
+            command, where = [*self.command, *flags, *libraries], self.platform.folder_3
             try:
-                done = subprocess.run(
-                    command,
-                    cwd=folder,
-                    env={**os.environ, **self.variables},
-                    capture_output=True,
-                    text=True,
-                    timeout=_LIMIT,
-                    check=False,
-                )
-            except subprocess.TimeoutExpired:
-                where = self.platform.folder_3
-                raise BuildError(
-                    f"the compiler took more than {_LIMIT:g} s", where=where, output=""
-                ) from None
-            if done.returncode != 0:
-                where = self.platform.folder_3
-                raise BuildError("the unit does not build", where=where, output=done.stdout + done.stderr)
+                code, output = run_command(command, Path(folder), _LIMIT)
+            except TimeoutExpired:
+                raise BuildError(f"the compiler took more than {_LIMIT:g} s", where=where) from None
+            if code != 0:
+                raise BuildError("the unit does not build", where=where, output=output)
             return (Path(folder) / made).read_bytes()
 
 

@@ -19,7 +19,6 @@ from pmjoint_codegen.export.fmu.loop import Job
 from pmjoint_codegen.export.fmu.package import CONTROLLER, PLANT, file_name, units
 from pmjoint_codegen.export.fmu.plant import PlantUnit
 from pmjoint_codegen.export.targets.target import Delivery, Order, Report, Target
-from pmjoint_codegen.workspace import cache_dir
 
 _LIMIT: Final = 120.0  # s; a run of both units takes a few
 _NAMES: Final = {"FMI 2.0": 2, "FMI 3.0": 3}
@@ -48,8 +47,7 @@ def _builders(order: Order) -> tuple[list[Builder], str]:
     elif here not in PLATFORMS:
         missing = f"{here} is no platform of the FMI"
     if order.platforms:
-        cache = cache_dir(order.environment, order.notify)
-        builders += [Builder.by_ziglang(name, cache) for name in dict.fromkeys(order.platforms)]
+        builders += [Builder.by_ziglang(name, order.environment) for name in dict.fromkeys(order.platforms)]
     return builders, missing
 
 
