@@ -42,7 +42,7 @@ class Platform:
 PLATFORMS: Final = {
     "x86_64-linux": Platform("linux64", "x86_64-linux", ".so", "x86_64-linux-gnu.2.17"),
     "aarch64-linux": Platform("", "aarch64-linux", ".so", "aarch64-linux-gnu.2.17"),
-    "x86_64-windows": Platform("win64", "x86_64-windows", ".dll", "x86_64-windows-gnu", ("-s",)),
+    "x86_64-windows": Platform("win64", "x86_64-windows", ".dll", "x86_64-windows-gnu", ()),
     "x86_64-darwin": Platform("darwin64", "x86_64-darwin", ".dylib", "x86_64-macos"),
     "aarch64-darwin": Platform("", "aarch64-darwin", ".dylib", "aarch64-macos"),
 }
@@ -71,8 +71,9 @@ class Builder:
         Raises:
             MissingToolError: ziglang is not installed.
         """
-        platform = PLATFORMS[name]
-        return cls(platform, (*zig_compiler(env, f"build for {name}").command, "-target", platform.target))
+        platform, zig = PLATFORMS[name], zig_compiler(env, f"build for {name}")
+        # -s: zig's debugging information names the folder of the build
+        return cls(platform, (*zig.command, "-target", platform.target, "-s"))
 
     def binary(self, texts: Mapping[str, str], sources: Sequence[str], identifier: str) -> bytes:
         """The shared library.

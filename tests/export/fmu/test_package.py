@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import shutil
 import subprocess
 import sys
@@ -12,6 +13,7 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
+from pmjoint_codegen.export.fmu.archive import Builder
 from pmjoint_codegen.export.fmu.package import units
 from pmjoint_codegen.export.source import Identity
 from pmjoint_codegen.export.tree import DOUBLE, FLOAT
@@ -165,3 +167,12 @@ def test_the_declarations_are_those_of_the_standard(paper: Path, tmp_path: Path,
         subprocess.run(build, check=True, capture_output=True)
         told.append(subprocess.run([str(program)], check=True, capture_output=True, text=True).stdout)
     assert told[0] == told[1]
+
+
+def test_a_binary_for_another_platform_names_no_folder_of_the_build() -> None:
+    pytest.importorskip("ziglang", reason="the package ziglang is not installed")
+    source = {"unit.c": "double half(double x);\ndouble half(double x)\n{\n    return x / 2.0;\n}\n"}
+    builder = Builder.by_ziglang("aarch64-linux", os.environ)
+    first, second = (builder.binary(source, ["unit.c"], "unit") for _ in range(2))
+    assert first == second and b"pmjoint-fmu-" not in first
+    assert first[:4] == b"\x7fELF" and first[18:20] == (183).to_bytes(2, "little")  # EM_AARCH64
