@@ -35,6 +35,13 @@ class Bounded:
     error: Any
 
 
+def relative(error: Any, bound: Any) -> Any:
+    """Errors over their bounds: 0 where there is no error, infinite where one is not a number."""
+    with np.errstate(all="ignore"):  # 0/0 is a value that both sides have exactly
+        ratio = np.where(error > 0.0, error / bound, 0.0)
+    return np.where(np.isnan(error) | np.isnan(ratio), np.inf, ratio)
+
+
 Operation = Callable[..., Any]
 
 

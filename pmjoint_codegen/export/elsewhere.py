@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from pmjoint_codegen.export.bounds import Bounded
+from pmjoint_codegen.export.bounds import Bounded, relative
 from pmjoint_codegen.export.package import Export
 from pmjoint_codegen.export.recording import twin_of
 from pmjoint_codegen.export.statements import Program
@@ -68,7 +68,5 @@ def step_ratios(export: Export, given: Array, found: Mapping[str, Any]) -> Array
     for name, values in found.items():
         item = expected[symbols[name]]
         error = np.abs(values[1:] - item.value)
-        with np.errstate(all="ignore"):  # 0/0 is a value that both have exactly
-            ratio = np.where(error > 0.0, error / (factor * item.error), 0.0)
-        columns.append(np.where(np.isnan(error) | np.isnan(ratio), np.inf, ratio))
+        columns.append(relative(error, factor * item.error))
     return np.column_stack(columns)

@@ -24,7 +24,7 @@ from pmjoint_codegen.check.oracles.exported import Exported
 from pmjoint_codegen.check.result import Difference, GateResult, failed, not_run, passed
 from pmjoint_codegen.check.subject import Subject
 from pmjoint_codegen.compile.compiler import Compiler
-from pmjoint_codegen.export.bounds import Bounded
+from pmjoint_codegen.export.bounds import Bounded, relative
 from pmjoint_codegen.export.package import TRACE, Export, export_c
 from pmjoint_codegen.export.recording import twin_of
 from pmjoint_codegen.export.source import Identity
@@ -96,12 +96,9 @@ def judge(
         return failed(f"self_test: row {row} differs from the recorded data")
     found = []
     for start in STARTS:
-        recorded = record(evaluator, start, samples)
+        recorded = begin(loaded, evaluator, start, samples)
         if isinstance(recorded, str):
             return failed(recorded)
-        loaded.params.matched = int(start == MATCHED)
-        if loaded.init(recorded.reading[0], recorded.y_r[0]) != 0:
-            return failed(f"init refuses the model's own parameters, {start} start")
         unequal = different_bits(loaded.hold(), recorded.hold)
         if unequal.any():
             return failed(f"{int(unequal.sum())} entries of the exact hold have other bits")
@@ -116,6 +113,17 @@ def judge(
     return passed(detail, worst.ratio, 1.0, told)
 
 
+def begin(loaded: Exported, evaluator: Evaluator, start: str, samples: int) -> Recorded | str:
+    """Record a run, and initialise a loaded controller as the run's was; or why that cannot be."""
+    recorded = record(evaluator, start, samples)
+    if isinstance(recorded, str):
+        return recorded
+    loaded.params.matched = int(start == MATCHED)
+    if loaded.init(recorded.reading[0], recorded.y_r[0]) != 0:
+        return f"init refuses the model's own parameters, {start} start"
+    return recorded
+
+
 def compare(loaded: Exported, recorded: Recorded, tapes: Mapping[str, Tape], start: str) -> Comparison:
     """Every sample's step from the recorded state, and the run alone."""
     program = loaded.export.program
@@ -127,9 +135,7 @@ def compare(loaded: Exported, recorded: Recorded, tapes: Mapping[str, Tape], sta
     found = _steps(loaded, recorded)
     bounds = step_bounds(loaded.export, recorded, tapes, matched=start == MATCHED)
     error = np.abs(found - expected)
-    with np.errstate(all="ignore"):  # 0/0 is a value that both sides have exactly
-        ratio = np.where(error > 0, error / bounds, 0.0)
-    ratio = np.where(np.isnan(error) | np.isnan(ratio), np.inf, ratio)
+    ratio = relative(error, bounds)
     row, column = (int(i) for i in np.unravel_index(np.argmax(ratio), ratio.shape))
     worst = float(ratio[row, column])
     difference = None

@@ -20,14 +20,14 @@ from typing import Any, Final
 import casadi as ca
 import numpy as np
 
-from pmjoint_codegen.check.gates.exported import SAMPLES, load, local_errors
+from pmjoint_codegen.check.gates.exported import SAMPLES, begin, load, local_errors
 from pmjoint_codegen.check.oracles.driven import DrivenRun, drive
 from pmjoint_codegen.check.oracles.error_bound import walk
 from pmjoint_codegen.check.oracles.exported import Exported
 from pmjoint_codegen.check.oracles.rounding import ROUNDOFF
 from pmjoint_codegen.check.result import Difference, GateResult, failed, not_run, passed
 from pmjoint_codegen.check.subject import Subject
-from pmjoint_codegen.export.bounds import Bounded
+from pmjoint_codegen.export.bounds import Bounded, relative
 from pmjoint_codegen.export.recording import twin_of
 from pmjoint_codegen.export.tree import DOUBLE
 from pmjoint_codegen.export.twin import bounded_arithmetic
@@ -36,7 +36,7 @@ from pmjoint_codegen.kernels.interpreted import rebuild
 from pmjoint_codegen.kernels.tape import Tape
 from pmjoint_codegen.loops.chain import is_looped
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.simulate.samples import Recorded, record, run_settings
+from pmjoint_codegen.simulate.samples import Recorded, run_settings
 from pmjoint_codegen.values import MATCHED, STARTS
 
 STRIDE: Final = 20  # samples from one compared instant to the next
@@ -86,12 +86,9 @@ def judge(
     """
     worst, difference, apart, room, instants = 0.0, None, 0.0, 0.0, 0
     for start in STARTS:
-        recorded = record(evaluator, start, samples)
+        recorded = begin(loaded, evaluator, start, samples)
         if isinstance(recorded, str):
             return failed(recorded)
-        loaded.params.matched = int(start == MATCHED)
-        if loaded.init(recorded.reading[0], recorded.y_r[0]) != 0:
-            return failed(f"init refuses the model's own parameters, {start} start")
         driven = drive(loaded, evaluator, run_settings(evaluator.manifest, start, samples))
         if isinstance(driven, str):
             return failed(f"{start} start: {driven}")
@@ -129,9 +126,7 @@ def _compared(
     found = np.column_stack([driven.x, driven.s, driven.v, driven.u])[::STRIDE]
     expected = np.column_stack([recorded.x, recorded.s, recorded.v, recorded.u])[::STRIDE]
     error = np.abs(found - expected)
-    with np.errstate(all="ignore"):  # 0/0 is a value that both sides have exactly
-        ratio = np.where(error > 0, error / bounds, 0.0)
-    ratio = np.where(np.isnan(error) | np.isnan(ratio), np.inf, ratio)
+    ratio = relative(error, bounds)
     row, column = (int(i) for i in np.unravel_index(np.argmax(ratio), ratio.shape))
     place = f"{start} start, sample {row * STRIDE}"
     figures = (repr(float(expected[row, column])), repr(float(found[row, column])))

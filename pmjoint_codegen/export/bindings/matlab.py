@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-import json
 import shutil
-import subprocess
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-import numpy as np
-
-from pmjoint_codegen.errors import BuildError, CheckFailed, MissingToolError
+from pmjoint_codegen.errors import BuildError, MissingToolError
 from pmjoint_codegen.export import fields
-from pmjoint_codegen.export.bindings.replay import input_names, judged, output_names, replay_of, state_names
+from pmjoint_codegen.export.bindings.replay import (
+    asked,
+    ended,
+    input_names,
+    output_names,
+    printed,
+    replay_of,
+    state_names,
+)
 from pmjoint_codegen.export.companions import parameter_rows
 from pmjoint_codegen.export.fields import INTEGER, Field
 from pmjoint_codegen.export.lines import Line, comment
@@ -21,7 +25,6 @@ from pmjoint_codegen.export.package import export_c
 from pmjoint_codegen.export.source import banner, filled, joined, words_of
 from pmjoint_codegen.export.statements import Program
 from pmjoint_codegen.export.targets.target import Delivery, Order, Report, Target
-from pmjoint_codegen.scratch import scratch
 
 FOLDER: Final = Path(__file__).parent / "matlab"
 _TOOLS: Final = ("octave-cli", "mkoctfile")
@@ -84,50 +87,22 @@ def run(order: Order, folder: Path) -> Report:
         )
     folder, prefix = folder.resolve(), order.identity.prefix
     command = [octave, "--norc", "--quiet"]
-    built = _octave([*command, "--eval", "build"], folder)
+    built = ended([*command, "--eval", "build"], folder, _LIMIT)
     if built.returncode != 0:
         raise BuildError("mkoctfile fails", where=str(folder), output=built.stderr)
-    _holds(_octave([*command, f"{prefix}_example.m"], folder), folder)
+    printed(ended([*command, f"{prefix}_example.m"], folder, _LIMIT), folder, "error:")
     replay = replay_of(order)
     program = replay.export.program
-    outputs, states = output_names(program), state_names(program)
-    with scratch("pmjoint-matlab") as place:
-        (place / "given").write_bytes(replay.given.tobytes())
-        script = [str(FOLDER / "replay.m"), prefix, ",".join(outputs), ",".join(states)]
-        files = [str(replay.given.shape[1]), str(place / "given"), str(place / "found")]
-        told = json.loads(_holds(_octave([*command, *script, *files], folder), folder))
-        found = np.fromfile(place / "found").reshape(-1, len(outputs) + len(states))
-    _check(told, str(folder))
-    agreement = judged(replay, found, f"{prefix} under Octave")
+    names = [",".join(output_names(program)), ",".join(state_names(program))]
+    script = [str(FOLDER / "replay.m"), prefix, *names, str(replay.given.shape[1])]
+
+    def ask(given: Path, found: Path) -> str:
+        done = ended([*command, *script, str(given), str(found)], folder, _LIMIT)
+        return printed(done, folder, "error:")
+
+    told, agreement = asked(replay, f"{prefix} under Octave", ask)
     step = f"{told['step_us']:g} us a step through the class, the best of two passes"
     return Report({**agreement.record, "step_us": told["step_us"]}, (f"Octave: {agreement.line}", step))
-
-
-def _check(told: dict[str, Any], where: str) -> None:
-    if told["self_test"]:
-        raise CheckFailed(f"self_test: row {told['self_test']} differs from the recorded data", where=where)
-    if told["init"]:
-        raise CheckFailed("init refuses the model's own parameters", where=where)
-    if told["flags"]:
-        raise CheckFailed(f"flags {told['flags']} of step", where=where)
-
-
-def _octave(command: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
-    """Run Octave to its end."""
-    try:
-        return subprocess.run(
-            command, cwd=folder, capture_output=True, text=True, timeout=_LIMIT, check=False
-        )
-    except subprocess.TimeoutExpired:
-        raise CheckFailed(f"Octave does not end within {_LIMIT:g} s", where=str(folder)) from None
-
-
-def _holds(done: subprocess.CompletedProcess[str], folder: Path) -> str:
-    """What a script printed, if it ended well."""
-    if done.returncode != 0:
-        said = [line for line in done.stderr.splitlines() if line.startswith("error:")]
-        raise CheckFailed(said[0] if said else f"Octave ends with {done.returncode}", where=str(folder))
-    return done.stdout
 
 
 TARGET: Final = Target(deliver, run, bakes=True)

@@ -6,7 +6,9 @@ Answers are judged as `pmjoint_codegen.export.elsewhere` says.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Mapping
+import json
+import subprocess
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -26,6 +28,7 @@ from pmjoint_codegen.export.package import Export, export_c
 from pmjoint_codegen.export.source import filled, joined, words_of
 from pmjoint_codegen.export.statements import Program
 from pmjoint_codegen.export.targets.target import Order
+from pmjoint_codegen.scratch import scratch
 from pmjoint_codegen.simulate.samples import record
 from pmjoint_codegen.values import MATCHED, ZERO
 from pmjoint_codegen.workspace import cache_dir
@@ -196,3 +199,60 @@ def judged(replay: Replay, found: Array, where: str) -> Agreement:
         told = f"{names[column]} at sample {row + 1} is off by {worst:.3g} times its derived bound"
         raise CheckFailed(told, where=where)
     return Agreement(len(found), found.size, int(differing.sum()), worst, functions)
+
+
+def asked(replay: Replay, where: str, ask: Callable[[Path, Path], str]) -> tuple[dict[str, Any], Agreement]:
+    """Give the run to a program by a file, take its answers from another, and judge them.
+
+    Args:
+        replay: what it is given.
+        where: the program, for messages.
+        ask: runs it: the file with the samples, the file for the answers -> what it prints, a JSON document
+            whose entries ``self_test``, ``init`` and ``flags`` are 0.
+
+    Raises:
+        CheckFailed: an entry is not 0, or the answers are not those of `judged`.
+    """
+    with scratch("pmjoint-replay") as place:
+        given, found = place / "given", place / "found"
+        given.write_bytes(replay.given.tobytes())
+        told = json.loads(ask(given, found))
+        if told["self_test"]:
+            raise CheckFailed(
+                f"self_test: row {told['self_test']} differs from the recorded data", where=where
+            )
+        if told["init"]:
+            raise CheckFailed("init refuses the model's own parameters", where=where)
+        if told["flags"]:
+            raise CheckFailed(f"flags {told['flags']} of step", where=where)
+        answers = np.fromfile(found).reshape(-1, replay.host.shape[1])
+    return told, judged(replay, answers, where)
+
+
+def ended(command: Sequence[str], folder: Path, patience: float) -> subprocess.CompletedProcess[str]:
+    """Run a program to its end, or to ours.
+
+    Raises:
+        CheckFailed: it takes longer than `patience`, s.
+    """
+    try:
+        return subprocess.run(
+            command, cwd=folder, capture_output=True, text=True, timeout=patience, check=False
+        )
+    except subprocess.TimeoutExpired:
+        name = Path(command[0]).name
+        raise CheckFailed(f"{name} does not end within {patience:g} s", where=str(folder)) from None
+
+
+def printed(done: subprocess.CompletedProcess[str], folder: Path, mark: str) -> str:
+    """What a program printed, if it ended well; `mark` is in the line that tells its error.
+
+    Raises:
+        CheckFailed: it did not.
+    """
+    if done.returncode != 0:
+        lines = done.stderr.splitlines()
+        said = [line.strip() for line in lines if mark in line] or lines
+        what = said[0] if said else f"{Path(done.args[0]).name} ends with {done.returncode}"
+        raise CheckFailed(what, where=str(folder))
+    return done.stdout

@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import json
 import shutil
-import subprocess
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Final
-
-import numpy as np
+from typing import Final
 
 from pmjoint_codegen.compile.zig import wasm_module, zig_compiler
 from pmjoint_codegen.errors import CheckFailed, MissingToolError
 from pmjoint_codegen.export import fields
-from pmjoint_codegen.export.bindings.replay import input_names, judged, output_names, replay_of, state_names
+from pmjoint_codegen.export.bindings.replay import (
+    asked,
+    ended,
+    input_names,
+    output_names,
+    printed,
+    replay_of,
+    state_names,
+)
 from pmjoint_codegen.export.companions import parameter_rows
 from pmjoint_codegen.export.fields import INTEGER, Field
 from pmjoint_codegen.export.lines import Line, comment
@@ -22,7 +27,6 @@ from pmjoint_codegen.export.package import Export, export_c
 from pmjoint_codegen.export.source import banner, filled, joined, words_of
 from pmjoint_codegen.export.statements import Program
 from pmjoint_codegen.export.targets.target import Delivery, Order, Report, Target
-from pmjoint_codegen.scratch import scratch
 from pmjoint_codegen.workspace import cache_dir
 
 FOLDER: Final = Path(__file__).parent / "wasm"
@@ -127,46 +131,21 @@ def run(order: Order, folder: Path) -> Report:
             "node is needed to run the export", remedy="install it: apt-get install nodejs"
         )
     folder = folder.resolve()
-    _node([node, "example.mjs"], folder)
+    printed(ended([node, "example.mjs"], folder, _LIMIT), folder, "Error")
     replay = replay_of(order)
-    program = replay.export.program
+    program, prefix = replay.export.program, order.identity.prefix
     outputs, states = output_names(program), state_names(program)
-    columns = json.dumps({"inputs": input_names(program), "outputs": outputs, "states": states})
-    with scratch("pmjoint-wasm") as place:
-        (place / "given").write_bytes(replay.given.tobytes())
-        wrapper = folder / f"{order.identity.prefix}.mjs"
-        script = str(FOLDER / "replay.mjs")
-        told = json.loads(
-            _node([node, script, str(wrapper), columns, str(place / "given"), str(place / "found")], folder)
-        )
-        found = np.fromfile(place / "found").reshape(-1, len(outputs) + len(states))
-    _check(told, str(folder))
-    agreement = judged(replay, found, f"{order.identity.prefix}.wasm under node")
+    columns = {"inputs": input_names(program), "outputs": outputs, "states": states}
+    script = [str(FOLDER / "replay.mjs"), str(folder / f"{prefix}.mjs"), json.dumps(columns)]
+
+    def ask(given: Path, found: Path) -> str:
+        return printed(ended([node, *script, str(given), str(found)], folder, _LIMIT), folder, "Error")
+
+    told, agreement = asked(replay, f"{prefix}.wasm under node", ask)
+    if told["imports"]:
+        raise CheckFailed(f"the module has {told['imports']} imports", where=str(folder))
     step = f"{told['step_ns']:.0f} ns a step through the wrapper, the best of five passes"
     return Report({**agreement.record, "step_ns": told["step_ns"]}, (f"node: {agreement.line}", step))
-
-
-def _check(told: Mapping[str, Any], where: str) -> None:
-    if told["selfTest"]:
-        raise CheckFailed(f"self_test: row {told['selfTest']} differs from the recorded data", where=where)
-    if told["init"]:
-        raise CheckFailed("init refuses the model's own parameters", where=where)
-    if told["flags"] or told["imports"]:
-        raise CheckFailed(f"flags {told['flags']} of step, {told['imports']} imports", where=where)
-
-
-def _node(command: list[str], folder: Path) -> str:
-    """What a program prints under node."""
-    try:
-        done = subprocess.run(
-            command, cwd=folder, capture_output=True, text=True, timeout=_LIMIT, check=False
-        )
-    except subprocess.TimeoutExpired:
-        raise CheckFailed(f"node does not end within {_LIMIT:g} s", where=str(folder)) from None
-    if done.returncode != 0:
-        said = [line for line in done.stderr.splitlines() if "Error" in line] or done.stderr.splitlines()
-        raise CheckFailed(said[0].strip() if said else f"node ends with {done.returncode}", where=str(folder))
-    return done.stdout
 
 
 TARGET: Final = Target(deliver, run, bakes=True)

@@ -1,6 +1,6 @@
 // Feeds recorded samples to an exported controller.
 // node replay.mjs WRAPPER COLUMNS INPUT OUTPUT, with COLUMNS {inputs, outputs, states} in JSON; INPUT and OUTPUT are
-// rows of doubles. Prints {selfTest, init, flags, imports, step_ns} in JSON.
+// rows of doubles. Prints {self_test, init, flags, imports, step_ns} in JSON.
 import { readFileSync, writeFileSync } from "node:fs";
 import { pathToFileURL } from "node:url";
 
@@ -17,7 +17,7 @@ const samples = Array.from({ length: rows }, (_, k) =>
 );
 const controller = new Controller(module);
 const told = {
-  selfTest: controller.selfTest(),
+  self_test: controller.selfTest(),
   imports: WebAssembly.Module.imports(module).length,
   init: controller.init(samples[0]),
   flags: 0,
