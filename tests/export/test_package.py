@@ -21,7 +21,8 @@ from pmjoint_codegen.export.package import Export
 FILES = {"Makefile", "README.md", "CMakeLists.txt", "main.c", "trace.json"}
 FILES |= {"library.properties", "library.json", "analyse.c"}
 STRICT = "-O2 -std=c99 -Wall -Wextra -Wpedantic -Wconversion -Wdouble-promotion -Wshadow -Wmissing-prototypes"
-MODELS = ("paper", "joint-exact", "joint-lag", "third-order", "braking", "chain", "third-nonlinear")
+REAL = ("laas-axis", "maglev")  # of the gallery: a joint with a lag, and a plant by its own states
+MODELS = ("paper", "joint-exact", "joint-lag", "third-order", "braking", "chain", "third-nonlinear", *REAL)
 
 
 def written(export: Export, folder: Path) -> Path:
