@@ -197,9 +197,7 @@ def _ask(library: Path, compiler: Compiler) -> None:
         )
 
 
-def run_command(
-    command: Sequence[str], folder: Path, patience: float, variables: Mapping[str, str] | None = None
-) -> tuple[int, str]:
+def run_command(command: Sequence[str], folder: Path, patience: float) -> tuple[int, str]:
     """Exit code and all output of a program and its children; none of them outlives an interruption.
 
     Output goes to a file: a pipe would block as long as any of them has it open.
@@ -208,14 +206,12 @@ def run_command(
         command: program and arguments.
         folder: that it works in.
         patience: s; a program that takes longer is killed, and `subprocess.TimeoutExpired` raised.
-        variables: of its environment, besides the process's own.
     """
     with tempfile.TemporaryFile() as output:
         child = subprocess.Popen(
             command,
             cwd=folder,
-            # a compiler that is killed leaves files in TMPDIR
-            env={**os.environ, "TMPDIR": str(folder), **(variables or {})},
+            env={**os.environ, "TMPDIR": str(folder)},  # a compiler that is killed leaves files there
             stdin=subprocess.DEVNULL,
             stdout=output,
             stderr=subprocess.STDOUT,

@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-import sympy as sp
-
 from pmjoint_codegen.export import fields
 from pmjoint_codegen.export.fields import INTEGER, MATRIX, SAMPLE_TIME, Field
 from pmjoint_codegen.export.hold import BAKED, COMPUTED, baked_matrices, shaping
@@ -320,8 +318,3 @@ def _declaration(item: Field, precision: Precision, size: str) -> str:
 def joined(lines: Iterable[Line]) -> str:
     """The text of some lines."""
     return "\n".join(line.text.rstrip() for line in lines) + "\n"
-
-
-def expression_of(value: sp.Expr, program: Program, precision: Precision) -> str:
-    """An expression in C, for the example."""
-    return Printer(spellings(program), precision).text(value)

@@ -20,7 +20,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from pmjoint_codegen.compile.compiler import INSTALL, find_compiler
+from pmjoint_codegen.compile.compiler import find_compiler, install_line
 from pmjoint_codegen.errors import BuildError, CheckFailed, MissingToolError
 from pmjoint_codegen.export.pil.chips import Chip
 from pmjoint_codegen.export.pil.records import HEADER, TRAILER, Answer, Array, Layout, header_of
@@ -68,7 +68,9 @@ class Tools:
         compiler = find_compiler(environment)
         if compiler is None:
             raise MissingToolError(
-                "a C compiler for this machine is needed to compare with", where=chip.name, remedy=INSTALL
+                "a C compiler for this machine is needed to compare with",
+                where=chip.name,
+                remedy=f"install one: {install_line()}",
             )
         _, *arguments = shlex.split(chip.emulation)
         emulator = (str(paths[chip.emulator]), *arguments)
