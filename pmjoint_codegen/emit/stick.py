@@ -2,7 +2,7 @@
 
 Let g be the argument of a ``sign`` in the plant's rates, and s its side, +1 or -1. Where g is 0 and the sign
 of g' = A + B s is that of -s on both sides, neither can be entered: Coulomb friction holds a joint at rest.
-The motion stays on g = 0, and the side becomes the value for which g' = 0, ``s = -A/B`` in (-1, 1). That is
+The motion stays on g = 0, and the side becomes the value for which g' = 0, ``s = -A/B`` in [-1, 1]. That is
 Filippov's solution (Differential Equations with Discontinuous Righthand Sides, 1988, section 4) in the form
 of Utkin's equivalent control. It ends where s reaches 1 or -1, on that side.
 
@@ -20,7 +20,7 @@ import sympy as sp
 from pmjoint_codegen.emit.vocabulary import Vocabulary
 from pmjoint_derive import Equations, real_symbol
 
-NEVER = sp.Integer(2)  # the side of a kink that cannot hold: no value in (-1, 1)
+NEVER = sp.Integer(2)  # the side of a kink that cannot hold: no value in [-1, 1]
 
 
 @dataclass(frozen=True)
