@@ -45,7 +45,7 @@ int main(void)
 def test_the_commands_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     commands = [line.strip() for line in PAGE.splitlines() if line.startswith("    pmjoint ")]
-    assert len(commands) == 2
+    assert len(commands) == 3
     for command in commands:
         assert run(shlex.split(command)[1:]) == 0
         if shutil.which("make") and shutil.which("cc"):
