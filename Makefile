@@ -54,7 +54,7 @@ docs: environment-dev ## draw docs/figures (make bench draws its own) and rewrit
 # Extras stay in the locks: an old pip treats `coverage[toml]` as a different requirement from `coverage==...`.
 pin = UV_CUSTOM_COMPILE_COMMAND="make lock" $(run) uv pip compile --quiet --universal --python-version 3.11 \
 	--generate-hashes --no-emit-index-url --no-strip-extras $(UPGRADE)
-extras = $(addprefix --extra ,test dev sweep control compiler fmu logs)
+extras = $(addprefix --extra ,test dev docs sweep control compiler fmu logs terminal)
 compile = $(pin) --group editable --extra derive pyproject.toml
 
 lock: environment-dev ## pin every dependency, and the pip that installs them, with its hashes in requirements/
