@@ -1,0 +1,85 @@
+"""What MkDocs calls while it builds the site: pages are added, links rewritten, the explorer set in.
+
+mkdocs.yml names this module. `pages.py` says what is added, `links.py` how links follow.
+"""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+from typing import Any, Final
+
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files, InclusionLevel
+from mkdocs.structure.pages import Page
+
+from docs.web import links, notebook, pages
+
+_LOG: Final = logging.getLogger("mkdocs.hooks.site")
+_MARK: Final = "<!-- the explorer, in the site -->"
+_FRAME: Final = (
+    '<iframe class="explorer" title="The closed loop of the paper, with sliders" loading="lazy" src="{src}"></iframe>\n\n'
+    "[Open it in a page of its own]({src}){{ target=_blank }}"
+)
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add what is made from other sources, and give the navigation the pages that a pattern stands for."""
+    added: list[File] = []
+
+    def add(name: str, content: str | bytes, *, inside: bool = True) -> None:
+        kind = InclusionLevel.UNDEFINED if inside else InclusionLevel.NOT_IN_NAV
+        added.append(File.generated(config, name, content=content, inclusion=kind))
+
+    sources = {f"{pages.DOCS}{file.src_uri}": file.content_string for file in files.documentation_pages()}
+    for path, text in pages.outside_pages():
+        sources[path] = text
+        add(_address(path), text)
+    for path in sorted({target for page, text in sources.items() for target in links.linked(page, text)}):
+        shown = pages.address(path)
+        if shown is not None and path not in sources and shown.endswith(".md") and (pages.ROOT / path).is_file():
+            add(shown, pages.source_page(path), inside=False)
+    for name, text in pages.reference_pages():
+        add(name, text)
+    for script in sorted(Path(config.docs_dir).glob("notebooks/*.py")):
+        text, figures = notebook.executed(script)
+        add(f"notebooks/{script.stem}.md", text)
+        for name, picture in figures.items():
+            add(f"notebooks/{name}", picture)
+    add(pages.EXPLORER, pages.explorer())
+    report = pages.report()
+    if report is not None:
+        add(pages.REPORT, report)
+    for file in added:
+        files.append(file)
+    config.nav = _expanded(config.nav, files)
+    return files
+
+
+def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Rewrite the links of a page, and set the explorer into the page that has its mark."""
+    here = page.file.src_uri
+    origin = {_address(path): path for path, _ in pages.outside_pages()}.get(here, f"{pages.DOCS}{here}")
+    known = {path: pages.address(path) for path in links.linked(origin, markdown)}
+    held = {path: name for path, name in known.items() if name is not None and files.get_file_from_path(name)}
+    return links.rewritten(markdown, origin, here, held).replace(_MARK, _FRAME.format(src=pages.EXPLORER))
+
+
+def _address(path: str) -> str:
+    name = pages.address(path)
+    assert name is not None
+    return name
+
+
+def _expanded(nav: Any, files: Files) -> Any:
+    """The navigation with its patterns resolved: ``folder/*`` is each page in it, ``page.md?`` one that may lack."""
+    if isinstance(nav, list):
+        return [item for item in (_expanded(each, files) for each in nav) if item is not None]
+    if isinstance(nav, dict):
+        resolved = {title: _expanded(item, files) for title, item in nav.items()}
+        return {title: item for title, item in resolved.items() if item is not None} or None
+    if isinstance(nav, str) and nav.endswith("/*"):
+        return [file.src_uri for file in files.documentation_pages() if file.src_uri.startswith(nav[:-1])]
+    if isinstance(nav, str) and nav.endswith("?"):
+        return nav[:-1] if files.get_file_from_path(nav[:-1]) else None
+    return nav
