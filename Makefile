@@ -7,7 +7,7 @@ ARGS   ?=
 
 run = .venv/bin/python -m
 
-.PHONY: help simulate test regenerate check coverage lint format bench bench-smoke docs lock \
+.PHONY: help simulate test regenerate check coverage lint format bench bench-smoke docs site lock \
 	environment environment-dev environment-bench clean
 .DEFAULT_GOAL := help
 
@@ -50,6 +50,10 @@ docs: environment-dev ## draw docs/figures (make bench draws its own) and rewrit
 	@$(run) docs.gallery
 	@$(run) pmjoint_codegen audit --format markdown --out docs/audit.md
 
+# NO_MKDOCS_2_WARNING: Material's notice of a successor, which is no warning about this site.
+site: environment-dev ## build the documentation as a site in site/: offline, every warning an error
+	@NO_MKDOCS_2_WARNING=1 $(run) mkdocs build --quiet
+
 # UPGRADE=--upgrade takes the newest versions that pyproject.toml allows; without it, pins stay where possible.
 # Extras stay in the locks: an old pip treats `coverage[toml]` as a different requirement from `coverage==...`.
 pin = UV_CUSTOM_COMPILE_COMMAND="make lock" $(run) uv pip compile --quiet --universal --python-version 3.11 \
@@ -74,4 +78,4 @@ environment-bench:
 	@$(PYTHON) tools/environment.py simulate dev bench
 
 clean: ## remove .venv, runs and caches
-	@rm -rf .venv runs build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis .coverage .coverage.*
+	@rm -rf .venv runs site build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis .coverage .coverage.*

@@ -18,7 +18,8 @@ from docs.web import links, notebook, pages
 _LOG: Final = logging.getLogger("mkdocs.hooks.site")
 _MARK: Final = "<!-- the explorer, in the site -->"
 _FRAME: Final = (
-    '<iframe class="explorer" title="The closed loop of the paper, with sliders" loading="lazy" src="{src}"></iframe>\n\n'
+    '<iframe class="explorer" title="The closed loop of the paper, with sliders" '
+    'loading="lazy" src="{src}"></iframe>\n\n'
     "[Open it in a page of its own]({src}){{ target=_blank }}"
 )
 
@@ -37,7 +38,12 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         add(_address(path), text)
     for path in sorted({target for page, text in sources.items() for target in links.linked(page, text)}):
         shown = pages.address(path)
-        if shown is not None and path not in sources and shown.endswith(".md") and (pages.ROOT / path).is_file():
+        if (
+            shown is not None
+            and path not in sources
+            and shown.endswith(".md")
+            and (pages.ROOT / path).is_file()
+        ):
             add(shown, pages.source_page(path), inside=False)
     for name, text in pages.reference_pages():
         add(name, text)
@@ -72,7 +78,7 @@ def _address(path: str) -> str:
 
 
 def _expanded(nav: Any, files: Files) -> Any:
-    """The navigation with its patterns resolved: ``folder/*`` is each page in it, ``page.md?`` one that may lack."""
+    """The navigation with its patterns resolved: ``folder/*`` is its pages, ``page.md?`` may be absent."""
     if isinstance(nav, list):
         return [item for item in (_expanded(each, files) for each in nav) if item is not None]
     if isinstance(nav, dict):

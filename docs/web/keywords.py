@@ -1,4 +1,4 @@
-"""Show the keywords of a function that takes ``**asked: Unpack[Options]`` as its parameters, with their types.
+"""Show the keys of ``**asked: Unpack[Options]`` as parameters of the function, with their types.
 
 griffe has an extension for this. It repeats the parameters of the docstring and passes over inherited keys.
 """
@@ -8,7 +8,17 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from griffe import Class, Expr, ExprSubscript, Extension, Function, Module, Parameter, ParameterKind, Parameters
+from griffe import (
+    Class,
+    Expr,
+    ExprSubscript,
+    Extension,
+    Function,
+    Module,
+    Parameter,
+    ParameterKind,
+    Parameters,
+)
 
 
 class Keywords(Extension):
@@ -42,11 +52,12 @@ def _options(function: Function, parameter: Parameter) -> list[Parameter] | None
     annotation = parameter.annotation
     if parameter.kind is not ParameterKind.var_keyword or not isinstance(annotation, ExprSubscript):
         return None
+    if function.docstring and f" {parameter.name}: " in function.docstring.value:
+        return None  # it is documented as one
     if str(annotation.left) != "Unpack" or not isinstance(annotation.slice, Expr):
         return None
     keys = function.modules_collection[annotation.slice.canonical_path]
-    fields = (attribute for each in (*reversed(keys.mro()), keys) for attribute in each.attributes.values())
     return [
         Parameter(field.name, annotation=field.annotation, kind=ParameterKind.keyword_only, default="...")
-        for field in fields
+        for field in keys.attributes.values()  # inherited ones first
     ]

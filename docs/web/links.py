@@ -1,8 +1,8 @@
 """Links of a page, from places in the repository to places in the site.
 
-In the repository pages link files beside and above them: that is what GitHub and GitLab show. In the site a
-page stands under its address there, and a file that is no page becomes one (`pages.py`). So each relative link
-that names a published file is rewritten; all others stay, and MkDocs rejects those that lead nowhere.
+In the repository pages link files beside and above them, as GitHub and GitLab show them. In the site a page
+stands under its address there, and a file that is no page becomes one (`pages.py`). So each relative link
+that names a published file is rewritten. All others stay, and MkDocs rejects those that lead nowhere.
 """
 
 from __future__ import annotations
@@ -39,6 +39,10 @@ def rewritten(text: str, page: str, address: str, published: Mapping[str, str]) 
         target = published.get(resolved(page, match["path"]))
         if target is None:
             return match[0]
-        return match["open"] + posixpath.relpath(target, posixpath.dirname(address) or ".") + (match["anchor"] or "")
+        return (
+            match["open"]
+            + posixpath.relpath(target, posixpath.dirname(address) or ".")
+            + (match["anchor"] or "")
+        )
 
     return _LINK.sub(replaced, text)

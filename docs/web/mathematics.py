@@ -1,7 +1,6 @@
 """Formulas as MathML, which browsers draw without a script: $`...`$ in a line, a block fenced as ``math``.
 
-Both are what GitHub and GitLab draw, so a page has one notation for both. It is a Markdown extension; the site
-and no one else loads it.
+GitHub and GitLab draw both. This is a Markdown extension, which mkdocs.yml names.
 """
 
 from __future__ import annotations
@@ -36,15 +35,15 @@ def block(source: str, language: str, css_class: str, options: Any, md: Markdown
     return f'<div class="{css_class}" tabindex="0">{mathml(source, "block")}</div>'
 
 
-class _Formula(InlineProcessor):
+class _Formula(InlineProcessor):  # type: ignore[misc] # the library has no types
     """A formula within a line."""
 
-    def handleMatch(self, m: re.Match[str], data: str) -> tuple[str, int, int]:  # type: ignore[override]  # noqa: N802 # of the library's own
+    def handleMatch(self, m: re.Match[str], data: str) -> tuple[str, int, int]:  # noqa: N802 # the library's name
         """Put the formula where Markdown leaves it alone."""
         return self.md.htmlStash.store(mathml(m[1], "inline")), m.start(0), m.end(0)
 
 
-class Mathematics(Extension):
+class Mathematics(Extension):  # type: ignore[misc] # the library has no types
     """Adds formulas within lines; blocks are a fence, set in mkdocs.yml."""
 
     def extendMarkdown(self, md: Markdown) -> None:  # noqa: N802 # the library's name

@@ -22,7 +22,9 @@ def executed(script: Path) -> tuple[str, dict[str, bytes]]:
     from nbconvert import MarkdownExporter
 
     notebook = jupytext.read(script)
-    NotebookClient(notebook, timeout=120, kernel_name="python3", resources={"metadata": {"path": script.parent}}).execute()
+    NotebookClient(
+        notebook, timeout=120, kernel_name="python3", resources={"metadata": {"path": script.parent}}
+    ).execute()
     text, resources = MarkdownExporter().from_notebook_node(
         notebook, resources={"unique_key": script.stem, "output_files_dir": f"{script.stem}-figures"}
     )

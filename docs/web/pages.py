@@ -1,4 +1,4 @@
-"""What the site holds besides the pages of docs/: sources that pages link, derivations, reference, explorer."""
+"""What the site holds beside docs/: linked sources, derivations, the reference, the explorer."""
 
 from __future__ import annotations
 
@@ -60,7 +60,10 @@ _DOCUMENTED: Final[Mapping[str, tuple[str, tuple[str, ...]]]] = {
             "pmjoint_codegen.tune.search.Found",
         ),
     ),
-    "export": ("Export", ("pmjoint_codegen.export.package.Export", "pmjoint_codegen.export.package.export_c")),
+    "export": (
+        "Export",
+        ("pmjoint_codegen.export.package.Export", "pmjoint_codegen.export.package.export_c"),
+    ),
 }
 
 
@@ -101,7 +104,7 @@ def reference_pages() -> Iterator[tuple[str, str]]:
         shown += documented
         yield f"{REFERENCE}/{name}.md", _reference(title, documented)
     errors, others = [], []
-    for home in _public():
+    for home in public_names():
         if home.startswith("pmjoint_codegen.errors."):
             errors.append(home)
         elif home not in shown:
@@ -115,7 +118,7 @@ def _reference(title: str, names: Iterable[str]) -> str:
     return f"# {title}\n\n" + "\n".join(f"::: {name}\n" for name in names)
 
 
-def _public() -> Iterator[str]:
+def public_names() -> Iterator[str]:
     """Full names of what ``pmjoint_codegen`` exports, each by the module that defines it."""
     package = importlib.import_module("pmjoint_codegen")
     for name in package.__all__:
