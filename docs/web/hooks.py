@@ -65,6 +65,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
     """Rewrite the links of a page, and set the explorer into the page that has its mark."""
     here = page.file.src_uri
+    if page.parent is None:  # a page beside the sections: the list at the left would hold nothing but itself
+        page.meta["hide"] = ["navigation", "toc"] if page.is_homepage else ["navigation"]
     origin = {_address(path): path for path, _ in pages.outside_pages()}.get(here, f"{pages.DOCS}{here}")
     known = {path: pages.address(path) for path in links.linked(origin, markdown)}
     held = {path: name for path, name in known.items() if name is not None and files.get_file_from_path(name)}
