@@ -145,7 +145,7 @@ class Choice {
 }
 
 function group(title, nodes, folded = false) {
-  if (folded) return element("details", {}, element("summary", {}, title), element("fieldset", {}, element("legend", { className: "hidden" }, title), ...nodes));
+  if (folded) return element("details", {}, element("summary", {}, title), element("fieldset", { ariaLabel: title }, ...nodes));
   return element("fieldset", {}, element("legend", {}, title), ...nodes);
 }
 

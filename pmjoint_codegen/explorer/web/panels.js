@@ -47,13 +47,13 @@ function timeRange(run) {
 }
 
 function outputPanel(run, kept, colors) {
-  const series = [...inTime(run, [["y_r", colors.orange, true], ["y", colors.blue]]), ...ghosts(kept, ["y"], colors)];
+  const series = [...ghosts(kept, ["y"], colors), ...inTime(run, [["y_r", colors.orange, true], ["y", colors.blue]])];
   const zero = isZero(series);
   return { series, x: timeRange(run), y: rangeOf(series.map((item) => item.y)), spans: saturatedSpans(run), zero, note: zero ? "exactly 0" : "" };
 }
 
 function errorPanel(run, kept, colors) {
-  const series = [...inTime(run, [["e", colors.blue]]), ...ghosts(kept, ["e"], colors)];
+  const series = [...ghosts(kept, ["e"], colors), ...inTime(run, [["e", colors.blue]])];
   return { series, x: timeRange(run), y: rangeOf(series.map((item) => item.y)), lines: [[0, colors.soft]], spans: saturatedSpans(run), ...(isZero(series) ? { zero: true, note: "e is exactly 0" } : {}) };
 }
 

@@ -184,7 +184,7 @@ class Plot {
   }
 
   cursor(spec, cursor, box, toX, toY, toRight, colors) {
-    const x = spec.series[0].x[cursor];
+    const x = spec.series.at(-1).x[cursor];
     if (!spec.plane && x !== undefined) this.line([[toX(x), box.y], [toX(x), box.y + box.h]], colors.soft, 1);
     for (const series of spec.series) {
       if (series.ghost || cursor >= series.x.length) continue;
