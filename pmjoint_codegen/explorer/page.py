@@ -30,6 +30,8 @@ SCRIPTS: Final = (
     "settings.js",
     "plot.js",
     "panels.js",
+    "words.js",
+    "law.js",
     "controls.js",
     "page.js",
 )

@@ -3,6 +3,7 @@
 
 const GREEK = { alpha: "α", eps: "ε", xi: "ξ", lambda: "λ", theta: "θ", tau: "τ", kappa: "κ", mu: "μ", omega: "ω" };
 const FACTOR = [0.5, 2]; // of the plant's own parameters
+const NUMBERED = { ck: ["c", "k"] }; // gains whose number belongs to a second letter: ck1 is c with the subscript k1
 const STEPS = 1000; // of a slider
 
 function element(tag, attributes = {}, ...children) {
@@ -14,14 +15,28 @@ function element(tag, attributes = {}, ...children) {
   return made;
 }
 
-// A parameter's name as a reader writes it: c1 with a subscript, theta_dot with a dot.
+// A name as a letter and what stands below it: c1, ck1, u_max, theta_dot; a name of words keeps them.
+function partsOf(name) {
+  const [, base, number, word] = name.match(/^([A-Za-z]+)(?:_?(\d+)|_([A-Za-z]+\d*))?$/) ?? [null, name];
+  if (word === "dot") return [`${GREEK[base] ?? base}\u0307`, ""];
+  if (word && base.length > 2 && !(base in GREEK)) return [name.replaceAll("_", " "), ""];
+  const [letter, before] = NUMBERED[base] ?? [GREEK[base] ?? base, ""];
+  const below = number ?? (GREEK[word] ?? word ?? "");
+  return below ? [letter, before + below] : [name === base ? letter : name.replaceAll("_", " "), ""];
+}
+
+// As a reader writes it: with a subscript.
 function pretty(name) {
-  if (name.includes("_") && name.length > 6 && !/_dot$/.test(name)) return [name.replaceAll("_", " ")];
-  const [, base, number, word] = name.match(/^([A-Za-z]+)(?:_?(\d+)|_([A-Za-z]+))?$/) ?? [null, name];
-  const below = number ?? word;
-  const letter = GREEK[base] ?? base;
-  if (below === "dot") return [`${letter}\u0307`];
+  const [letter, below] = partsOf(name);
   return below ? [letter, element("sub", {}, below)] : [letter];
+}
+
+// The same as text alone: for a canvas and for words that are read out.
+function flat(name) {
+  const [letter, below] = partsOf(name);
+  if (!below) return letter;
+  if (below === "r") return `${letter}ᵣ`;
+  return /^\d+$/.test(below) ? letter + below.replace(/\d/g, (digit) => "₀₁₂₃₄₅₆₇₈₉"[digit]) : `${letter}_${below}`;
 }
 
 // Exponents of a unit, raised.
@@ -29,17 +44,19 @@ function powers(unit) {
   return unit.replace(/\^(\d)/g, (_, digit) => "⁰¹²³⁴⁵⁶⁷⁸⁹"[digit]);
 }
 
-// Where a slider stands for a value, and back: linear, or by powers around a value with its sign.
-function scaleOf({ low, high, around }) {
+// Where a slider stands for a value, and back: linear, or by powers around a value with its sign. A value is rounded
+// below the slider's step, so that each place has its own: a key always moves it.
+function scaleOf({ low, high, around, whole }) {
   if (around) {
     const span = Math.log(high / low);
+    const grid = (value) => onGrid(value, (value * span) / STEPS);
     return {
-      toValue: (place) => Math.sign(around) * rounded(low * Math.exp((place / STEPS) * span)),
+      toValue: (place) => Math.sign(around) * grid(low * Math.exp((place / STEPS) * span)),
       toPlace: (value) => Math.round((Math.log(Math.abs(value) / low) / span) * STEPS),
     };
   }
   return {
-    toValue: (place) => rounded(low + (place / STEPS) * (high - low)),
+    toValue: (place) => onGrid(low + (place / STEPS) * (high - low), whole ? 1 : (high - low) / STEPS),
     toPlace: (value) => Math.round(((value - low) / (high - low)) * STEPS),
   };
 }
@@ -48,6 +65,13 @@ function scaleOf({ low, high, around }) {
 function spanAround(value, { factor = 10, reach = 1 } = {}) {
   if (value === 0) return { low: -reach, high: reach };
   return { low: Math.abs(value) / factor, high: Math.abs(value) * factor, around: value };
+}
+
+// Of a part of the chain of sensor, clock and actuator: none is below 0.
+function linkSpan(key, value, { sample_time: period }) {
+  if (["seed", "delay_samples"].includes(key)) return { low: 0, high: Math.max(10, 2 * value), whole: true };
+  if (value !== 0) return spanAround(value);
+  return { low: 0, high: { delay: 10 * period, jitter: 0.9 * period }[key] ?? 0.01 };
 }
 
 // One row: item {key, name, about, unit, own, span, get, set}; `changed` is called after a change.
@@ -59,12 +83,13 @@ class Row {
     this.scale = scale;
     const label = item.label ?? item.key.replaceAll("_", " ");
     this.slider = element("input", { type: "range", id, min: 0, max: STEPS, step: 1 });
+    this.slider.setAttribute("aria-label", `${label}, ${item.about}`);
     this.field = element("input", { type: "number", step: "any" });
     this.field.setAttribute("aria-label", `${label}${item.unit && item.unit !== "1" ? `, in ${item.unit}` : ""}`);
     this.back = element("button", { type: "button", title: `Back to ${short(item.own)}` }, "↺");
     this.back.setAttribute("aria-label", `${label} back to ${short(item.own)}`);
     const name = element("b", {}, ...(item.title ?? pretty(item.key)));
-    const about = element("span", { title: item.about }, item.about);
+    const about = element("span", {}, item.about);
     this.node = element("div", { className: "row" }, element("label", { htmlFor: id }, name, about), this.slider,
       element("span", { className: "number" }, this.field,
         element("span", { className: "unit" }, item.unit === "1" ? "\u00a0" : powers(item.unit))), this.back);
@@ -92,7 +117,8 @@ class Row {
   show() {
     const value = this.item.get();
     const place = this.scale.toPlace(value);
-    if (Number(this.slider.value) !== place) this.slider.value = Number.isFinite(place) ? place : 0;
+    const stands = this.scale.toValue(Number(this.slider.value)) === value; // it is where the reader put it
+    if (!stands && Number(this.slider.value) !== place) this.slider.value = Number.isFinite(place) ? place : 0;
     this.slider.setAttribute("aria-valuetext", `${short(value)} ${this.item.unit === "1" ? "" : this.item.unit}`.trim());
     if (document.activeElement !== this.field || this.field.valueAsNumber !== value) this.field.value = String(value);
     this.node.classList.toggle("changed", value !== this.item.own);
@@ -119,7 +145,7 @@ class Choice {
 }
 
 function group(title, nodes, folded = false) {
-  if (folded) return element("details", {}, element("summary", {}, title), element("fieldset", {}, element("legend", { className: "hidden" }, title), ...nodes));
+  if (folded) return element("details", {}, element("summary", {}, title), element("fieldset", { ariaLabel: title }, ...nodes));
   return element("fieldset", {}, element("legend", {}, title), ...nodes);
 }
 
@@ -131,8 +157,8 @@ function makeControls(data, settings, changed) {
   const own = defaultSettings(data);
   const rows = [];
   const kept = (control) => { rows.push(control); return control.node; };
-  const number = (entry, span = spanAround(entry.value)) => kept(new Row({
-    key: entry.name, about: entry.about, unit: entry.unit, own: entry.value, span,
+  const number = (entry, span = spanAround(entry.value), more = {}) => kept(new Row({
+    key: entry.name, about: entry.about, unit: entry.unit, own: entry.value, span, ...more,
     get: () => settings().values[entry.name] ?? entry.value,
     set: (value) => { if (value === entry.value) delete settings().values[entry.name]; else settings().values[entry.name] = value; },
   }, changed));
@@ -149,11 +175,13 @@ function makeControls(data, settings, changed) {
 
   const entries = [...all.values()];
   const named = (names) => names.filter((name) => all.has(name)).map((name) => number(all.get(name)));
-  const knobRows = (turns) => data.knobs.filter((knob) => knob.turns === turns && all.has(knob.name)).map((knob) => number(all.get(knob.name), knob.value ? { low: -1, high: 3 } : { low: -1, high: 1 }));
+  const knobRows = (turns) => data.knobs.filter((knob) => knob.turns === turns && all.has(knob.name)).map((knob) =>
+    number(all.get(knob.name), knob.value ? { low: -1, high: 3 } : { low: -1, high: 1 }, { title: [knob.name.split("_").at(turns === "reference" ? -1 : 0)] }));
   const offered = ["compensator", "braking"].filter((word) => word in data.variants);
   const words = Object.fromEntries([...offered.map((word) => [word, word[0].toUpperCase() + word.slice(1)]), ["clip", "Clip"]]);
   const gains = entries.filter((entry) => entry.kind === "gain" && /^(c|e|ck|k|braking)\d*$/.test(entry.name));
-  const chain = Object.values(facts.chain).filter((name) => !facts.limits.includes(name));
+  const links = Object.entries(facts.chain).filter(([, name]) => !facts.limits.includes(name));
+  const chain = links.map(([, name]) => name);
   const used = new Set([...gains.map((entry) => entry.name), ...facts.limits, ...chain, ...knobs.keys()]);
   const others = entries.filter((entry) => !used.has(entry.name) && !["switch", "own"].includes(entry.kind));
   const mismatches = Object.entries(facts.own).filter(([, name]) => (all.get(name)?.value ?? 0) !== 0);
@@ -164,7 +192,7 @@ function makeControls(data, settings, changed) {
 
   const nodes = [
     group("Saturation", [choice("saturation", "What the controller does about a saturated input", words), ...named(facts.limits)]),
-    group("Reference", [element("p", { className: "note" }, `y_r = ${data.reference}`), ...knobRows("reference")]),
+    group("Reference", [element("p", { className: "note" }, ...pretty("y_r"), ` = ${data.reference}`), ...knobRows("reference")]),
     group("Start", [
       ...facts.start.variables.map((variable, i) => kept(new Row({
         key: `x0_${variable.name}`, title: [...pretty(variable.name), "(0)"], label: `${variable.name} at 0`, about: variable.about, unit: variable.unit,
@@ -180,7 +208,7 @@ function makeControls(data, settings, changed) {
       choice("controller", "Kind of controller", { continuous: "Continuous", sampled: "Sampled" }),
       setting("sample_time", "of the sampled controller", spanAround(own.sample_time)),
       setting("horizon", "length of the run", { low: own.horizon / 10, high: own.horizon * 2 }),
-      ...named(chain),
+      ...links.filter(([, name]) => all.has(name)).map(([key, name]) => number(all.get(name), linkSpan(key, all.get(name).value, own))),
     ]),
     ...(others.length ? [group("Model, as the controller and the plant know it", others.map((entry) => number(entry)), true)] : []),
   ];

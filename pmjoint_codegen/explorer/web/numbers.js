@@ -92,3 +92,9 @@ function trimmed(text) {
 function rounded(value, digits = 3) {
   return Number(value.toPrecision(digits));
 }
+
+// The nearest number with no more decimals than a step needs: 15.07 for a step of 0.07.
+function onGrid(value, step) {
+  const unit = 10 ** Math.floor(Math.log10(Math.abs(step)));
+  return Number((Math.round(value / unit) * unit).toPrecision(12)) + 0;
+}

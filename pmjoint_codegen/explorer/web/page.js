@@ -9,17 +9,43 @@ async function main() {
   const data = JSON.parse(document.getElementById("data").textContent);
   const page = new Page(data);
   window.explorer = page; // for scripts: explorer.simulate(settings)
-  await page.start();
+  await page.start().catch((error) => { // an old browser, or one that forbids WebAssembly
+    page.alert(`The page cannot run here: ${error.message}`);
+    throw error;
+  });
 }
 
 class Page {
   constructor(data) {
     this.data = data;
-    this.settings = fromHash(data, location.hash);
     this.engines = {};
     this.cursor = -1;
     this.frames = [];
-    this.panels = panelsOf(Object.values(data.variants)[0]);
+    const [facts] = Object.values(data.variants);
+    this.panels = panelsOf(facts);
+    const known = new Map([...facts.signals, ...facts.states].map((item) => [item.name, item.unit]));
+    const of = (name) => powers(name === "V" ? squared(known.get("y")) : known.get(name) ?? "1");
+    this.units = { y: of("y"), u: of("u"), of };
+    this.follow();
+  }
+
+  // Take the settings of the address, and say what of it was refused.
+  follow() {
+    const { settings, notice } = fromHash(this.data, location.hash);
+    this.settings = settings;
+    this.notice(notice);
+  }
+
+  alert(text) {
+    const place = document.getElementById("alert");
+    place.hidden = !text;
+    if (place.textContent !== text) place.textContent = text;
+  }
+
+  notice(text, more = []) {
+    const place = document.getElementById("notice");
+    place.hidden = !text;
+    place.replaceChildren(text, ...more);
   }
 
   async start() {
@@ -34,6 +60,7 @@ class Page {
     this.fit();
     controls.show();
     this.update();
+    this.first = performance.now(); // ms from the start of the navigation to the first plots
     this.rest();
     document.documentElement.dataset.ready = "yes";
   }
@@ -56,51 +83,58 @@ class Page {
   makePlots() {
     const place = document.getElementById("plots");
     for (const panel of this.panels) {
-      const keys = panel.keys.map(([name, color, dashed]) => element("span", { className: `key${dashed ? " dashed" : ""}`, style: `--of: var(--${color})` }, ...symbolOf(name), ...(panel.units?.[name] ? [element("span", { className: "unit" }, ` [${panel.units[name]}]`)] : [])));
-      const unit = panel.plane ? [...symbolOf(panel.plane[1]), ` [${panel.units[1]}] over `, ...symbolOf(panel.plane[0]), ` [${panel.units[0]}]`] : panel.unit === "log" ? ["logarithmic"] : panel.unit ? [`[${panel.unit}]`] : [];
+      const shaded = panel.shaded ? [element("span", { className: "key shaded" }, "u at a limit")] : [];
+      const keys = panel.keys.map(([name, color, dashed]) => element("span", { className: `key${dashed ? " dashed" : ""}`, style: `--of: var(--${color})` }, ...pretty(name)));
+      panel.names = [...panel.keys.map(([name]) => name), ...(panel.plane ?? [])];
       panel.canvas = element("canvas", { tabIndex: 0, id: `plot-${panel.id}` });
       panel.canvas.setAttribute("role", "img");
+      panel.canvas.setAttribute("aria-label", panel.title);
       panel.output = element("output", {});
       panel.output.setAttribute("aria-live", "off");
-      const caption = element("figcaption", {}, element("span", { className: "title" }, panel.title), element("span", { className: "unit" }, ...unit), ...keys, panel.output);
-      place.append(element("figure", {}, caption, panel.canvas));
+      const caption = element("figcaption", {}, element("span", { className: "title" }, panel.title), ...keys, ...shaded);
+      place.append(element("figure", {}, caption, element("div", { className: "plot" }, panel.canvas, panel.output)));
       panel.plot = new Plot(panel.canvas);
     }
   }
 
   listen() {
     const on = (id, action) => document.getElementById(id).addEventListener("click", action);
-    on("reset", () => { this.settings = defaultSettings(this.data); this.controls.show(); this.changed(); });
+    on("reset", () => { this.settings = defaultSettings(this.data); this.controls.show(); this.changed(); this.say("The model's own settings."); });
     on("keep", (event) => this.keep(event.currentTarget));
-    on("copy-link", (event) => this.copy(event.currentTarget, location.href));
+    on("copy-link", (event) => this.copy(event.currentTarget, this.address()));
     on("copy-command", (event) => this.copy(event.currentTarget, commandLine(this.data, this.fitting(this.settings))));
     document.getElementById("table").addEventListener("toggle", () => this.table());
     window.addEventListener("hashchange", () => {
       if (location.hash === toHash(this.data, this.settings)) return;
-      this.settings = fromHash(this.data, location.hash);
+      this.follow();
       this.controls.show();
-      this.changed();
+      this.schedule(true);
     });
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { this.recolor(); this.draw(); });
+    for (const query of ["(prefers-color-scheme: dark)", "(forced-colors: active)"]) {
+      matchMedia(query).addEventListener("change", () => { this.recolor(); this.draw(); });
+    }
     new ResizeObserver(() => { this.fit(); this.draw(); }).observe(document.getElementById("plots"));
     for (const panel of this.panels) {
       const { canvas } = panel;
-      canvas.addEventListener("pointermove", (event) => this.point(panel.plot.rowAt(event.clientX, this.run?.t ?? [])));
+      for (const kind of ["pointerdown", "pointermove"]) {
+        canvas.addEventListener(kind, (event) => this.point(panel.plot.rowAt(event.clientX, event.clientY, this.run?.t ?? [])));
+      }
       canvas.addEventListener("pointerleave", () => this.point(-1));
       canvas.addEventListener("blur", () => this.point(-1));
-      canvas.addEventListener("keydown", (event) => this.key(event));
+      canvas.addEventListener("keydown", (event) => this.key(event, panel));
     }
   }
 
-  key(event) {
+  key(event, panel) {
     const last = (this.run?.rows ?? 1) - 1;
     const step = Math.max(1, Math.round(last / (event.shiftKey ? 10 : 100)));
     const from = this.cursor < 0 ? 0 : this.cursor;
-    const to = { ArrowRight: from + step, ArrowLeft: from - step, Home: 0, End: last, Escape: -1 }[event.key];
-    if (to === undefined) return;
+    const leap = Math.max(1, Math.round(last / 10));
+    const to = { ArrowRight: from + step, ArrowLeft: from - step, PageUp: from + leap, PageDown: from - leap, Home: 0, End: last, Escape: -1 }[event.key];
+    if (to === undefined || event.ctrlKey || event.altKey || event.metaKey) return;
     event.preventDefault();
     this.point(event.key === "Escape" ? -1 : Math.min(Math.max(to, 0), last));
-    this.say(this.cursor < 0 ? "" : this.reading());
+    this.say(this.cursor < 0 ? "" : readingOf(this.run, this.cursor, panel.names, this.units));
   }
 
   point(row) {
@@ -118,19 +152,32 @@ class Page {
 
   async copy(button, text) {
     const label = button.dataset.label ?? (button.dataset.label = button.textContent);
+    let copied = true;
     try {
       await navigator.clipboard.writeText(text);
-      button.textContent = "Copied";
-    } catch {
-      window.prompt("Copy:", text); // a page from disk may have no clipboard
+    } catch { // a frame may have no clipboard: the text is shown, selected
+      const field = element("textarea", { readOnly: true, value: text, rows: 3 });
+      field.setAttribute("aria-label", "Text to copy");
+      this.notice("Copy this text:", [field]);
+      field.select();
+      copied = document.execCommand("copy");
+      if (copied) this.notice("");
+      if (copied) button.focus();
     }
+    if (!copied) return;
+    button.textContent = "Copied";
+    this.say("Copied.");
     setTimeout(() => { button.textContent = label; }, 1200);
   }
 
+  // This page's address with the present settings.
+  address() {
+    return location.href.replace(/#.*$/, "") + toHash(this.data, this.settings);
+  }
+
   changed() {
+    this.notice("");
     this.schedule(true);
-    clearTimeout(this.timer);
-    this.timer = setTimeout(() => this.rest(), REST);
   }
 
   // At most one run and one drawing in a frame.
@@ -146,8 +193,9 @@ class Page {
 
   update() {
     const begun = performance.now();
+    clearTimeout(this.timer);
+    this.timer = setTimeout(() => this.rest(), REST);
     this.stale = false;
-    const alert = document.getElementById("alert");
     try {
       const run = this.simulate(this.settings);
       run.columns = { V: run.V };
@@ -158,12 +206,10 @@ class Page {
       run.peakE = run.peak("e");
       run.limits = limitsOf(this.engine(this.settings).facts, run.values);
       this.run = run;
-      alert.hidden = run.status === 1;
-      alert.textContent = run.status === 1 ? "" : `The run ${run.message}.`;
+      this.alert(run.status === 1 ? "" : `The run ${run.message}.`);
       document.body.classList.remove("lost");
     } catch (error) {
-      alert.hidden = false;
-      alert.textContent = error.message;
+      this.alert(`${error.message}.`);
       document.body.classList.add("lost");
       return;
     }
@@ -178,63 +224,46 @@ class Page {
   draw() {
     if (!this.run) return;
     for (const panel of this.panels) {
-      const spec = panel.build(this.run, this.kept, this.colors, panel);
+      const spec = { ...panel.build(this.run, this.kept, this.colors, panel), labels: panel.labels };
       panel.plot.draw(spec, this.colors, this.cursor);
       const known = this.cursor >= 0 && this.cursor < this.run.rows;
-      const values = known ? spec.series.filter((item) => !item.ghost && item.name && !spec.plane).map((item) => `${item.name} ${short(item.y[this.cursor])}`) : [];
-      panel.output.textContent = known && !spec.plane ? `t ${short(this.run.t[this.cursor])} s · ${values.join(" · ")}` : "";
+      const text = known ? readingOf(this.run, this.cursor, panel.names, this.units) : "";
+      if (panel.output.textContent !== text) panel.output.textContent = text;
     }
   }
 
   summary() {
-    const { run } = this;
-    const unit = this.panels[0].unit;
-    const [inUnit, ofV] = [unit, this.panels[2].unit];
-    const entries = [
-      ["largest |e|", short(run.peakE[0]), inUnit],
-      ["final e", short(run.column("e")[run.rows - 1]), inUnit],
-      ["settled (2 %)", run.settling === null ? "–" : run.settling >= run.settings.horizon ? "not yet" : short(run.settling), run.settling === null || run.settling >= run.settings.horizon ? "" : "s"],
-      ["∫ e² dt", short(run.ise), ""],
-      ["largest |v|", short(run.peakV[0]), ofV],
-      ["saturated", short(run.saturated), "s"],
-      ["switches", String(run.switches.length), ""],
-      ["steps", String(run.steps), ""],
-    ];
+    const entries = figuresOf(this.run, this.units);
     const place = document.getElementById("summary");
-    if (!place.children.length) place.append(...entries.map(([name]) => element("div", {}, element("dt", {}, name), element("dd", {}, "", element("small", {})))));
-    entries.forEach(([, value, after], i) => {
-      const [text, small] = place.children[i].lastChild.childNodes;
-      text.data !== undefined ? (text.data = value) : place.children[i].lastChild.prepend(value);
-      (small ?? text).textContent = after ? ` ${after}` : "";
+    if (!place.children.length) {
+      place.append(...entries.map(([name]) => element("div", {}, element("dt", {}, name), element("dd", {}, element("span"), element("small")))));
+    }
+    entries.forEach(([, value, unit], i) => {
+      const [text, small] = place.children[i].lastChild.children;
+      text.textContent = value;
+      small.textContent = unit && unit !== "1" ? ` ${powers(unit)}` : "";
     });
   }
 
   // What need not follow every frame: the link, the command, descriptions, the table.
   rest() {
-    history.replaceState(null, "", toHash(this.data, this.settings) || location.pathname + location.search);
+    this.keepAddress();
     document.getElementById("command").textContent = commandLine(this.data, this.fitting(this.settings));
     if (!this.run) return;
-    this.describe();
+    for (const panel of this.panels) panel.canvas.setAttribute("aria-label", descriptionOf(panel, this.run, this.units));
     this.table();
     const [computed, whole] = [0, 1].map((i) => median(this.frames.map((frame) => frame[i])));
     document.getElementById("timing").textContent = `A run takes ${computed.toFixed(1)} ms, with its plots ${whole.toFixed(1)} ms.`;
-    this.say(document.getElementById("alert").textContent || `The run ${this.run.message}. Largest error ${short(this.run.peakE[0])}, largest v ${short(this.run.peakV[0])}, saturated for ${short(this.run.saturated)} seconds.`);
+    const lost = document.body.classList.contains("lost");
+    if (!lost) this.say(announcement(this.run, this.units)); // an alert is read out by itself
   }
 
-  describe() {
-    for (const panel of this.panels) {
-      const parts = panel.plot.spec.series.filter((item) => !item.ghost && item.name).map((item) => {
-        const [low, high] = [Math.min(...item.y), Math.max(...item.y)];
-        return `${item.name} from ${short(low)} to ${short(high)}, last ${short(item.y.at(-1))}`;
-      });
-      panel.canvas.setAttribute("aria-label", `${panel.title}: ${parts.join("; ")}. Arrow keys read values.`);
+  keepAddress() {
+    if (!document.getElementById("notice").hidden) return; // a link that was refused stays to be read
+    try {
+      history.replaceState(null, "", this.address());
+    } catch { // a frame without an address of its own: the settings stay in the page
     }
-  }
-
-  reading() {
-    const { columns, t } = this.run;
-    const of = (name) => `${name} ${short(columns[name][this.cursor])}`;
-    return `t ${short(t[this.cursor])} s: ${["y", "y_r", "e", "v", "u", "r1", "V"].map(of).join(", ")}`;
   }
 
   say(text) {
@@ -246,11 +275,14 @@ class Page {
     if (!document.getElementById("table").open || !this.run) return;
     const names = ["t", ...Object.keys(this.run.columns)];
     const columns = { ...this.run.columns, t: this.run.t };
+    const unitOf = (name) => (name === "t" ? " s" : withUnit("", this.units.of(name)));
     const count = Math.min(TABLE_ROWS, this.run.rows);
     const rows = Array.from({ length: count }, (_, i) => Math.round((i * (this.run.rows - 1)) / Math.max(1, count - 1)));
-    const head = element("tr", {}, ...names.map((name) => element("th", { scope: "col" }, ...symbolOf(name))));
-    const body = rows.map((row) => element("tr", {}, ...names.map((name) => element("td", {}, short(columns[name][row], 6)))));
-    document.getElementById("rows").replaceChildren(element("table", {}, element("thead", {}, head), element("tbody", {}, ...body)));
+    const head = element("tr", {}, ...names.map((name) => element("th", { scope: "col" }, ...pretty(name), element("small", {}, unitOf(name)))));
+    const cell = (name, row) => (name === "t" ? element("th", { scope: "row" }, short(row, 6)) : element("td", {}, short(row, 6)));
+    const body = rows.map((row) => element("tr", {}, ...names.map((name) => cell(name, columns[name][row]))));
+    const caption = element("caption", { className: "hidden" }, "Signals of the run at equal intervals");
+    document.getElementById("rows").replaceChildren(element("table", {}, caption, element("thead", {}, head), element("tbody", {}, ...body)));
   }
 
   recolor() {
@@ -268,55 +300,9 @@ function median(values) {
   return sorted.length ? sorted[sorted.length >> 1] : 0;
 }
 
-function symbolOf(name) {
-  return name === "y_r" ? ["y", element("sub", {}, "r")] : pretty(name);
-}
-
 function limitsOf(facts, values) {
   const [low, high] = facts.limits.length > 1 ? facts.limits.map((name) => values[name]) : [-values[facts.limit], values[facts.limit]];
   return [low, high];
-}
-
-// The equations, once as they are and once with the numbers of the present run.
-class Law {
-  constructor(data) {
-    this.data = data;
-  }
-
-  build(facts) {
-    if (this.facts === facts) return;
-    this.facts = facts;
-    this.places = [];
-    const whole = facts.law.filter((item) => item.main);
-    document.getElementById("law").replaceChildren(...whole.map((item) => this.entry(item)));
-    document.getElementById("rest").replaceChildren(...facts.law.filter((item) => !item.main).map((item) => this.entry(item)));
-  }
-
-  entry(item) {
-    const [symbols, numbers] = [0, 1].map(() => element("div", { className: "scroll", innerHTML: item.math }));
-    numbers.classList.add("now");
-    for (const node of numbers.querySelectorAll("[data-p]")) {
-      const number = document.createElementNS("http://www.w3.org/1998/Math/MathML", "mn");
-      node.replaceChildren(number);
-      this.places.push([number, node.dataset.p, ""]);
-    }
-    const parts = numbers.querySelector("[data-p]") ? [symbols, numbers] : [symbols];
-    const about = element("div", { className: "of" }, item.meaning);
-    return element("div", { className: "equation" }, element("span", { className: "of" }, item.number), element("div", {}, about, ...parts));
-  }
-
-  show(engine, values) {
-    this.build(engine.facts);
-    const numbers = engine.numbers(values);
-    for (const place of this.places) {
-      const value = numbers[place[1]];
-      const text = value < 0 ? `(${short(value)})` : short(value);
-      if (text !== place[2]) {
-        place[0].textContent = text;
-        place[2] = text;
-      }
-    }
-  }
 }
 
 main();

@@ -6,19 +6,32 @@ const DEPTH = 14; // decades of V below its largest value
 
 function panelsOf(facts) {
   const unit = (name) => [...facts.signals, ...facts.states].find((item) => item.name === name)?.unit ?? "1";
+  const has = (name) => [...facts.signals, ...facts.states].some((item) => item.name === name);
+  const axis = (names, of = unit(names[0])) => `${names.map(flat).join(", ")}${of === "1" ? "" : ` [${powers(of)}]`}`;
+  const time = (y, right) => ({ x: "t [s]", y, ...(right ? { right } : {}) });
   const plane = facts.start.names.slice(0, 2);
-  const chosen = plane.every((name) => [...facts.signals, ...facts.states].some((item) => item.name === name)) ? plane : ["x1", "x2"];
+  const chosen = plane.every(has) ? plane : ["x1", "x2"];
   const list = [
-    { id: "output", title: "Output", unit: unit("y"), keys: [["y", "blue"], ["y_r", "orange", true]], build: outputPanel },
-    { id: "error", title: "Tracking error", unit: unit("e"), keys: [["e", "blue"]], build: errorPanel },
-    { id: "input", title: "Input", unit: unit("u"), keys: [["v", "orange"], ["u", "blue"]], build: inputPanel },
-    { id: "compensator", title: "Compensator", unit: "", keys: [["r1", "blue"], ...(facts.rho > 1 ? [["r2", "orange"]] : [])], units: { r1: unit("r1"), r2: unit("r2") }, build: compensatorPanel },
-    { id: "lyapunov", title: facts.n === facts.nx ? "Lyapunov function V (30)" : "Its part of the errors z, V_z (30)", unit: "log", keys: [["V", "green"]], build: lyapunovPanel },
+    { id: "output", title: "Output", unit: unit("y"), keys: [["y", "blue"], ["y_r", "orange", true]], labels: time(axis(["y", "y_r"])), build: outputPanel },
+    { id: "error", title: "Tracking error", unit: unit("e"), keys: [["e", "blue"]], labels: time(axis(["e"])), build: errorPanel },
+    { id: "input", title: "Input", unit: unit("u"), keys: [["v", "orange"], ["u", "blue"]], shaded: true, labels: time(axis(["v", "u"])), build: inputPanel },
+    { id: "compensator", title: "Compensator", unit: "", keys: [["r1", "blue"], ...(facts.rho > 1 ? [["r2", "orange"]] : [])], labels: time(axis(["r1"]), facts.rho > 1 && axis(["r2"])), build: compensatorPanel },
+    { id: "lyapunov", title: facts.n === facts.nx ? "Lyapunov function (30)" : "Lyapunov function (30), its part in z", unit: squared(unit("y")), keys: [["V", "green"]], labels: time(`V${squared(unit("y")) === "1" ? "" : ` [${powers(squared(unit("y")))}]`}, logarithmic`), build: lyapunovPanel },
   ];
   if (facts.nx > 1) {
-    list.push({ id: "plane", title: "Phase plane", unit: "", keys: [], plane: chosen, units: chosen.map(unit), build: planePanel });
+    list.push({ id: "plane", title: "Phase plane", unit: "", keys: [], plane: chosen, labels: { x: axis([chosen[0]]), y: axis([chosen[1]]) }, build: planePanel });
   }
   return list;
+}
+
+// The square of a unit, as its text.
+function squared(unit) {
+  return unit === "1" ? "1" : /^[A-Za-z]+$/.test(unit) ? `${unit}^2` : `(${unit})^2`;
+}
+
+// Nothing to scale: every curve is 0 at every instant.
+function isZero(series) {
+  return series.every((item) => item.y.every((value) => value === 0));
 }
 
 function inTime(run, names) {
@@ -34,13 +47,14 @@ function timeRange(run) {
 }
 
 function outputPanel(run, kept, colors) {
-  const series = [...inTime(run, [["y_r", colors.orange, true], ["y", colors.blue]]), ...ghosts(kept, ["y"], colors)];
-  return { series, x: timeRange(run), y: rangeOf(series.map((item) => item.y)), spans: saturatedSpans(run) };
+  const series = [...ghosts(kept, ["y"], colors), ...inTime(run, [["y_r", colors.orange, true], ["y", colors.blue]])];
+  const zero = isZero(series);
+  return { series, x: timeRange(run), y: rangeOf(series.map((item) => item.y)), spans: saturatedSpans(run), zero, note: zero ? "exactly 0" : "" };
 }
 
 function errorPanel(run, kept, colors) {
-  const series = [...inTime(run, [["e", colors.blue]]), ...ghosts(kept, ["e"], colors)];
-  return { series, x: timeRange(run), y: rangeOf(series.map((item) => item.y)), lines: [[0, colors.soft]], spans: saturatedSpans(run) };
+  const series = [...ghosts(kept, ["e"], colors), ...inTime(run, [["e", colors.blue]])];
+  return { series, x: timeRange(run), y: rangeOf(series.map((item) => item.y)), lines: [[0, colors.soft]], spans: saturatedSpans(run), ...(isZero(series) ? { zero: true, note: "e is exactly 0" } : {}) };
 }
 
 function inputPanel(run, kept, colors) {
@@ -52,8 +66,10 @@ function inputPanel(run, kept, colors) {
   const [peak, instant] = run.peakV;
   const within = [Math.min(PEAK_ROOM * low, 0), Math.max(PEAK_ROOM * high, 0)];
   const y = rangeOf(series.map((item) => item.y), within);
-  const note = peak > Math.max(...y.map(Math.abs)) ? `|v| reaches ${short(peak, 3)} at ${short(instant, 3)} s` : "";
-  return { series, x: timeRange(run), y, lines: [[low, colors.grey], [high, colors.grey]], note, spans: saturatedSpans(run) };
+  const zero = isZero(series);
+  const cut = peak > Math.max(...y.map(Math.abs));
+  const note = zero ? "v and u are exactly 0" : cut ? `|v| reaches ${short(peak, 3)} at ${short(instant, 3)} s` : "";
+  return { series, x: timeRange(run), y, lines: zero ? [] : [[low, colors.grey], [high, colors.grey]], note, spans: saturatedSpans(run), zero };
 }
 
 function compensatorPanel(run, kept, colors) {
@@ -66,8 +82,9 @@ function compensatorPanel(run, kept, colors) {
     spec.right = rangeOf([run.columns.r2]);
     spec.rightColor = colors.orange;
   }
-  const still = run.columns.r1.every((value) => value === 0);
-  return { ...spec, note: still ? (run.settings.saturation === "clip" ? "r = 0: plain clipping" : "r = 0: nothing was clipped") : "" };
+  const zero = isZero(spec.series);
+  const why = run.settings.saturation === "clip" ? "plain clipping" : "nothing was clipped";
+  return { ...spec, zero, note: zero ? `r is exactly 0: ${why}` : "" };
 }
 
 function lyapunovPanel(run, kept, colors) {
@@ -77,7 +94,7 @@ function lyapunovPanel(run, kept, colors) {
   for (const item of series) for (let i = 0; i < item.y.length; i += 1) if (item.y[i] > 0 && item.y[i] < low) low = item.y[i];
   const top = Math.log10(Math.max(high, 1e-290)) + 0.2;
   const bottom = Math.max(Number.isFinite(low) ? Math.log10(low) - 0.2 : top - 1, top - DEPTH);
-  return { series, x: timeRange(run), y: [bottom, Math.max(top, bottom + 1)], log: true, spans: saturatedSpans(run) };
+  return { series, x: timeRange(run), y: [bottom, Math.max(top, bottom + 1)], log: true, spans: saturatedSpans(run), ...(isZero(series) ? { zero: true, log: false, y: [-1, 1], note: "V is exactly 0" } : {}) };
 }
 
 function planePanel(run, kept, colors, panel) {

@@ -1,7 +1,8 @@
 "use strict";
 // Line plots on a canvas.
 
-const MARGIN = { left: 52, right: 12, top: 8, bottom: 22 };
+const MARGIN = { left: 64, right: 12, second: 58, top: 8, bottom: 36 };
+const FONT = "11px system-ui, sans-serif";
 
 // Round steps that divide a range into about `count` parts, and the numbers on them.
 function ticksOf(low, high, count) {
@@ -60,17 +61,18 @@ class Plot {
     this.context.setTransform(ratio, 0, 0, ratio, 0, 0);
   }
 
-  // spec: series [{x, y, color, width, dash, right}], x and y ranges, log, lines, spans, note; see panels.js.
+  // spec: series [{x, y, color, width, dash, right}], x and y ranges, log, lines, spans, note, labels {x, y, right},
+  // zero (every series is exactly 0: there is no scale to show); see panels.js.
   draw(spec, colors, cursor) {
     const { context: c, width, height } = this;
-    const right = spec.right ? 46 : MARGIN.right;
+    const right = spec.right ? MARGIN.second : MARGIN.right;
     const box = { x: MARGIN.left, y: MARGIN.top, w: width - MARGIN.left - right, h: height - MARGIN.top - MARGIN.bottom };
     const toX = (value) => box.x + ((value - spec.x[0]) / (spec.x[1] - spec.x[0])) * box.w;
     const scale = (range) => (value) => box.y + box.h - ((value - range[0]) / (range[1] - range[0])) * box.h;
     const [toY, toRight] = [scale(spec.y), scale(spec.right ?? spec.y)];
     Object.assign(this, { spec, box, toX, toY });
     c.clearRect(0, 0, width, height);
-    c.font = "11px system-ui, sans-serif";
+    c.font = FONT;
     this.spans(spec.spans ?? [], box, toX, colors);
     this.axes(spec, box, toX, toY, toRight, colors);
     c.save();
@@ -98,7 +100,7 @@ class Plot {
     c.setLineDash([]);
     c.textAlign = "right";
     c.textBaseline = "middle";
-    const vertical = spec.log ? decadesOf(...spec.y) : ticksOf(...spec.y, box.h / 38);
+    const vertical = spec.zero ? [[0, "0"]] : spec.log ? decadesOf(...spec.y) : ticksOf(...spec.y, box.h / 34);
     for (const [value, text] of vertical) {
       const y = Math.round(toY(value)) + 0.5;
       this.segment(box.x, y, box.x + box.w, y);
@@ -115,10 +117,29 @@ class Plot {
       c.textAlign = "left";
       c.textBaseline = "middle";
       c.fillStyle = spec.rightColor;
-      for (const [value, text] of ticksOf(...spec.right, box.h / 38)) c.fillText(text, box.x + box.w + 6, toRight(value));
+      const second = spec.zero ? [[0, "0"]] : ticksOf(...spec.right, box.h / 34);
+      for (const [value, text] of second) c.fillText(text, box.x + box.w + 6, toRight(value));
     }
+    this.labels(spec, box, colors);
     c.strokeStyle = colors.line;
     c.strokeRect(box.x + 0.5, box.y + 0.5, box.w, box.h);
+  }
+
+  // What the axes show, with units.
+  labels({ labels, rightColor }, box, colors) {
+    const c = this.context;
+    c.fillStyle = colors.soft;
+    c.textAlign = "center";
+    c.textBaseline = "bottom";
+    c.fillText(labels.x, box.x + box.w / 2, this.height - 1);
+    for (const [text, x, color] of [[labels.y, 12, colors.soft], [labels.right ?? "", this.width - 2, rightColor]]) {
+      c.save();
+      c.translate(x, box.y + box.h / 2);
+      c.rotate(-Math.PI / 2);
+      c.fillStyle = color ?? colors.soft;
+      c.fillText(text, 0, 0);
+      c.restore();
+    }
   }
 
   segment(x1, y1, x2, y2) {
@@ -163,7 +184,7 @@ class Plot {
   }
 
   cursor(spec, cursor, box, toX, toY, toRight, colors) {
-    const x = spec.series[0].x[cursor];
+    const x = spec.series.at(-1).x[cursor];
     if (!spec.plane && x !== undefined) this.line([[toX(x), box.y], [toX(x), box.y + box.h]], colors.soft, 1);
     for (const series of spec.series) {
       if (series.ghost || cursor >= series.x.length) continue;
@@ -177,20 +198,36 @@ class Plot {
     c.fillStyle = colors.soft;
     c.textAlign = "right";
     c.textBaseline = "top";
-    const width = c.measureText(text).width;
+    const width = Math.min(c.measureText(text).width, box.w - 12);
     c.globalAlpha = 0.85;
     c.fillStyle = colors.card;
     c.fillRect(box.x + box.w - width - 12, box.y + 4, width + 8, 16);
     c.globalAlpha = 1;
     c.fillStyle = colors.soft;
-    c.fillText(text, box.x + box.w - 8, box.y + 6);
+    c.fillText(text, box.x + box.w - 8, box.y + 6, width);
   }
 
-  // The row nearest to a position inside the canvas; -1 outside the axes.
-  rowAt(clientX, t) {
-    const x = clientX - this.canvas.getBoundingClientRect().left;
-    if (!this.box || this.spec.plane || x < this.box.x - 4 || x > this.box.x + this.box.w + 4) return -1;
-    const instant = this.spec.x[0] + ((x - this.box.x) / this.box.w) * (this.spec.x[1] - this.spec.x[0]);
+  // The row nearest to a position of the pointer; -1 outside the axes.
+  rowAt(clientX, clientY, t) {
+    const { left, top } = this.canvas.getBoundingClientRect();
+    const [x, y, box] = [clientX - left, clientY - top, this.box];
+    if (!box || x < box.x - 4 || x > box.x + box.w + 4) return -1;
+    return this.spec.plane ? this.rowNear(x, y) : this.rowIn(x, t);
+  }
+
+  rowNear(x, y) {
+    const series = this.spec.series.at(-1);
+    let [best, row] = [Infinity, -1];
+    for (let i = 0; i < series.x.length; i += 1) {
+      const apart = (this.toX(series.x[i]) - x) ** 2 + (this.toY(series.y[i]) - y) ** 2;
+      if (apart < best) [best, row] = [apart, i];
+    }
+    return row;
+  }
+
+  rowIn(x, t) {
+    const { box, spec } = this;
+    const instant = spec.x[0] + ((x - box.x) / box.w) * (spec.x[1] - spec.x[0]);
     let [low, high] = [0, t.length - 1];
     while (high - low > 1) {
       const middle = (low + high) >> 1;

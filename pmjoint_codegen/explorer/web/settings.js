@@ -42,6 +42,12 @@ function valueOf(facts, settings, name) {
 const WORDS = ["saturation", "controller", "start"];
 const NUMBERS = ["sample_time", "horizon"];
 
+// What a link says of its model: its name and the first digits of its hash.
+function linkName(data) {
+  const [facts] = Object.values(data.variants);
+  return `${data.name}-${facts.hash.slice(0, 8)}`;
+}
+
 function toHash(data, settings) {
   const own = defaultSettings(data);
   const pairs = [];
@@ -49,29 +55,42 @@ function toHash(data, settings) {
   if (String(settings.x0) !== String(own.x0)) pairs.push(["x0", settings.x0.join(",")]);
   for (const [name, value] of Object.entries(settings.values)) pairs.push([`p.${name}`, value]);
   for (const [name, factor] of Object.entries(settings.factors)) pairs.push([`f.${name}`, factor]);
-  return pairs.length ? `#${new URLSearchParams(pairs)}` : "";
+  return pairs.length ? `#${new URLSearchParams([["model", linkName(data)], ...pairs])}` : "";
 }
 
-// Settings from a link; what the model does not know, or is no number, is left out.
+// Settings from a link, and one line about what of it was refused. A link that names another model sets nothing.
 function fromHash(data, hash) {
   const settings = defaultSettings(data);
+  const pairs = [...new URLSearchParams(hash.replace(/^#/, ""))];
+  const [, model] = pairs.find(([key]) => key === "model") ?? [];
+  if (model !== undefined && model !== linkName(data)) {
+    return { settings, notice: `The link is for ${model}; this page has ${linkName(data)}. It shows the model's own settings.` };
+  }
+  const refused = pairs.filter(([key, text]) => key !== "model" && !taken(data, settings, key, text));
+  const names = refused.map(([key, text]) => `${key}=${text}`.slice(0, 60)).join(", ");
+  return { settings, notice: refused.length ? `Not understood in the link, and left out: ${names}.` : "" };
+}
+
+// Put one pair of a link into the settings; whether the model knows it.
+function taken(data, settings, key, text) {
   const facts = Object.values(data.variants);
   const offered = { saturation: [...Object.keys(data.variants), "clip"], controller: ["continuous", "sampled"],
     start: ["zero", "matched"] };
-  for (const [key, text] of new URLSearchParams(hash.replace(/^#/, ""))) {
-    const [kind, name] = [key.slice(0, 2), key.slice(2)];
-    const value = Number(text);
-    if (WORDS.includes(key) && offered[key].includes(text)) settings[key] = text;
-    else if (key === "x0") {
-      const x0 = text.split(",").map(Number);
-      if (x0.length === settings.x0.length && x0.every(Number.isFinite)) settings.x0 = x0;
-    } else if (text === "" || !Number.isFinite(value)) continue;
-    else if (NUMBERS.includes(key) && value > 0) settings[key] = value;
-    else if (kind === "p." && facts.some((item) => item.parameters.some((entry) => entry.name === name))) {
-      settings.values[name] = value;
-    } else if (kind === "f." && facts.some((item) => name in item.own)) settings.factors[name] = value;
+  const [kind, name] = [key.slice(0, 2), key.slice(2)];
+  const numbers = text.split(",").map((part) => (part.trim() === "" ? NaN : Number(part)));
+  if (WORDS.includes(key)) {
+    if (!offered[key].includes(text)) return false;
+    settings[key] = text;
+    return true;
   }
-  return settings;
+  if (!numbers.every(Number.isFinite) || numbers.length !== (key === "x0" ? settings.x0.length : 1)) return false;
+  if (key === "x0") settings.x0 = numbers;
+  else if (NUMBERS.includes(key) && numbers[0] > 0) settings[key] = numbers[0];
+  else if (kind === "p." && facts.some((item) => item.parameters.some((entry) => entry.name === name))) {
+    settings.values[name] = numbers[0];
+  } else if (kind === "f." && facts.some((item) => Object.hasOwn(item.own, name))) settings.factors[name] = numbers[0];
+  else return false;
+  return true;
 }
 
 function commandLine(data, settings) {
@@ -97,5 +116,5 @@ function commandLine(data, settings) {
 }
 
 function quoted(text) {
-  return /^[\w./=-]+$/.test(text) ? text : `"${text}"`;
+  return /^[\w./=-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\\''")}'`;
 }

@@ -1,0 +1,153 @@
+"""The page's runs against the command line: every column of random settings, by the command that the page prints."""
+
+from __future__ import annotations
+
+import csv
+import json
+import random
+import shlex
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from pmjoint_codegen.cli.simulate import command as simulate
+
+from .conftest import Shown
+from .devtools import Browser, Tab
+
+TOLERANCE = 1e-9  # of every column, relative to max(1, its largest value): a run's own local error is 1e-10
+EVERY = 20  # rows
+RUNS = {"paper": 10, "lagging": 4, "chained": 6}
+
+# A run of the page, thinned; what its link carries back; its command.
+LOOK = """
+(() => {
+  const settings = Object.assign(defaultSettings(explorer.data), @change@);
+  const run = explorer.simulate(settings);
+  const thin = (name) => [...run.column(name)].filter((_, i) => i % @every@ === 0);
+  const names = [...explorer.engine(settings).columns.keys()];
+  const back = fromHash(explorer.data, toHash(explorer.data, settings));
+  return {columns: Object.fromEntries(names.map((name) => [name, thin(name)])), status: run.status, ise: run.ise,
+    saturated: run.saturated, switches: run.switches.map(([t]) => t), peak: run.peak("v"), V: run.V[0],
+    settling: run.settling, values: run.values, notice: back.notice,
+    same: toHash(explorer.data, back.settings) === toHash(explorer.data, settings)
+      && explorer.simulate(back.settings).ise === run.ise,
+    command: commandLine(explorer.data, explorer.fitting(settings))};
+})()
+"""
+
+
+def drawn(name: str, seed: int) -> Iterator[dict[str, Any]]:
+    """Settings as a reader might choose them; the first are the model's own."""
+    draw = random.Random(seed)
+
+    def near(value: float, factor: float = 1.5) -> float:
+        return float(f"{value * factor ** draw.uniform(-1, 1):.4g}")
+
+    kinds = {"paper": ("compensator", "clip", "braking")}.get(name, ("compensator", "clip"))
+    gains = {"lagging": {"c1": 10, "c2": 10, "c3": 10, "ck1": 20, "ck2": 20, "ck3": 20}}.get(
+        name, {"c1": 12, "c2": 12, "ck1": 1.5, "ck2": 1.5}
+    )
+    own = {"lagging": "J_plant"}.get(name, "b0_plant")
+    yield {}
+    for i in range(1, RUNS[name]):
+        values: dict[str, float] = {key: near(value) for key, value in gains.items()}
+        values["u_max"] = near({"lagging": 2.0}.get(name, 8.0))
+        if name == "paper" and i == 4:  # the command derives the model anew
+            values |= {"reference_gain": near(0.7), "reference_rate": near(1.2), "load": draw.uniform(-1, 1)}
+        if name == "chained":
+            values |= {key: near(value) for key, value in {"noise": 2e-4, "rate": 300, "filter": 250}.items()}
+        sampled = i % 2 == 0 if name != "chained" else i != 1
+        size = {"lagging": 0.05}.get(name, 1.5)
+        yield {
+            "saturation": kinds[i % len(kinds)],
+            "controller": "sampled" if sampled else "continuous",
+            "sample_time": draw.choice([0.001, 0.002]),
+            "start": draw.choice(["zero", "matched"]),
+            "horizon": {"lagging": 3.0, "chained": 3.0}.get(name, 20.0),
+            "x0": [round(draw.uniform(-size, size), 3) for _ in range({"lagging": 2}.get(name, 2))]
+            + [0.0] * {"lagging": 2}.get(name, 0),
+            "values": values,
+            "factors": {own: near(1.0, 1.2)},
+        }
+
+
+def looked(tab: Tab, change: Mapping[str, Any]) -> dict[str, Any]:
+    """What the page computes for settings that differ from the model's own."""
+    text = LOOK.replace("@change@", json.dumps(change)).replace("@every@", str(EVERY))
+    found: dict[str, Any] = tab.evaluate(text)
+    return found
+
+
+def by_command(text: str, folder: Path) -> tuple[dict[str, np.ndarray[Any, Any]], dict[str, Any]]:
+    """Columns and summary of the run that a command line makes."""
+    words = shlex.split(text)
+    assert words[:2] == ["pmjoint", "simulate"]
+    done = CliRunner().invoke(simulate, [*words[2:], "--no-figures", "--out", str(folder)], standalone_mode=False)
+    assert done.exception is None, (text, done.exception, done.output)
+    with (folder / "trajectory.csv").open(newline="") as stream:
+        names, *rows = csv.reader(stream)
+    table = np.array(rows, dtype=float)
+    summary = json.loads((folder / "summary.json").read_text())
+    return {name: table[:, i] for i, name in enumerate(names)}, summary
+
+
+@pytest.mark.parametrize("name", list(RUNS))
+def test_its_runs_are_those_of_the_command_it_prints(
+    name: str, browser: Browser, request: pytest.FixtureRequest, tmp_path: Path
+) -> None:
+    """Every column, the switches and the figures; the link gives the settings back."""
+    shown: Shown = request.getfixturevalue(name)
+    tab = browser.open(shown.address)
+    worst = 0.0
+    for i, change in enumerate(drawn(name, seed=16)):
+        found = looked(tab, change)
+        assert found["status"] == 1, change
+        assert found["same"] and not found["notice"], change
+        columns, summary = by_command(found["command"], tmp_path / str(i))
+        assert set(found["columns"]) == set(columns) - {"t", "y_cmd"}  # a command before its filter
+        for column, values in found["columns"].items():
+            expected = columns[column][::EVERY]
+            apart = np.abs(np.array(values) - expected).max() / max(1.0, np.abs(expected).max())
+            worst = max(worst, float(apart))
+            assert apart <= TOLERANCE, (found["command"], column, apart)
+        assert found["ise"] == pytest.approx(summary["ise"], rel=TOLERANCE)
+        assert found["saturated"] == pytest.approx(summary["saturated_s"], rel=TOLERANCE, abs=TOLERANCE)
+        assert found["peak"][0] == pytest.approx(np.abs(columns["v"]).max(), rel=0.5)
+    tab.close()
+    print(f"{name}: {RUNS[name]} runs, largest difference {worst:.2g}")
+
+
+def test_v_is_that_of_the_certificate(tab: Tab) -> None:
+    """V(0) against (30) with P from a Kronecker system; at zero filters epsilon(0) = x0."""
+    found = looked(tab, {})
+    values = found["values"]
+    A0 = np.array([[-values["k1"], 1.0], [-values["k2"], 0.0]])
+    system = np.kron(A0.T, np.eye(2)) + np.kron(np.eye(2), A0.T)
+    P = np.linalg.solve(system, -2.0 * np.eye(2).reshape(-1)).reshape(2, 2)
+    z = np.array([found["columns"][name][0] for name in ("z1", "z2")])
+    epsilon = np.array([1.5, 0.0])
+    weight = 1 / (2 * values["e1"]) + 1 / (2 * values["e2"])
+    assert found["V"] == pytest.approx(float(z @ z / 2 + weight * epsilon @ P @ epsilon), rel=1e-12)
+
+
+def test_the_command_names_what_was_set(tab: Tab) -> None:
+    assert looked(tab, {})["command"] == "pmjoint simulate paper"
+    change = {
+        "saturation": "clip",
+        "controller": "sampled",
+        "x0": [-1, 0.5],
+        "values": {"c1": 20, "reference_gain": 2, "load": -0.5},
+        "factors": {"b0_plant": 0.9},
+    }
+    words = shlex.split(looked(tab, change)["command"])
+    assert words[2:] == [
+        *("paper", "--set", "c1=20", "--set", "b0_plant=1.8"),
+        *("--reference", "(2)*(sin(((1)*t))) + (0)"),
+        *("--disturbance", "0", "--disturbance", "(1)*(0.1*sin(x2)*cos(t)) + (-0.5)"),
+        *("--x0=-1,0.5", "--saturation", "clip", "--controller", "sampled"),
+    ]
