@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from pmjoint_codegen.chain import clocked
-from pmjoint_codegen.explorer.mathml import equation
+from pmjoint_codegen.report.mathml import equation
 from pmjoint_codegen.loops.chain import is_looped
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.reference.segments import make_segments
