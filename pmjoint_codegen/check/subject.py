@@ -14,12 +14,13 @@ from pmjoint_codegen.check.inputs.points import Batch, batches
 from pmjoint_codegen.compile.compiler import Compiler, find_compiler
 from pmjoint_codegen.emit.table import Kernel, kernel_table
 from pmjoint_codegen.emit.vocabulary import vocabulary
-from pmjoint_codegen.identity import Document
+from pmjoint_codegen.identity import Document, canonical_hash, model_hash
 from pmjoint_codegen.kernels import compiled, interpreted
 from pmjoint_codegen.kernels.evaluator import Evaluator
 from pmjoint_codegen.kernels.processor import usable_levels
 from pmjoint_codegen.kernels.tape import FILE_NAME, Tape, read_tapes
 from pmjoint_codegen.manifest import Function, Manifest
+from pmjoint_codegen.storage import sha256_file
 from pmjoint_codegen.workspace import cache_dir, generated_root
 from pmjoint_derive import Derivation, Model, derive
 from pmjoint_derive.progress import Stage, unwatched
@@ -48,6 +49,28 @@ class Subject:
     environment: Mapping[str, str]
     notify: Notify
     stage: Stage = unwatched
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """A hash of all that the gates' results depend on, except the machine's compilers and tools.
+
+        That is the model, its generated and golden files, the sources of this package, and the versions of
+        the tools that shape generated text.
+        """
+        from importlib import metadata  # slow to import
+
+        root = Path(__file__).resolve().parents[2]
+        sources = [
+            path
+            for folder in ("pmjoint_derive", "pmjoint_codegen")
+            for path in sorted((root / folder).rglob("*.*"))
+            if path.suffix in (".py", ".c", ".h", ".in")
+        ]
+        golden = self.folder.parent.parent / "golden"
+        made = sorted([*self.folder.glob("*.*"), *golden.glob(f"{self.model.name}.*")])
+        files = [(path.name, sha256_file(path)) for path in (*sources, *made)]
+        versions = [metadata.version(name) for name in ("sympy", "casadi", "numpy")]
+        return canonical_hash([model_hash(self.document), files, versions])
 
     @cached_property
     def derivation(self) -> Derivation:

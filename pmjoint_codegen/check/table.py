@@ -1,25 +1,5 @@
 """The flat table of gates, and the functions that run them.
 
-    gate                      checked side against reference
-    current                   generated/<name>/ against fresh output of the model and the tools
-    proof                     the certificate's identities against zero, with symbolic gains
-    interpreter               CasADi's interpreter against compiled C, bit for bit
-    lanes                     functions over lanes, as compiled for sweeps, against their tapes, bit for bit
-    symbolic                  compiled C against the derivation at 60 digits, within a derived error bound
-    guards                    bounds of the step control's kernels against the derivation at complex points
-    derivatives               emitted partial derivatives against algorithmic differentiation of alpha
-    trajectory.golden         the default run against the reviewed one
-    trajectory.invariants     runs against invariants of the theory
-    trajectory.certificate    V along the run against (35)
-    trajectory.independent    the default run and drawn ones against heyoka on the derivation's expressions
-    export                    exported C against the sampled run, sample by sample, within derived bounds
-    export.loop               exported C in closed loop against the sampled run, within a propagated bound
-    compilers.gcc, .clang     the generated C against all warnings
-    compilers.sanitizers      every kernel against memory errors and undefined behaviour
-    compilers.valgrind        every kernel against uninitialised values
-    compilers.objects         the object files against allocation, static mutable state and recursion
-    compilers.cppcheck        the generated C against cppcheck
-
 Each gate is a function from `Subject` to `GateResult`. A name selects its gate, or all gates whose names
 begin with it: ``trajectory`` selects four.
 """
@@ -65,34 +45,93 @@ class Gate:
         check: the function.
         needs_generated: whether it reads ``generated/<name>/``.
         outside: whether it waits for other programs, so it can run in parallel with the others.
+        about: the checked side against the reference.
     """
 
     name: str
     check: Callable[[Subject], GateResult]
     needs_generated: bool = True
     outside: bool = False
+    about: str = ""
 
 
 GATES: Final = (
-    Gate("current", current.check, needs_generated=False),
-    Gate("proof", proof.check, needs_generated=False),
-    Gate("interpreter", interpreter.check),
-    Gate("lanes", lanes.check),
-    Gate("symbolic", symbolic.check),
-    Gate("guards", guards.check),
-    Gate("derivatives", derivatives.check),
-    Gate("trajectory.golden", golden.check),
-    Gate("trajectory.invariants", invariants.check),
-    Gate("trajectory.certificate", certificate.check),
-    Gate("trajectory.independent", independent.check),
-    Gate("export", exported.check),
-    Gate("export.loop", exported_loop.check),
-    Gate("compilers.gcc", compilers.check_gcc, outside=True),
-    Gate("compilers.clang", compilers.check_clang, outside=True),
-    Gate("compilers.sanitizers", compilers.check_sanitizers, outside=True),
-    Gate("compilers.valgrind", compilers.check_valgrind, outside=True),
-    Gate("compilers.objects", compilers.check_objects, outside=True),
-    Gate("compilers.cppcheck", compilers.check_cppcheck, outside=True),
+    Gate(
+        "current",
+        current.check,
+        needs_generated=False,
+        about="generated/<name>/ against fresh output of the model and the tools",
+    ),
+    Gate(
+        "proof",
+        proof.check,
+        needs_generated=False,
+        about="the certificate's identities against zero, with symbolic gains",
+    ),
+    Gate("interpreter", interpreter.check, about="CasADi's interpreter against compiled C, bit for bit"),
+    Gate(
+        "lanes",
+        lanes.check,
+        about="functions over lanes, as compiled for sweeps, against their tapes, bit for bit",
+    ),
+    Gate(
+        "symbolic",
+        symbolic.check,
+        about="compiled C against the derivation at 60 digits, within a derived error bound",
+    ),
+    Gate(
+        "guards",
+        guards.check,
+        about="bounds of the step control's kernels against the derivation at complex points",
+    ),
+    Gate(
+        "derivatives",
+        derivatives.check,
+        about="emitted partial derivatives against algorithmic differentiation of alpha",
+    ),
+    Gate("trajectory.golden", golden.check, about="the default run against the reviewed one"),
+    Gate("trajectory.invariants", invariants.check, about="runs against invariants of the theory"),
+    Gate("trajectory.certificate", certificate.check, about="V along the run against (35)"),
+    Gate(
+        "trajectory.independent",
+        independent.check,
+        about="the default run and drawn ones against heyoka on the derivation's expressions",
+    ),
+    Gate(
+        "export",
+        exported.check,
+        about="exported C against the sampled run, sample by sample, within derived bounds",
+    ),
+    Gate(
+        "export.loop",
+        exported_loop.check,
+        about="exported C in closed loop against the sampled run, within a propagated bound",
+    ),
+    Gate("compilers.gcc", compilers.check_gcc, outside=True, about="the generated C against all warnings"),
+    Gate(
+        "compilers.clang", compilers.check_clang, outside=True, about="the generated C against all warnings"
+    ),
+    Gate(
+        "compilers.sanitizers",
+        compilers.check_sanitizers,
+        outside=True,
+        about="every kernel against memory errors and undefined behaviour",
+    ),
+    Gate(
+        "compilers.valgrind",
+        compilers.check_valgrind,
+        outside=True,
+        about="every kernel against uninitialised values",
+    ),
+    Gate(
+        "compilers.objects",
+        compilers.check_objects,
+        outside=True,
+        about="the object files against allocation, static mutable state and recursion",
+    ),
+    Gate(
+        "compilers.cppcheck", compilers.check_cppcheck, outside=True, about="the generated C against cppcheck"
+    ),
 )
 
 

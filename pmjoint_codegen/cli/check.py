@@ -74,7 +74,8 @@ def command(
         from pmjoint_codegen.check.junit import junit
         from pmjoint_codegen.storage import write_text
 
-        write_text(report, junit(results))
+        prints = {subject.model.name: subject.fingerprint for subject in subjects}
+        write_text(report, junit(results, prints))
     if as_json:
         document([_record(model, gate) for model, found in results.items() for gate in found])
     return _conclude([gate for found in results.values() for gate in found])

@@ -63,6 +63,11 @@ COMMANDS = (
         "Write the controller as C for another tool chain.",
     ),
     Entry(
+        "report",
+        "pmjoint_codegen.cli.report",
+        "Write a page with a model's derivation, proof, checks and runs.",
+    ),
+    Entry(
         "explorer",
         "pmjoint_codegen.cli.explorer",
         "Write a page that runs the closed loop in a browser.",

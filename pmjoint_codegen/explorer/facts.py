@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any, Final
 
 from pmjoint_codegen.chain import clocked
-from pmjoint_codegen.explorer.mathml import equation
 from pmjoint_codegen.loops.chain import is_looped
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.reference.segments import make_segments
+from pmjoint_codegen.report.mathml import equation
 from pmjoint_codegen.simulate.pace import leading_terms
 from pmjoint_codegen.simulate.settings import default_controller
 from pmjoint_codegen.values import filter_gains, from_si, positive_gains

@@ -228,18 +228,27 @@ def latex_prose(text: str) -> str:
 
 
 def prose_pieces(text: str) -> Iterator[tuple[str, str]]:
-    """Split a remark into pieces: plain ``text``, a ``unit`` as written, or a ``symbol`` in LaTeX.
+    """Split a remark into pieces: plain ``text``, a ``unit`` as written, or a ``symbol`` in LaTeX."""
+    for kind, piece in prose_words(text):
+        if kind == "symbol":
+            name, _, power = piece.partition("^")
+            yield kind, latex_name(name) + (f"^{{{power}}}" if power else "")
+        else:
+            yield kind, piece
+
+
+def prose_words(text: str) -> Iterator[tuple[str, str]]:
+    """Split a remark into pieces, all as written: plain ``text``, a ``unit``, or a ``symbol``.
 
     A symbol is a word with an index (``alpha1``, ``y_r``), a Greek letter, or a letter that is no word and
-    no unit: units follow a number, as in ``52 N``.
+    no unit: units follow a number, as in ``52 N``. It may have a power: ``y^2``.
     """
     for place, piece in enumerate(_QUANTITY.split(text)):  # every second piece is a unit
         if place % 2:
             yield "unit", piece
             continue
         for word in re.split(r"([A-Za-z]\w*(?:\^\d+)?)", piece):
-            symbol = _symbol(word)
-            yield ("text", word) if symbol is None else ("symbol", symbol)
+            yield ("symbol" if _is_symbol(word) else "text"), word
 
 
 def latex_unit(unit: str) -> str:
@@ -248,14 +257,12 @@ def latex_unit(unit: str) -> str:
     return "".join(f"$^{{{piece[1:]}}}$" if piece.startswith("^") else escape(piece) for piece in pieces)
 
 
-def _symbol(word: str) -> str | None:
-    """The LaTeX of a word that is a symbol, with its power; None for any other word."""
-    symbol, _, power = word.partition("^")
+def _is_symbol(word: str) -> bool:
+    """Whether a word, with its power, is a symbol."""
+    symbol = word.partition("^")[0]
     letter = len(symbol) == 1 and symbol not in "aAI"
     named = letter or symbol in _GREEK or symbol in _WORDS or re.search(r"\w[\d_]", symbol)
-    if not re.fullmatch(r"[A-Za-z]\w*", symbol) or not named or symbol == "compensator":
-        return None
-    return latex_name(symbol) + (f"^{{{power}}}" if power else "")
+    return bool(re.fullmatch(r"[A-Za-z]\w*", symbol) and named and symbol != "compensator")
 
 
 def escape(text: str) -> str:

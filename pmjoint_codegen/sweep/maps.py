@@ -21,7 +21,7 @@ from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.loops.metrics import REPORTED
 from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.simulate.style import BLUE, RUST, STONE, png, styled, wrapped
+from pmjoint_codegen.simulate.style import BLUE, RUST, STONE, png, rendered, styled, wrapped
 from pmjoint_codegen.sweep.metrics import INVALID
 from pmjoint_codegen.sweep.plan import DRAW, SATURATION
 from pmjoint_codegen.sweep.region import Border, border, held, held_share
@@ -78,6 +78,13 @@ def write_maps(dataset: xr.Dataset, manifest: Manifest, folder: Path) -> tuple[P
             storage.write_bytes(path, png(figure, _STYLE))
             paths.append(path)
     return tuple(paths)
+
+
+def region_figure(dataset: xr.Dataset, manifest: Manifest) -> bytes:
+    """Draw the region over the first two axes of a sweep, as the bytes of an SVG file."""
+    x, y = (str(name) for name in dataset["status"].dims[:2])
+    with styled(_STYLE):
+        return rendered(region(_ascending(dataset), manifest, x, y, ""), _STYLE, "svg")
 
 
 def _ascending(dataset: xr.Dataset) -> xr.Dataset:

@@ -1,0 +1,239 @@
+"""All that a report says of one model, gathered before anything is written.
+
+What cannot be had, because an extra or a compiler is not there, is an `Absent` with the reason.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pmjoint_codegen import __version__
+from pmjoint_codegen.check.gates.proof import design_values, unfit_gains
+from pmjoint_codegen.check.oracles.certificate import Certificate, certify
+from pmjoint_codegen.check.subject import Subject, load_subject
+from pmjoint_codegen.closed_loop import ClosedLoop
+from pmjoint_codegen.dossier.gates import Checked, checked
+from pmjoint_codegen.dossier.region import Map, draw_region
+from pmjoint_codegen.errors import PmjointError, SimulationError
+from pmjoint_codegen.export.package import TRACE, export_c
+from pmjoint_codegen.export.source import Identity as Exported
+from pmjoint_codegen.manifest import Manifest
+from pmjoint_codegen.margins import Margins
+from pmjoint_codegen.provision import Provided, provide
+from pmjoint_codegen.simulate.pace import LIMIT, paces
+from pmjoint_codegen.simulate.run import Run
+from pmjoint_codegen.workspace import find_model, is_stream
+from pmjoint_derive import Derivation
+from pmjoint_derive.consistency import consistency_identities
+from pmjoint_derive.equation import Equation, Identity
+from pmjoint_derive.progress import Stage, unwatched
+
+Notify = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Absent:
+    """Something that is not there.
+
+    Attributes:
+        reason: why, and what brings it, in one line.
+    """
+
+    reason: str
+
+
+@dataclass(frozen=True)
+class Traced:
+    """The exported controller and where its terms are.
+
+    Attributes:
+        file: name of the C file.
+        lines: its text, by line.
+        entries: of ``trace.json``.
+    """
+
+    file: str
+    lines: tuple[str, ...]
+    entries: tuple[Mapping[str, Any], ...]
+
+
+@dataclass(frozen=True)
+class Pace:
+    """The law over the sample time of the model.
+
+    Attributes:
+        sample_time: s.
+        turn: the fastest rate times the sample time.
+        limit: where a warning begins.
+    """
+
+    sample_time: float
+    turn: float
+    limit: float = LIMIT
+
+
+@dataclass(frozen=True)
+class Facts:
+    """One model.
+
+    Attributes:
+        called: the model on a command line.
+        text: of the model file, or nothing if it came from a pipe.
+        subject: model and derivation.
+        provided: its kernels.
+        equations: of the derivation and the certificate, in order.
+        identities: that the proof rests on, recomputed.
+        certificate: at the gains of the model.
+        checks: results of the gates.
+        run: the default run.
+        sampled: the same with a sampled controller at the model's sample time.
+        pace: of the law at that sample time.
+        margins: at the model's reference at t = 0.
+        region: from where the loop recovers.
+        trace: of the exported controller.
+    """
+
+    called: str
+    text: str
+    subject: Subject
+    provided: Provided
+    equations: tuple[Equation, ...]
+    identities: tuple[Identity, ...]
+    certificate: Certificate | Absent
+    checks: Checked
+    run: Run | Absent
+    sampled: Run | Absent
+    pace: Pace
+    margins: Margins | Absent
+    region: Map | Absent
+    trace: Traced | Absent
+
+    @property
+    def derivation(self) -> Derivation:
+        """The derivation."""
+        return self.subject.derivation
+
+    @property
+    def manifest(self) -> Manifest:
+        """The manifest of the kernels."""
+        return self.provided.manifest
+
+
+def gather(
+    model: str | Path,
+    *,
+    environment: Mapping[str, str],
+    notify: Notify,
+    stage: Stage = unwatched,
+    recorded: Path | None = None,
+    full: bool = False,
+    called: str = "",
+) -> Facts:
+    """Derive a model, check it, run it.
+
+    Args:
+        model: name or path.
+        environment: for compiler and cache folder.
+        notify: called with one line for the user.
+        stage: called with the name of a slow stage.
+        recorded: a JUnit file of ``pmjoint check`` for the gates that are not run here.
+        full: run every gate here.
+        called: the model in words, if it is not as asked.
+
+    Raises:
+        ModelError: the model cannot be found, read or derived.
+        MissingToolError: the toolchain is not installed.
+        UsageError: the file of recorded results cannot be read.
+    """
+    path = find_model(model)
+    text = "" if is_stream(path) else path.read_text(encoding="utf-8")
+    subject = load_subject(path, environment, notify, stage)
+    derivation = subject.derivation
+    stage("certificate", 0.0)
+    equations = (*derivation.equations.values(), *derivation.design.certificate(derivation))
+    identities = (*derivation.design.prove(derivation), *consistency_identities(derivation))
+    checks = checked(subject, recorded=recorded, full=full, stage=stage)
+    stage("simulating", 0.0)
+    provided = provide(path, environment=environment, notify=notify, stage=stage)
+    loop = ClosedLoop.load(path, environment=environment, notify=notify, stage=stage)
+    run = _run(loop)
+    stage("mapping the region", 0.0)
+    return Facts(
+        called=called or str(model),
+        text=text,
+        subject=subject,
+        provided=provided,
+        equations=equations,
+        identities=identities,
+        certificate=_certificate(derivation),
+        checks=checks,
+        run=run,
+        sampled=_run(loop, controller="sampled"),
+        pace=_pace(loop.manifest),
+        margins=_margins(loop),
+        region=_region(subject, environment, notify, run),
+        trace=_trace(derivation, loop.manifest),
+    )
+
+
+def _certificate(derivation: Derivation) -> Certificate | Absent:
+    values = design_values(derivation)
+    faults = unfit_gains(derivation, values)
+    if faults:
+        return Absent(f"no certificate at these gains: {'; '.join(faults)}")
+    return certify(derivation, values, derivation.model.disturbance_bound)
+
+
+def _run(loop: ClosedLoop, **asked: Any) -> Run | Absent:
+    try:
+        return loop.simulate(**asked)
+    except SimulationError as error:
+        return Absent(str(error))
+    except PmjointError as error:
+        return Absent(str(error))
+
+
+def _pace(manifest: Manifest) -> Pace:
+    import numpy as np
+
+    values = {item.name: np.array([item.value]) for item in manifest.parameters}
+    period = manifest.simulation.sample_time
+    return Pace(period, float(paces(manifest, values, np.array([period]))[0]))
+
+
+def _margins(loop: ClosedLoop) -> Margins | Absent:
+    try:
+        return loop.to_control().margins()
+    except PmjointError as error:
+        return Absent(str(error))
+
+
+def _region(
+    subject: Subject, environment: Mapping[str, str], notify: Notify, run: Run | Absent
+) -> Map | Absent:
+    missing = [name for name in ("xarray", "zarr") if importlib.util.find_spec(name) is None]
+    if missing:
+        from pmjoint_codegen.errors import installing
+
+        return Absent(f"needs {missing[0]}; install it: {installing('pmjoint-codegen[sweep]')}")
+    if isinstance(run, Absent):
+        return Absent("the default run failed")
+    try:
+        return draw_region(subject.file, run, environment, notify)
+    except PmjointError as error:
+        return Absent(str(error))
+
+
+def _trace(derivation: Derivation, manifest: Manifest) -> Traced | Absent:
+    import json
+
+    try:
+        made = export_c(derivation, Exported(manifest.name, manifest.model_hash, __version__))
+    except PmjointError as error:
+        return Absent(str(error))
+    file = f"{made.identity.prefix}.c"
+    return Traced(file, tuple(made.source.splitlines()), tuple(json.loads(made.files[TRACE])))

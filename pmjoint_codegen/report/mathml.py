@@ -1,0 +1,377 @@
+"""Equations as MathML, which browsers draw without help, from their text in Python's notation.
+
+A parameter carries its name as ``data-p``, so that a page can put its number there. Nothing here needs SymPy.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Collection, Iterator, Sequence
+from html import escape
+from typing import Final
+
+_GREEK: Final = dict(
+    zip(
+        [
+            "alpha",
+            "beta",
+            "gamma",
+            "delta",
+            "epsilon",
+            "zeta",
+            "eta",
+            "theta",
+            "kappa",
+            "lambda",
+            "mu",
+            "nu",
+            "xi",
+            "Xi",
+            "pi",
+            "rho",
+            "sigma",
+            "tau",
+            "phi",
+            "chi",
+            "psi",
+            "omega",
+            "Omega",
+            "Delta",
+            "Phi",
+        ],
+        "αβγδεζηθκλμνξΞπρστφχψωΩΔΦ",
+        strict=True,
+    )
+)
+_WORDS: Final = {
+    "du": '<mrow><mi mathvariant="normal">Δ</mi><mi>u</mi></mrow>',
+    "input_scale": "<msub><mi>κ</mi><mi>u</mi></msub>",
+    "compensator": "<msub><mi>s</mi><mi>r</mi></msub>",
+    "braking": "<msub><mi>α</mi><mi>b</mi></msub>",
+    "braking_range": "<mi>ℓ</mi>",
+    "braking_rate": "<mrow><mi>g</mi><mo>(</mo><msub><mi>r</mi><mn>1</mn></msub><mo>)</mo></mrow>",
+    "f_minus": "<msub><mi>f</mi><mo>−</mo></msub>",
+    "f_plus": "<msub><mi>f</mi><mo>+</mo></msub>",
+}
+_ACCENT: Final = re.compile(r"(?P<stem>[A-Za-z]+)(?P<number>\d*)_(?P<mark>dot|hat)(?P<rest>\d*(?:_\w+)?)")
+_DERIVED_RATE: Final = re.compile(r"(?P<stem>[A-Za-z]+)_hat(?P<number>\d*)_dot(?P<rest>(?:_\w+)?)")
+_MARKS: Final = {"dot": "˙", "hat": "^"}
+_PARTIAL: Final = re.compile(r"d(?P<order>\d*)(?P<of>[A-Za-z]\w*?\d*)_d(?P<by>\w+)")
+_RATE: Final = re.compile(r"d(?P<order>\d*)(?P<of>y_r|y)")
+_NAME: Final = re.compile(r"(?P<base>[A-Za-z]+?)(?P<number>\d*)(?P<rest>(?:_\w+)?)")
+_GAIN: Final = re.compile(r"ck(?P<number>\d+)")
+_KEYWORD: Final = "lambda"  # a name of the models, and a word of Python
+_TEN: Final = re.compile(r"(-?)([\d.]+)e([-+]?\d+)")
+
+_SUM, _PRODUCT, _SIGN, _POWER, _ATOM = range(5)  # precedence
+_WIDTH: Final = 66  # glyphs of a row of mathematics, about what a printed page holds
+
+
+def equation(name: str, text: str, parameters: Collection[str]) -> str:
+    """``name = text`` as a ``<math>`` element.
+
+    Args:
+        name: what is defined, such as ``z1`` or ``r1_dot``.
+        text: an expression in Python's notation.
+        parameters: names to mark.
+    """
+    body, _ = _Printer(parameters).node(_parsed(text))
+    return f'<math display="inline">{symbol(name)}<mo>=</mo>{body}</math>'
+
+
+def displayed(name: str, text: str, width: int = _WIDTH) -> str:
+    """``name = text`` as a ``<math>`` element of its own line, a long sum broken between its terms.
+
+    Args:
+        name: what is defined.
+        text: an expression in Python's notation.
+        width: glyphs that a line may have.
+    """
+    tree, printer = _parsed(text), _Printer((), product=_TIMES)
+    left = symbol(name)
+    if _wide(tree) <= width:
+        return f'<math display="block">{left}<mo>=</mo>{printer.node(tree)[0]}</math>'
+    rows = list(_rows(printer, tree, width))
+    if len(rows) == 1:
+        return f'<math display="block">{left}<mo>=</mo>{rows[0]}</math>'
+    cells = [f"<mtd>{left}<mo>=</mo></mtd><mtd>{rows[0]}</mtd>"]
+    cells += [f"<mtd></mtd><mtd>{row}</mtd>" for row in rows[1:]]
+    lines = "".join(f"<mtr>{cell}</mtr>" for cell in cells)
+    return f'<math display="block"><mtable displaystyle="true">{lines}</mtable></math>'
+
+
+def formula(text: str) -> str:
+    """An expression as a ``<math>`` element within a line."""
+    return f'<math display="inline">{_Printer((), product=_TIMES).node(_parsed(text))[0]}</math>'
+
+
+def inline_symbol(name: str, power: str = "") -> str:
+    """A name as a ``<math>`` element within a line, raised to a power if there is one."""
+    body = symbol(name)
+    raised = f"<msup>{body}<mn>{escape(power)}</mn></msup>" if power else body
+    return f'<math display="inline">{raised}</math>'
+
+
+def symbol(name: str) -> str:
+    """A name as a symbol: ``Xi21``, ``y_r``, ``dalpha1_dy``, ``r1_dot``, ``x_hat1``."""
+    name = name.rstrip("_")
+    if name in _WORDS:
+        return _WORDS[name]
+    if name in _GREEK:
+        return _identifier(_GREEK[name])
+    if found := _RATE.fullmatch(name):
+        dots = "¨" if found["order"] == "2" else "˙" if not found["order"] else f"({found['order']})"
+        return _raised("y", dots, "r" if found["of"] == "y_r" else "")
+    if found := _PARTIAL.fullmatch(name):
+        return _partial(found["order"], found["of"], found["by"].split("_d"))
+    if name.startswith("rate_of_"):
+        return f'<mover accent="true">{symbol(name.removeprefix("rate_of_"))}<mo>˙</mo></mover>'
+    if name.endswith("_start"):
+        return f"<mrow>{symbol(name.removesuffix('_start'))}<mo>(</mo><mn>0</mn><mo>)</mo></mrow>"
+    if found := _DERIVED_RATE.fullmatch(name):
+        hat = f'<mover accent="true">{_letters(found["stem"])}<mo>^</mo></mover>'
+        return _below(f'<mover accent="true">{hat}<mo>˙</mo></mover>', found["number"] + found["rest"])
+    if found := _ACCENT.fullmatch(name):
+        stem = f'<mover accent="true">{_letters(found["stem"])}<mo>{_MARKS[found["mark"]]}</mo></mover>'
+        return _below(stem, found["number"] + found["rest"])
+    if found := _GAIN.fullmatch(name):
+        return f"<msub><mi>c</mi><mrow><mi>k</mi><mn>{found['number']}</mn></mrow></msub>"
+    return _plain(name)
+
+
+def _raised(letter: str, dots: str, index: str) -> str:
+    """A letter with its derivative's dots or order, and its index below."""
+    if len(dots) == 1:
+        return _below(f'<mover accent="true"><mi>{letter}</mi><mo>{dots}</mo></mover>', index)
+    order = f"<mrow><mo>{dots}</mo></mrow>"
+    return (
+        f"<msubsup><mi>{letter}</mi><mi>{index}</mi>{order}</msubsup>"
+        if index
+        else f"<msup><mi>{letter}</mi>{order}</msup>"
+    )
+
+
+def _partial(order: str, of: str, by: Sequence[str]) -> str:
+    sign = f"<msup><mo>∂</mo><mn>{order}</mn></msup>" if order else "<mo>∂</mo>"
+    below = "".join(f"<mo>∂</mo>{symbol(item)}" for item in by)
+    return f"<mfrac><mrow>{sign}{symbol(of)}</mrow><mrow>{below}</mrow></mfrac>"
+
+
+def _plain(name: str) -> str:
+    """Letters with everything else below them."""
+    found = _NAME.fullmatch(name)
+    if found is None:
+        return _identifier(name)
+    return _below(_letters(found["base"]), found["number"] + found["rest"])
+
+
+def _below(stem: str, index: str) -> str:
+    """A stem with what follows it as its index: figures, then words."""
+    parts = [part for part in re.split(r"(\d+)|_", index) if part]
+    if not parts:
+        return stem
+    words = "<mo>,</mo>".join(f"<mn>{part}</mn>" if part.isdigit() else _letters(part) for part in parts)
+    return f"<msub>{stem}{words}</msub>" if len(parts) == 1 else f"<msub>{stem}<mrow>{words}</mrow></msub>"
+
+
+def _letters(word: str) -> str:
+    return _identifier(_GREEK.get(word, word))
+
+
+def _identifier(text: str) -> str:
+    return f"<mi>{escape(text)}</mi>"
+
+
+def _number(value: float) -> str:
+    """A number with all the digits that it has."""
+    short = f"{value:g}"
+    digits = short if float(short) == value else repr(value)
+    if found := _TEN.fullmatch(digits):
+        sign = "<mo>−</mo>" if found[1] else ""
+        lead = "" if found[2] == "1" else f'<mn>{found[2]}</mn><mo class="times">·</mo>'
+        exponent = int(found[3])
+        power = f"<mrow><mo>−</mo><mn>{-exponent}</mn></mrow>" if exponent < 0 else f"<mn>{exponent}</mn>"
+        return f"<mrow>{sign}{lead}<msup><mn>10</mn>{power}</msup></mrow>"
+    return f"<mn>{digits}</mn>"
+
+
+def _parsed(text: str) -> ast.expr:
+    """The syntax of a text, with the sign of a product before the whole product."""
+    return _outward(ast.parse(re.sub(rf"\b{_KEYWORD}\b", f"{_KEYWORD}_", text), mode="eval").body)
+
+
+def _outward(tree: ast.expr) -> ast.expr:
+    """``(-a)*b`` as ``-(a*b)``, everywhere: Python reads ``-a*b`` as the former."""
+    match tree:
+        case ast.BinOp(left=left, op=op, right=right):
+            left, right = _outward(left), _outward(right)
+            if isinstance(op, ast.Mult | ast.Div) and isinstance(left, ast.UnaryOp):
+                return ast.UnaryOp(left.op, ast.BinOp(left.operand, op, right))
+            return ast.BinOp(left, op, right)
+        case ast.UnaryOp(op=op, operand=operand):
+            return ast.UnaryOp(op, _outward(operand))
+        case ast.Call(func=func, args=args):
+            return ast.Call(func, [_outward(item) for item in args], [])
+    return tree
+
+
+def _terms(tree: ast.expr, negative: bool = False) -> list[tuple[bool, ast.expr]]:
+    """The terms of a sum, each with whether it is subtracted."""
+    match tree:
+        case ast.BinOp(left=left, op=ast.Add() | ast.Sub() as op, right=right):
+            return [*_terms(left, negative), *_terms(right, negative ^ isinstance(op, ast.Sub))]
+        case ast.UnaryOp(operand=operand):
+            return [(not negative, operand)]
+    return [(negative, tree)]
+
+
+def _is_sum(tree: ast.expr) -> bool:
+    return isinstance(tree, ast.BinOp) and isinstance(tree.op, ast.Add | ast.Sub)
+
+
+def _factored(tree: ast.expr) -> tuple[ast.expr, ast.expr] | None:
+    """``factor * (sum)`` as both, so that the sum can be broken; None for anything else."""
+    match tree:
+        case ast.BinOp(left=left, op=ast.Mult() | ast.Div() as op, right=right):
+            if _is_sum(left):
+                one = ast.Constant(1)
+                return (ast.BinOp(one, op, right) if isinstance(op, ast.Div) else right), left
+            if _is_sum(right) and isinstance(op, ast.Mult):
+                return left, right
+            if inner := _factored(left):
+                return ast.BinOp(inner[0], op, right), inner[1]
+    return None
+
+
+def _rows(printer: _Printer, tree: ast.expr, width: int) -> Iterator[str]:
+    """A wide expression as rows, each with as many terms as it holds."""
+    row, filled = "", 0
+    for k, (negative, text, wide) in enumerate(_pieces(printer, _terms(tree), width)):
+        sign = "<mo>−</mo>" if negative else "" if negative is None or k == 0 else "<mo>+</mo>"
+        if row and filled + wide > width:
+            yield f"<mrow>{row}</mrow>"
+            row, filled = "", 4
+        row, filled = row + sign + text, filled + wide + 3
+    yield f"<mrow>{row}</mrow>"
+
+
+def _pieces(
+    printer: _Printer, terms: Sequence[tuple[bool, ast.expr]], width: int
+) -> Iterator[tuple[bool | None, str, int]]:
+    """Sign, MathML and width of each term; one that no row holds comes as a factor and the terms of its sum.
+
+    The sign is None where what stands before it is a bracket.
+    """
+    for negative, term in terms:
+        wide, split = _wide(term), _factored(term)
+        if wide <= width or split is None:
+            yield negative, printer.inside(term, _PRODUCT), wide
+            continue
+        factor, inner = split
+        yield negative, f"{printer.inside(factor, _PRODUCT)}{_TIMES}{_BRACKET[0]}", _wide(factor) + 1
+        parts = list(_pieces(printer, _terms(inner), width))
+        for k, (sign, text, size) in enumerate(parts):
+            last = _BRACKET[1] if k == len(parts) - 1 else ""
+            yield (None if k == 0 and not sign else sign), text + last, size
+
+
+_BRACKET: Final = ('<mo stretchy="false">[</mo>', '<mo stretchy="false">]</mo>')
+_TIMES: Final = "<mo>&#x2062;</mo>"  # the invisible product
+_DOT: Final = '<mo class="times">·</mo>'
+
+
+def _wide(tree: ast.expr) -> int:
+    """About how many glyphs an expression is wide; indices and powers count half."""
+    match tree:
+        case ast.Constant(value=value):
+            return len(f"{value:g}") if isinstance(value, int | float) else 1
+        case ast.Name(id=name):
+            return _wide_name(name)
+        case ast.UnaryOp(operand=operand):
+            return 1 + _wide(operand)
+        case ast.BinOp(left=left, op=ast.Div(), right=right):
+            return 1 + max(_wide(left), _wide(right))
+        case ast.BinOp(left=left, op=ast.Pow(), right=right):
+            return _wide(left) + (_wide(right) + 1) // 2 + 2 * isinstance(left, ast.BinOp)
+        case ast.BinOp(left=left, op=ast.Mult(), right=right):
+            return _wide(left) + _wide(right) + 2 * (_is_sum(left) + _is_sum(right))
+        case ast.BinOp(left=left, right=right):
+            return _wide(left) + _wide(right) + 3
+        case ast.Call(func=ast.Name(id=name), args=arguments):
+            return len(name) + 2 + sum(_wide(item) + 1 for item in arguments)
+    return len(ast.unparse(tree))
+
+
+def _wide_name(name: str) -> int:
+    if found := _PARTIAL.fullmatch(name):
+        by = found["by"].split("_d")
+        return 1 + max(1 + _wide_name(found["of"]), sum(1 + _wide_name(item) for item in by))
+    base = re.sub(r"_(dot|hat)", "", name)
+    letters = re.match(r"[A-Za-z]*", base)
+    stem = letters[0] if letters else ""
+    return (1 if stem in _GREEK else max(1, len(stem))) + (len(base) - len(stem) + 1) // 2
+
+
+class _Printer:
+    """Prints syntax; each method gives the text and its precedence."""
+
+    def __init__(self, parameters: Collection[str], product: str = _DOT) -> None:
+        self.parameters = parameters
+        self.product = product
+
+    def node(self, tree: ast.expr) -> tuple[str, int]:
+        match tree:
+            case ast.Constant(value=int() | float() as value):
+                return _number(value), _ATOM
+            case ast.Name(id=name):
+                known = name.rstrip("_")
+                if known in self.parameters:
+                    return f'<mrow data-p="{escape(known)}">{symbol(known)}</mrow>', _ATOM
+                return symbol(known), _ATOM
+            case ast.UnaryOp(operand=operand):
+                return f"<mo>−</mo>{self.inside(operand, _PRODUCT)}", _SIGN
+            case ast.BinOp(left=left, op=ast.Div(), right=right):
+                above, below = self.inside(left, _SUM), self.inside(right, _SUM)
+                return f"<mfrac><mrow>{above}</mrow><mrow>{below}</mrow></mfrac>", _ATOM
+            case ast.BinOp(left=left, op=ast.Pow(), right=right):
+                base, power = self.inside(left, _ATOM), self.inside(right, _SUM)
+                if _is_fraction(left):
+                    base = f"<mrow><mo>(</mo>{base}<mo>)</mo></mrow>"
+                return f"<msup><mrow>{base}</mrow><mrow>{power}</mrow></msup>", _POWER
+            case ast.BinOp(left=left, op=ast.Mult(), right=right):
+                first, second = self.inside(left, _PRODUCT), self.inside(right, _PRODUCT)
+                sign = _DOT if isinstance(right, ast.Constant) else self.product
+                return f"{first}{sign}{second}", _PRODUCT
+            case ast.BinOp(left=left, op=op, right=right):
+                sign = "+" if isinstance(op, ast.Add) else "−"
+                least = _PRODUCT if isinstance(op, ast.Sub) else _SUM
+                second = self.inside(right, least)
+                return f"{self.inside(left, _SUM)}<mo>{sign}</mo>{second}", _SUM
+            case ast.Call(func=ast.Name(id=name), args=arguments):
+                return self.call(name, arguments)
+        return f"<mtext>{escape(ast.unparse(tree))}</mtext>", _ATOM
+
+    def call(self, name: str, arguments: Sequence[ast.expr]) -> tuple[str, int]:
+        """A function: roots, magnitudes and powers of e as such, any other by its name."""
+        inside = "<mo>,</mo>".join(self.inside(item, _SUM) for item in arguments)
+        if name == "sqrt":
+            return f"<msqrt>{inside}</msqrt>", _ATOM
+        if name == "abs":
+            return f'<mrow><mo stretchy="true">|</mo>{inside}<mo stretchy="true">|</mo></mrow>', _ATOM
+        if name == "exp":
+            return f'<msup><mi mathvariant="normal">e</mi><mrow>{inside}</mrow></msup>', _POWER
+        return f"<mrow><mi>{escape(name)}</mi><mo>&#x2061;</mo><mo>(</mo>{inside}<mo>)</mo></mrow>", _ATOM
+
+    def inside(self, tree: ast.expr, least: int) -> str:
+        """With brackets if it binds less than its surroundings."""
+        text, precedence = self.node(tree)
+        loose = precedence < least or (precedence == _SIGN and least > _SUM)
+        return f"<mrow><mo>(</mo>{text}<mo>)</mo></mrow>" if loose else text
+
+
+def _is_fraction(tree: ast.expr) -> bool:
+    """Whether it is drawn as a fraction, to which a power would not visibly apply."""
+    if isinstance(tree, ast.Name):
+        return _PARTIAL.fullmatch(tree.id) is not None
+    return isinstance(tree, ast.BinOp) and isinstance(tree.op, ast.Div)
