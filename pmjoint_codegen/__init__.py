@@ -24,6 +24,8 @@ if TYPE_CHECKING:
         StaleError,
         UsageError,
     )
+    from pmjoint_codegen.simulate.compare import compare
+    from pmjoint_codegen.simulate.folder import open_run
     from pmjoint_codegen.simulate.run import Run
 
 __version__ = "0.1.0"
@@ -40,6 +42,8 @@ __all__ = [
     "StaleError",
     "UsageError",
     "__version__",
+    "compare",
+    "open_run",
 ]
 
 
@@ -47,6 +51,10 @@ def _home(name: str) -> str | None:
     """Name the module that defines a public name, or None for a name that is not public."""
     if name == "ClosedLoop":
         return "pmjoint_codegen.closed_loop"
+    if name == "compare":
+        return "pmjoint_codegen.simulate.compare"
+    if name == "open_run":
+        return "pmjoint_codegen.simulate.folder"
     if name == "Run":
         return "pmjoint_codegen.simulate.run"
     return "pmjoint_codegen.errors" if name in __all__ else None

@@ -292,13 +292,23 @@ class Manifest:
 
     def to_json(self) -> str:
         """The file's text, with a hash over itself."""
-        contents = {"schema": SCHEMA, **asdict(self), "contents_hash": ""}
+        contents = {"schema": SCHEMA, **self.to_contents(), "contents_hash": ""}
+        text = json.dumps(contents, indent=1, ensure_ascii=False) + "\n"
+        return _with_hash(text, "", sha256(text.encode()))
+
+    def to_contents(self) -> dict[str, Any]:
+        """The fields as values of JSON, without a reference's data."""
+        contents = asdict(self)
         del contents["simulation"]["command"]
         for item in _scaled_records(contents):
             if item["scale"] == SI:  # written only if it says something
                 del item["scale"]
-        text = json.dumps(contents, indent=1, ensure_ascii=False) + "\n"
-        return _with_hash(text, "", sha256(text.encode()))
+        return contents
+
+    def without_kernels(self) -> Manifest:
+        """The same model without what only its kernels need, for the record of a run."""
+        kept = tuple(item for item in self.functions if item.name == "holds")  # tells whether a kink can hold
+        return replace(self, functions=kept, guards={}, partials=(), files={})
 
     @classmethod
     def from_json(cls, text: str, where: str) -> Manifest:
@@ -323,11 +333,12 @@ class Manifest:
             )
         if contents.pop("schema") == SCHEMA and contents.keys() == {field.name for field in fields(cls)}:
             with suppress(TypeError, KeyError):  # records inside with other fields
-                return cls._from_contents(contents)
+                return cls.from_contents(contents)
         raise OtherVersionError("was written by another version", where=where, remedy=_REMEDY)
 
     @classmethod
-    def _from_contents(cls, contents: dict[str, Any]) -> Manifest:
+    def from_contents(cls, contents: dict[str, Any]) -> Manifest:
+        """Rebuild a manifest from `to_contents`; raises `TypeError` or `KeyError` for other fields."""
         records = {"states": Variable, "signals": Variable, "parameters": Parameter}
         for key, record in records.items():
             contents[key] = tuple(record(**item) for item in contents[key])

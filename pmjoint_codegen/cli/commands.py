@@ -27,6 +27,11 @@ COMMANDS = (
         "Integrate the closed loop; write trajectory, summary, figures.",
     ),
     Entry(
+        "plot",
+        "pmjoint_codegen.cli.plot",
+        "Redraw a run from its folder, or compare several.",
+    ),
+    Entry(
         "sweep",
         "pmjoint_codegen.cli.sweep",
         "Simulate over grids and random draws; write data and maps.",

@@ -56,6 +56,7 @@ _BRINGS = {  # module -> what installs it
     "mcap": "pmjoint-codegen[logs]",
     "_cffi_backend": "cffi",
     "matplotlib": "matplotlib",
+    "plotext": "pmjoint-codegen[terminal]",
     "scipy": "scipy",
 }
 
@@ -148,7 +149,7 @@ def _invoke(arguments: list[str]) -> int:
     group = program()
     if "_PMJOINT_COMPLETE" in os.environ:  # the shell requests completions
         group.main(arguments, prog_name="pmjoint")
-    with group.make_context("pmjoint", arguments) as context:
+    with group.make_context("pmjoint", arguments, obj=tuple(arguments)) as context:  # for a run's record
         code = group.invoke(context)
     return code if isinstance(code, int) else 0
 

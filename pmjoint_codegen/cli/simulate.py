@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Unpack, cast
 
 import click
 
-from pmjoint_codegen.cli.drawing import ready_matplotlib
+from pmjoint_codegen.cli.drawing import FIGURE_FORMATS, kinds_of, page_options, ready_matplotlib
 from pmjoint_codegen.cli.options import (
     ModelName,
     Place,
@@ -18,7 +18,7 @@ from pmjoint_codegen.cli.options import (
     tell_design,
 )
 from pmjoint_codegen.cli.summary_table import summary_table
-from pmjoint_codegen.cli.terminal import activity, as_json, document, message, result
+from pmjoint_codegen.cli.terminal import activity, document, message, result
 from pmjoint_codegen.errors import SimulationError, UsageError
 from pmjoint_codegen.logs.formats import FORMATS, available
 from pmjoint_codegen.simulate.page import page_of
@@ -27,17 +27,16 @@ if TYPE_CHECKING:
     from pmjoint_codegen.closed_loop import ClosedLoop
     from pmjoint_codegen.provision import Reference
     from pmjoint_codegen.simulate.against import Log
-    from pmjoint_codegen.simulate.page import Page
     from pmjoint_codegen.simulate.run import Run
     from pmjoint_codegen.simulate.settings import CommandOptions
 
-FIGURE_FORMATS = ("png", "pdf", "svg")  # the default first
 _DETAIL_ROWS = 500  # of the saturated transient in the figures
 
 _ABOUT = """Integrate the closed loop of MODEL.
 
-Writes trajectory.csv, summary.json and figures into a folder and prints a short table. Defaults come from
-the model file. A run that fails still writes what it has, and exits with 3.
+Writes trajectory.csv, summary.json, run.json and figures into a folder and prints a short table. Defaults
+come from the model file. The folder is the run's own record: `pmjoint plot` redraws it, and compares it with
+others. A run that fails still writes what it has, and exits with 3.
 """
 
 _EXAMPLES = """\b
@@ -52,6 +51,7 @@ Examples
   pmjoint simulate paper --format parquet --format mat --format mcap
   pmjoint simulate paper --format pdf --width ieee --no-caption
   pmjoint simulate paper --no-compensator --no-figures --json
+  pmjoint simulate paper --no-figures --plot
 """
 
 
@@ -104,20 +104,11 @@ Examples
     + ", ".join(f"{item.name} ({item.about})" for item in FORMATS)
     + f"; or of the figures, {', '.join(FIGURE_FORMATS)}, by default png; repeatable.",
 )
-@click.option("--no-caption", is_flag=True, help="Draw figures without captions.")
-@click.option(
-    "--style",
-    type=click.Choice(["paper", "slides"]),
-    default="paper",
-    help="Of figures: slides have larger text and heavier lines.",
-)
-@click.option(
-    "--width",
-    metavar="WIDTH",
-    help="Of figures: a length, such as 120mm or 5in, or ieee (3.5in), ieee-wide (7.16in), elsevier (90mm),"
-    " elsevier-wide (190mm) [default: 6.3in, slides 10in].",
-)
+@page_options
 @click.option("--no-figures", is_flag=True, help="Draw no figures.")
+@click.option(
+    "--plot", "plots", is_flag=True, help="Also plot y, y_r and u in the terminal; needs the extra terminal."
+)
 @click.option(
     "--json", "wants_json", is_flag=True, help="Print the summary as one JSON document, not as a table."
 )
@@ -135,37 +126,60 @@ def command(
     style: str,
     width: str | None,
     no_figures: bool,
+    plots: bool,
     wants_json: bool,
     **asked: Unpack[CommandOptions],
 ) -> int:
     """Run ``pmjoint simulate``: click passes the parsed arguments."""
+    from pmjoint_codegen.cli.plotted import check_plots, terminal_plot
+    from pmjoint_codegen.cli.records import check_owner, recorded_command
+    from pmjoint_codegen.simulate.figures import write_figures
+    from pmjoint_codegen.simulate.folder import Origin, write_run
     from pmjoint_codegen.storage import ensure_folder
 
     check_saturation(saturation, asked)
     for name in formats:  # a package that is absent is named before the run, not after it
         if name not in FIGURE_FORMATS:
             available(name, "--format")
+    if plots:
+        check_plots(wants_json)
     page = page_of(style, width, caption=not no_caption)
     if out:
         ensure_folder(out)
     loop = _load(model, evaluator, reference, disturbance, saturation)
     tell_clock(asked, loop.manifest)
     folder = out or Path("runs") / loop.manifest.name
+    if not out:
+        check_owner(folder, model)
     ensure_folder(folder)
     run, failure = _run(loop, asked)
     tell_design(run.manifest, _warning(run))
     notes = (f"disturbance = ({', '.join(disturbance)})",) if disturbance else ()
     log = _compared(run, against, against_column)
-    files = write_results(run, folder, formats)
+    detail = _transient(loop, run, asked)
+    origin = Origin(recorded_command(), model, notes)
+    files = write_run(run, folder, origin, formats=formats, detail=detail, log=log)
     try:
         if not no_figures:
-            kinds = [name for name in FIGURE_FORMATS if name in formats] or FIGURE_FORMATS[:1]
-            files += _draw(loop, run, asked, folder, notes, log, page, kinds)
+            ready_matplotlib()
+            with activity("drawing figures") as progress:
+                files += write_figures(
+                    run,
+                    folder,
+                    detail=detail,
+                    notes=notes,
+                    log=log,
+                    page=page,
+                    kinds=kinds_of(formats),
+                    progress=progress,
+                )
     finally:  # report the result even if the figures fail
         if wants_json:
             document({**run.summary, "files": files})
         else:
             result(summary_table(run, notes, files))
+    if plots:
+        result(terminal_plot(run))
     if failure is not None:
         message(f"pmjoint: {failure}")
     return failure.exit_code if failure else 0
@@ -226,52 +240,12 @@ def _compared(run: Run, against: Path | None, chosen: Sequence[str]) -> Log | No
     return log
 
 
-def write_results(run: Run, folder: Path, formats: Sequence[str]) -> tuple[Path, ...]:
-    """Write the trajectory in ``csv`` and other formats, and ``summary.json``, each whole or not at all.
-
-    Figures of an earlier run are removed, and its trajectories in formats that this one does not write: they
-    would stand beside data that they do not show.
-
-    Raises:
-        UsageError: a file cannot be written.
-    """
-    from pmjoint_codegen.storage import explained, write_text
-
-    summary = folder / "summary.json"
-    chosen = [item.name for item in FORMATS if item.name == "csv" or item.name in formats]
-    trajectories = tuple(folder / f"trajectory.{name}" for name in chosen)
-    old = [folder / f"trajectory.{item.name}" for item in FORMATS]
-    for kind in FIGURE_FORMATS:
-        old += [*folder.glob(f"figure[0-9]*_*.{kind}"), folder / f"overview.{kind}"]
-    for path in set(old) - set(trajectories):
-        with explained(path):
-            path.unlink(missing_ok=True)
-    for path in trajectories:
-        run.save(path)
-    write_text(summary, as_json(run.summary) + "\n")
-    return (*trajectories, summary)
-
-
-def _draw(
-    loop: ClosedLoop,
-    run: Run,
-    asked: CommandOptions,
-    folder: Path,
-    notes: Sequence[str],
-    log: Log | None,
-    page: Page,
-    kinds: Sequence[str],
-) -> tuple[Path, ...]:
-    """Draw the figures; the saturated transient comes from a second, short run on a fine grid."""
-    from pmjoint_codegen.simulate.figures import write_figures
+def _transient(loop: ClosedLoop, run: Run, asked: CommandOptions) -> Run | None:
+    """The saturated transient, if there is one, from a second, short run on a fine grid."""
     from pmjoint_codegen.simulate.sheets import transient_window
 
-    ready_matplotlib()
-    window, detail = transient_window(run), None
-    if window is not None:
-        step = min(window / _DETAIL_ROWS, run.settings.output_step)
-        detail, _ = _run(loop, {**asked, "horizon": window, "output_step": step})
-    with activity("drawing figures") as progress:
-        return write_figures(
-            run, folder, detail=detail, notes=notes, log=log, page=page, kinds=kinds, progress=progress
-        )
+    window = transient_window(run)
+    if window is None:
+        return None
+    step = min(window / _DETAIL_ROWS, run.settings.output_step)
+    return _run(loop, {**asked, "horizon": window, "output_step": step})[0]

@@ -79,9 +79,14 @@ def sentence(run: Record, notes: Sequence[str] = ()) -> str:
         run: what is captioned.
         notes: further changes that the run itself cannot recognise as such.
     """
-    parts = {
+    parts = parts_of(run, notes)
+    return " ".join(f"{label}: {', '.join(items)}." for label, items in parts.items() if items)
+
+
+def parts_of(run: Record, notes: Sequence[str] = ()) -> dict[str, tuple[str, ...]]:
+    """The same, each part a list of settings by its label."""
+    return {
         "Assumed, not stated in the paper": assumed(run),
         "Settings": stated(run),
         "Changed": (*changes(run), *notes),
     }
-    return " ".join(f"{label}: {', '.join(items)}." for label, items in parts.items() if items)

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from pmjoint_codegen import storage
+from pmjoint_codegen.simulate.chosen import chosen_panels
 from pmjoint_codegen.simulate.page import PRINTED, Page
 from pmjoint_codegen.simulate.sheets import (
     Panel,
@@ -83,19 +84,24 @@ def write_figures(
         UsageError: a file cannot be written.
     """
     plans = sheets(run)
-    paths = []
+    paths: list[Path] = []
     for done, sheet in enumerate((None, *plans), start=1):
         figure = (
             draw(run, sheet, detail=detail, notes=notes, log=log, page=page)
             if sheet
             else overview(run, notes=notes, log=log, page=page)
         )
-        for kind in kinds:
-            path = folder / f"{sheet.stem if sheet else 'overview'}.{kind}"
-            storage.write_bytes(path, rendered(figure, look_of(page), kind))
-            paths.append(path)
+        paths += save_figure(figure, folder / (sheet.stem if sheet else "overview"), page, kinds)
         progress(done / (len(plans) + 1))
     return tuple(paths)
+
+
+def save_figure(figure: Figure, stem: Path, page: Page, kinds: Sequence[str]) -> tuple[Path, ...]:
+    """Write a figure in every format, each file whole or not at all; raises `UsageError` if it cannot."""
+    paths = tuple(stem.with_name(f"{stem.name}.{kind}") for kind in kinds)
+    for path, kind in zip(paths, kinds, strict=True):
+        storage.write_bytes(path, rendered(figure, look_of(page), kind))
+    return paths
 
 
 def look_of(page: Page) -> Look:
@@ -115,18 +121,18 @@ def draw(
     """Draw one figure: the whole run on the right, the saturated transient, if there is one, on the left."""
     window = transient_window(run)
     with styled(look_of(page)):
-        lines = _caption_lines(caption(run, sheet, notes), page)
+        lines = caption_lines(caption(run, sheet, notes), page)
         height = 1.75 if len(sheet.panels) == 1 else 1.3
-        figure, grid = _canvas(page, len(sheet.panels), (1.0, 1.9) if window else (1.0,), height, len(lines))
+        figure, grid = canvas(page, len(sheet.panels), (1.0, 1.9) if window else (1.0,), height, len(lines))
         for row, panel in zip(grid, sheet.panels, strict=True):
             if window:
-                _plot(row[0], detail or run, panel, window, log, page)
+                _plot(row[0], run, panel, window, log, page, detail)
             _plot(row[-1], run, panel, None, log, page)
             row[0].set_ylabel(panel.label)
             _legend(row[-1], panel, page)
         if window:
             _name_limits(grid[0][0], run, window, page)
-        _finish(figure, grid, lines, page)
+        finish(figure, grid, lines, page)
     return figure
 
 
@@ -134,42 +140,80 @@ def overview(
     run: Record, *, notes: Sequence[str] = (), log: Log | None = None, page: Page = PRINTED
 ) -> Figure:
     """Draw the whole run on one page, in two columns."""
-    panels = overview_panels(run)
+    return _in_columns(run, overview_panels(run), 2, notes, log, page)
+
+
+def chosen_figure(
+    run: Record,
+    signals: Sequence[str],
+    *,
+    notes: Sequence[str] = (),
+    log: Log | None = None,
+    page: Page = PRINTED,
+) -> Figure:
+    """Draw signals that a user names over the whole run; raises `UsageError` as `chosen_panels` does."""
+    return _in_columns(run, chosen_panels(run, signals), 1 if len(signals) < 3 else 2, notes, log, page)
+
+
+def draw_onto(axes: Axes, run: Record, panel: Panel) -> None:
+    """Draw one panel onto axes of a figure of the caller's own, in whose style it stays."""
+    _shade(axes, run)
+    for line in panel.lines:
+        axes.plot(run.t, line.values(run), line.dash, color=line.colour, label=line.label)
+    axes.set_xlabel("$t$ (s)")
+    axes.set_ylabel(panel.label)
+    if run.t.size and run.t[-1] > 0:
+        axes.set_xlim(0.0, float(run.t[-1]))
+    if panel.needs_legend:
+        axes.legend()
+
+
+def _in_columns(
+    run: Record, panels: Sequence[Panel], columns: int, notes: Sequence[str], log: Log | None, page: Page
+) -> Figure:
+    """Draw panels over the whole run, side by side in columns, row by row."""
     with styled(look_of(page)):
-        lines = _caption_lines(overview_caption(run, notes), page)
-        rows = (len(panels) + 1) // 2
-        figure, grid = _canvas(page, rows, (1.0, 1.0), 1.25, len(lines), gap=LEFT)
-        if len(panels) % 2:
+        lines = caption_lines(overview_caption(run, notes), page)
+        rows = (len(panels) + columns - 1) // columns
+        figure, grid = canvas(page, rows, (1.0,) * columns, 1.25, len(lines), gap=LEFT)
+        if len(panels) % columns:
             grid[-1].pop().remove()
         for axes, panel in zip((axes for row in grid for axes in row), panels, strict=True):
             _plot(axes, run, panel, None, log, page)
             axes.set_ylabel(panel.label)
             _legend(axes, panel, page)
-        _finish(figure, grid, lines, page)
+        finish(figure, grid, lines, page)
     return figure
 
 
-def _caption_lines(text: str, page: Page) -> list[str]:
+def caption_lines(text: str, page: Page) -> list[str]:
+    """The lines of a caption; none for a page without."""
     share = page.relative * (1.0 if page.relative >= 1.0 else SHORT_LINE)
     return wrapped(text, round(CAPTION_CHARACTERS * share)) if page.caption else []
 
 
-def _canvas(
-    page: Page, rows: int, widths: Sequence[float], height: float, caption_lines: int, gap: float = COLUMN_GAP
+def canvas(
+    page: Page,
+    rows: int,
+    widths: Sequence[float],
+    height: float,
+    lines: int,
+    gap: float = COLUMN_GAP,
+    top: float = TOP,
 ) -> tuple[Figure, list[list[Axes]]]:
-    """Lay out panels of a fixed height, in inches at the scale 1, above room for the caption."""
+    """Lay out panels of a fixed height, in inches at the scale 1, above room for the caption's lines."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     wide = page.width / page.scale
-    total = TOP + rows * height + (rows - 1) * GAP + BOTTOM + CAPTION_LINE * caption_lines + 0.08
+    total = top + rows * height + (rows - 1) * GAP + BOTTOM + CAPTION_LINE * lines + 0.08
     figure = Figure(figsize=(page.width, total * page.scale))
     FigureCanvasAgg(figure)
     free = wide - LEFT - RIGHT - gap * (len(widths) - 1)
     grid = []
     for row in range(rows):
         left, line = LEFT, []
-        bottom = total - TOP - (row + 1) * height - row * GAP
+        bottom = total - top - (row + 1) * height - row * GAP
         for share in widths:
             width = free * share / sum(widths)
             line.append(figure.add_axes((left / wide, bottom / total, width / wide, height / total)))
@@ -178,34 +222,48 @@ def _canvas(
     return figure, grid
 
 
-def _plot(axes: Axes, run: Record, panel: Panel, until: float | None, log: Log | None, page: Page) -> None:
-    """Draw the curves of a panel over the time to `until` (all of it for None), on shaded saturation."""
-    from matplotlib.ticker import MaxNLocator
-
+def _plot(
+    axes: Axes,
+    run: Record,
+    panel: Panel,
+    until: float | None,
+    log: Log | None,
+    page: Page,
+    detail: Record | None = None,
+) -> None:
+    """Draw the curves of a panel, those of `detail` if given, over the time to `until` (None: all of it)."""
     _shade(axes, run)
     axes.axhline(0.0, color=GREY, linewidth=0.3 * page.scale, zorder=1)
     for mark in (*panel.marks, *panel.levels):
         axes.axhline(mark, color=GREY, linewidth=0.5 * page.scale, linestyle=(0, (1, 2)), zorder=1)
     end = float(run.t[-1]) if until is None else until
-    chosen = run.t <= end
+    drawn = detail or run
+    chosen = drawn.t <= end
     for line in panel.lines:
-        axes.plot(run.t[chosen], line.values(run)[chosen], line.dash, color=line.colour, label=line.label)
+        axes.plot(drawn.t[chosen], line.values(drawn)[chosen], line.dash, color=line.colour, label=line.label)
         if log is not None and line.column in log.columns:
             seen = (log.t >= 0.0) & (log.t <= end)
             recorded: dict[str, Any] = {"markersize": 1.6 * page.scale, "color": line.colour, "alpha": 0.6}
             axes.plot(log.t[seen], log.columns[line.column][seen] / line.unit, ".", **recorded)
     if end > 0:  # a run may have ended at its start
         axes.set_xlim(0.0, end)
+    set_ticks(axes, page)
+    if panel.clip is not None and until is None:
+        clip_axis(axes, run, panel, page)
+    if log is None and panel.is_zero(run):
+        say_zero(axes, page)
+
+
+def set_ticks(axes: Axes, page: Page) -> None:
+    """Choose few ticks at round numbers, as many as a panel of its width has room for."""
+    from matplotlib.ticker import MaxNLocator
+
     across = axes.get_position().width * page.width / page.scale  # inches, as if the text had its usual size
     axes.xaxis.set_major_locator(MaxNLocator(nbins=max(2, min(5, int(across / 0.35))), steps=[1, 2, 5, 10]))
     axes.yaxis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 2, 5, 10]))
-    if panel.clip is not None and until is None:
-        _clip(axes, run, panel, page)
-    if log is None and panel.is_zero(run):
-        _say_zero(axes, page)
 
 
-def _clip(axes: Axes, run: Record, panel: Panel, page: Page) -> None:
+def clip_axis(axes: Axes, run: Record, panel: Panel, page: Page) -> None:
     """Clip the axis, and say how far a curve goes beyond it."""
     assert panel.clip is not None
     axes.set_ylim(-panel.clip, panel.clip)
@@ -218,7 +276,7 @@ def _clip(axes: Axes, run: Record, panel: Panel, page: Page) -> None:
         axes.text(0.985, 0.955, said, transform=axes.transAxes, bbox=paper, **place)
 
 
-def _say_zero(axes: Axes, page: Page) -> None:
+def say_zero(axes: Axes, page: Page) -> None:
     """Say that all curves are exactly 0: a scale would suggest that there is something to see."""
     axes.set_ylim(-1.0, 1.0)
     axes.set_yticks([0.0])
@@ -266,7 +324,7 @@ def _legend(axes: Axes, panel: Panel, page: Page) -> None:
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(panel.lines), **tight)
 
 
-def _finish(figure: Figure, grid: list[list[Axes]], caption_lines: Sequence[str], page: Page) -> None:
+def finish(figure: Figure, grid: list[list[Axes]], lines: Sequence[str], page: Page) -> None:
     """Label the time axis once in each column, below its lowest panel, and write the caption."""
     columns = max(map(len, grid))
     lowest = [[row[k] for row in grid if k < len(row)][-1] for k in range(columns)]
@@ -277,7 +335,7 @@ def _finish(figure: Figure, grid: list[list[Axes]], caption_lines: Sequence[str]
         else:
             axes.tick_params(labelbottom=False)
     height = figure.get_figheight() / page.scale
-    for index, line in enumerate(caption_lines):
-        y = (CAPTION_LINE * (len(caption_lines) - index) - 0.02) / height
+    for index, line in enumerate(lines):
+        y = (CAPTION_LINE * (len(lines) - index) - 0.02) / height
         left = (LEFT - LABEL) * page.scale / page.width
         figure.text(left, y, line, fontsize=8.2 * page.scale, va="top")

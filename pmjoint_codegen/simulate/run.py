@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache, partial
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Unpack, cast
+from typing import TYPE_CHECKING, Any, Final, Unpack, cast, overload
 
 import numpy as np
 
@@ -39,6 +39,7 @@ from pmjoint_codegen.simulate.trajectory import trajectory_of
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 BUDGET: Final = 2000  # steps between two looks at progress and Ctrl-C
@@ -112,11 +113,34 @@ class Run(Record):
 
         return dataset(self)
 
-    def plot(self) -> Figure:
-        """Draw an overview of the run."""
-        from pmjoint_codegen.simulate.figures import overview
+    @overload
+    def plot(self, ax: None = None, signals: str | Sequence[str] | None = None) -> Figure: ...
+    @overload
+    def plot(self, ax: Axes, signals: str | Sequence[str] | None = None) -> Axes: ...
+    def plot(self, ax: Axes | None = None, signals: str | Sequence[str] | None = None) -> Figure | Axes:
+        """Draw an overview of the run, or chosen signals.
 
-        return overview(self)
+        Args:
+            ax: axes of a figure of your own to draw onto, by default y and y_r; None: a new figure.
+            signals: names of columns, with a comma between them or as a sequence. In a new figure each entry
+                has its own axes: a column, ``x1-x_hat1``, or several of one unit, ``y+y_r``. On axes given,
+                all entries are drawn together and have one unit.
+
+        Returns:
+            The new figure, or the axes that were given.
+
+        Raises:
+            UsageError: a column that there is not, or several units on one pair of axes.
+        """
+        from pmjoint_codegen.simulate.chosen import chosen_panels
+        from pmjoint_codegen.simulate.figures import chosen_figure, draw_onto, overview
+
+        chosen = signals.split(",") if isinstance(signals, str) else signals
+        if ax is not None:
+            together = "+".join(chosen) if chosen is not None else "y+y_r"
+            draw_onto(ax, self, chosen_panels(self, [together])[0])
+            return ax
+        return overview(self) if chosen is None else chosen_figure(self, chosen)
 
 
 @dataclass(frozen=True)

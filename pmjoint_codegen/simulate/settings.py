@@ -167,7 +167,7 @@ def make_settings(
         limit = default_divergence(manifest, values, initial, start)
     _check_rows(length, step)
     segments = _segments(manifest, own, asked.get("reference"), lambda: instants(length, step))
-    p = known.p if known and "reference" not in asked else _parameters(values, segments)
+    p = known.p if known and "reference" not in asked else vector_of(values, segments)
     return Settings(
         values,
         p,
@@ -209,7 +209,7 @@ def _segments(
     return make_segments(command, manifest.rho)
 
 
-def _parameters(values: Mapping[str, float], segments: Segments | None) -> Array:
+def vector_of(values: Mapping[str, float], segments: Segments | None) -> Array:
     """The vector p: values by name, then the reference's first segment."""
     return _vector((*values.values(), *(() if segments is None else segments.rows[0].tolist())))
 

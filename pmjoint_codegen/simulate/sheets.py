@@ -128,7 +128,7 @@ def overview_panels(run: Record) -> tuple[Panel, ...]:
     """Choose panels that show a whole run: output, error, states, compensator, input, estimate."""
     manifest = run.manifest
     both = (Line("v", "$v$", BLUE), Line("u", "$u$"))
-    v_u = Panel(both, "$v,\\ u$" + unit_text(manifest, "u"), _clip(run), _limits(run))
+    v_u = Panel(both, "$v,\\ u$" + unit_text(manifest, "u"), input_clip(run), _limits(run))
     first = min(2, manifest.n)
     states = (_rate(manifest),) if pressures(run) else _family(manifest, "x", range(first, manifest.n + 1))
     r = (panel for panel in _family(manifest, "r", range(1, manifest.rho + 1)) if not panel.is_zero(run))
@@ -145,7 +145,7 @@ def caption(run: Record, sheet: Sheet, notes: Sequence[str]) -> str:
 
 def overview_caption(run: Record, notes: Sequence[str]) -> str:
     """Compose the overview's caption: the model's title and the run's settings."""
-    return f"{_plain(run.manifest.title)}. {_settings_caption(run, notes)}"
+    return f"{plain(run.manifest.title)}. {_settings_caption(run, notes)}"
 
 
 def saturated_intervals(run: Record) -> tuple[tuple[float, float, int], ...]:
@@ -247,7 +247,7 @@ def _state(run: Record, i: int) -> tuple[tuple[Panel, ...], str]:
 def _input_panels(run: Record) -> tuple[Panel, ...]:
     unit, levels = unit_text(run.manifest, "u"), _limits(run)
     return (
-        Panel((Line("v", "$v$", BLUE),), "$v$" + unit, _clip(run), levels),
+        Panel((Line("v", "$v$", BLUE),), "$v$" + unit, input_clip(run), levels),
         Panel((Line("u", "$u$"),), "$u$" + unit, None, levels),
     )
 
@@ -289,7 +289,7 @@ def _limits(run: Record) -> tuple[float, ...]:
     return run.manifest.limits(run.settings.parameters)
 
 
-def _clip(run: Record) -> float | None:
+def input_clip(run: Record) -> float | None:
     """Clip v in the whole run if the transient has its own panel, so that the rest is visible."""
     return 1.35 * max(map(abs, _limits(run))) if transient_window(run) else None
 
@@ -307,9 +307,10 @@ def _saturation_text(run: Record) -> str:
 
 def _settings_caption(run: Record, notes: Sequence[str]) -> str:
     """List what is assumed or changed, and how a failed run ended."""
-    failed = "" if run.status == Status.DONE else f" The run {_plain(run.message)}."
-    return _plain(sentence(run, notes)).replace("y_r =", "$y_r$ =") + failed
+    failed = "" if run.status == Status.DONE else f" The run {plain(run.message)}."
+    return plain(sentence(run, notes)).replace("y_r =", "$y_r$ =") + failed
 
 
-def _plain(text: str) -> str:
+def plain(text: str) -> str:
+    """Text that Matplotlib prints as it is, dollars included."""
     return text.replace("$", r"\$")

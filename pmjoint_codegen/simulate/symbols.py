@@ -1,0 +1,58 @@
+"""Names of columns and parameters as Matplotlib sets them in mathematics."""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+_GREEK: Final = {"lambda": "\\lambda", "xi": "\\xi", "Xi": "\\Xi", "alpha": "\\alpha", "chi": "\\chi"}
+_WHOLE: Final = {
+    "theta": "$\\theta$",
+    "theta_dot": "$\\dot\\theta$",
+    "y_r": "$y_r$",
+    "y_m": "$y_m$",
+    "y_f": "$y_f$",
+    "y_cmd": "$y_{cmd}$",
+    "u_max": "$u_{\\max}$",
+    "P_max": "$P_{\\max}$",
+}
+_STEMS: Final = (
+    "x_hat",
+    "lambda",
+    "alpha",
+    "chi",
+    "xi",
+    "Xi",
+    "ck",
+    "x",
+    "r",
+    "z",
+    "D",
+    "c",
+    "e",
+    "k",
+    "P",
+    "F",
+    "d",
+    "b",
+)
+
+
+def symbol(name: str) -> str:
+    """A column or parameter for a legend: ``x_hat1`` is an x with a hat and an index."""
+    if "-" in name:
+        first, _, second = name.partition("-")
+        return f"${symbol(first).strip('$')} - {symbol(second).strip('$')}$"
+    if name in _WHOLE:
+        return _WHOLE[name]
+    if re.fullmatch(r"[a-zA-Z]", name):
+        return f"${name}$"
+    match = re.fullmatch(rf"({'|'.join(_STEMS)})(\d+)", name)
+    if match is None:
+        return "$\\mathrm{" + name.replace("_", "\\_") + "}$"
+    stem, index = match.groups()
+    if stem == "x_hat":
+        return f"$\\hat{{x}}_{{{index}}}$"
+    if stem == "ck":
+        return f"$c_{{k{index}}}$"
+    return f"${_GREEK.get(stem, stem)}_{{{index}}}$"
