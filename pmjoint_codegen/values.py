@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from pmjoint_codegen.errors import ModelError, PmjointError
 from pmjoint_codegen.operations import by_name
+from pmjoint_codegen.poles import poles_text
 
 SI = "1"  # the scale of a parameter that is stated in SI units, or in units that its author keeps consistent
 ZERO, MATCHED = "zero", "matched"  # starts of the controller
@@ -364,8 +365,7 @@ def roots_text(coefficients: Sequence[float]) -> str:
             roots = np.sort_complex(np.roots(np.asarray(coefficients, dtype=float)))
         except np.linalg.LinAlgError:  # coefficients near the largest float
             return "that overflow floating point"
-    shown = [complex(root) + 0 for root in roots]  # + 0 drops the sign of a negative zero
-    return ", ".join(f"{root:.6g}" if root.imag else f"{root.real:.6g}" for root in shown)
+    return poles_text(roots)
 
 
 def _hurwitz_rule(n: int) -> str:

@@ -1,8 +1,8 @@
 """The places of model files, generated folders and the cache. Nothing here reads or writes a model.
 
 A model is given by name (``paper``) or path (``my/joint.toml``). Names are searched for in ``models/`` under
-the current directory, then in ``models/`` of the checkout that the package is imported from, then among the
-models of the installed package.
+the current directory or the nearest folder above it that has one, then in ``models/`` of the checkout that
+the package is imported from, then among the models of the installed package.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def model_folders(cwd: Path | None = None) -> tuple[Path, ...]:
     """Folders in which a model's name is searched for, in order; only those that exist."""
     package = Path(__file__).resolve().parent
     checkout = package.parent
-    candidates = [(cwd or Path()) / MODELS]
+    candidates = [project_models(cwd)]
     if (checkout / "pyproject.toml").is_file():  # without it, the parent is somebody's site-packages
         candidates.append(checkout / MODELS)
     candidates.append(package / "_data" / MODELS)
@@ -61,6 +61,26 @@ def model_folders(cwd: Path | None = None) -> tuple[Path, ...]:
         if folder.is_dir():
             found.setdefault(folder.resolve(), folder)
     return tuple(found.values())
+
+
+def project_models(cwd: Path | None = None) -> Path:
+    """The folder of the project's own models, where a new one belongs: the nearest from here upwards.
+
+    Without any, it is ``models/`` here. A folder above counts if it holds models, and the search ends below
+    a folder that another user owns or may write to.
+    """
+    here = cwd or Path()
+    own = here / MODELS
+    if own.is_dir():
+        return own
+    for folder in here.absolute().parents:
+        level = folder.stat()
+        if level.st_uid != os.getuid() or level.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+            break
+        above = folder / MODELS
+        if any(above.glob("[!.]*.toml")):
+            return above if cwd else Path(os.path.relpath(above))
+    return own
 
 
 def called(model_file: Path) -> str:

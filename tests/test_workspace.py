@@ -10,7 +10,7 @@ import pytest
 
 from pmjoint_codegen import workspace
 from pmjoint_codegen.errors import ModelError
-from pmjoint_codegen.workspace import cache_dir, find_model, generated_root, known_models
+from pmjoint_codegen.workspace import cache_dir, find_model, generated_root, known_models, project_models
 
 
 @pytest.fixture
@@ -47,6 +47,27 @@ def test_an_installed_package_carries_its_models(installed: Path, here: Path) ->
     assert find_model("carried", cwd=here) == installed / "_data" / "models" / "carried.toml"
     assert generated_root(find_model("carried", cwd=here)) == installed / "_data" / "generated"
     assert known_models(here) == ("carried", "mine", "paper")
+
+
+def test_models_of_a_folder_above_are_found_and_new_ones_belong_there(
+    here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (here / "notes" / "today").mkdir(parents=True)
+    assert project_models(here / "notes" / "today") == here / "models"
+    assert find_model("mine", cwd=here / "notes") == here / "models" / "mine.toml"
+    monkeypatch.chdir(here / "notes" / "today")
+    assert project_models() == Path("../../models")
+    assert generated_root(find_model("mine")).resolve() == here / "generated"
+    (here / "notes" / "models").mkdir()  # empty: not a project's, unless one stands beside it
+    assert project_models() == Path("../../models")
+    monkeypatch.chdir(here / "notes")
+    assert project_models() == Path("models")
+
+
+def test_folders_that_others_may_write_to_are_no_project(here: Path) -> None:
+    (here / "notes").mkdir()
+    here.chmod(0o777)
+    assert project_models(here / "notes") == here / "notes" / "models"
 
 
 def test_hidden_files_are_no_models(here: Path, installed: Path) -> None:

@@ -9,6 +9,7 @@ import textwrap
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from itertools import chain as flattened
+from types import MappingProxyType
 
 from pmjoint_codegen.audit.findings import Evidence, Finding
 from pmjoint_codegen.audit.judgement import Verdict
@@ -20,6 +21,15 @@ SOURCE = (
     "IEEE Access 8 (2020), DOI 10.1109/ACCESS.2020.2991729"
 )
 COMMAND = "pmjoint audit --format markdown --out docs/audit.md"
+_PREDICATES = MappingProxyType(  # of one, of several
+    {
+        Verdict.FOLLOWS: ("follows", "follow"),
+        Verdict.DEFINITION: ("is a definition", "are definitions"),
+        Verdict.ASSUMPTION: ("is an assumption", "are assumptions"),
+        Verdict.CORRECTED: ("follows with a correction", "follow with a correction"),
+        Verdict.FAILS: ("does not follow", "do not follow"),
+    }
+)
 _WIDTH = 110  # columns of the terminal table
 _SHORT_FORMULA = 40  # characters of LaTeX
 _INDENT = 14  # of what stands beside a number
@@ -48,8 +58,14 @@ def counts(findings: Sequence[Finding]) -> dict[str, int]:
 
 def tally(findings: Sequence[Finding]) -> str:
     """The verdicts in one line."""
-    numbers = ", ".join(f"{number} {verdict}" for verdict, number in counts(findings).items())
+    numbers = ", ".join(f"{number} {_said(verdict, number)}" for verdict, number in counts(findings).items())
     return f"{len(findings)} displays and claims: {numbers}"
+
+
+def _said(verdict: str, number: int) -> str:
+    """A verdict as the predicate of so many displays."""
+    one, many = _PREDICATES[Verdict(verdict)]
+    return one if number == 1 else many
 
 
 def figure(evidence: Evidence) -> str:

@@ -115,7 +115,8 @@ def compare(expected: Trajectory, found: Trajectory, against: str, scales: Array
     detail = f"largest difference from the {against} trajectory, {counts}"
     if worst <= ACCURACY:
         return passed(detail, worst, ACCURACY)
-    return failed(detail, worst, ACCURACY, _difference(expected, found, late, error, row, column))
+    first = _difference(expected, found, late, error, row, column)
+    return failed(f"{first.entry} differs by {first.error}: {detail}", worst, ACCURACY, first)
 
 
 def _difference(

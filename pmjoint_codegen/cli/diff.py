@@ -57,7 +57,7 @@ def lines(found: Difference) -> Iterator[str]:
     yield from ("", _heading("equations", found.equations, len(found.after.content.equations)))
     yield from (f"  {line}" for change in found.equations for line in change.equation_lines())
     yield from ("", _heading("values", found.values, len(found.after.content.values)))
-    yield from (f"  {item.name}: {_text(item.before)} -> {_text(item.after)}" for item in found.values)
+    yield from (f"  {item}" for item in found.values)
     yield from ("", "generated code")
     sizes = [(item, "bytes") for item in found.sizes] + [(item, "operations") for item in found.operations]
     yield table([_size_row(item, unit) for item, unit in sizes]) if sizes else "  of the same size"

@@ -38,12 +38,13 @@ Examples
     "--out",
     type=Place(),
     metavar="DIR",
-    default=Path("models"),
-    help="Folder [default: models].",
+    help="Folder [default: the project's models, here or in a folder above].",
 )
-def command(name: str, kind: str | None, out: Path) -> None:
+def command(name: str, kind: str | None, out: Path | None) -> None:
     """Run ``pmjoint new``: click passes the parsed arguments."""
-    path = create(name, kind or "joint", out)
+    from pmjoint_codegen.workspace import project_models
+
+    path = create(name, kind or "joint", out or project_models())
     result(f"{path}\nnext: pmjoint simulate {shlex.quote(str(path))}")
 
 

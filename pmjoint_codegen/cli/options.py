@@ -80,7 +80,7 @@ class ModelName(_Kind):
 
 
 class Numbers(_Kind):
-    """Numbers separated by commas, such as ``1.5,0``."""
+    """Numbers separated by commas, such as ``1.5,0``; not by name, which is what ``--set`` takes."""
 
     name = "A,B,..."
 
@@ -90,6 +90,9 @@ class Numbers(_Kind):
         """Split at commas; refuse what is not a number."""
         if isinstance(value, tuple):
             return value
+        if "=" in str(value):
+            what = "takes numbers in the order of the states, without names"
+            self.fail(f"{value!r} {what}; --set NAME=VALUE sets a parameter or a gain", param, ctx)
         return tuple(number_of(text, self, param, ctx) for text in str(value).split(","))
 
 

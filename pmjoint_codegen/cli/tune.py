@@ -292,8 +292,9 @@ def _text(told: Mapping[str, Any]) -> str:
     limit = f", |v| <= {told['max_v']:g}" if told["max_v"] is not None else ""
     over = f", {told['over']} of {told['plants']} plants" if told["over"] else ""
     head = f"{told['model']}: least {told['objective']}{limit}{over}"
-    end = "all alike" if told["settled"] else "the last allowed"
-    tried = f"  {told['designs']} designs in {told['generations']} generations, {end}; seed {told['seed']}"
+    end = "until they converged" if told["settled"] else "the most allowed"
+    generations = f"{told['generations']} generation{'' if told['generations'] == 1 else 's'}"
+    tried = f"  {told['designs']} designs in {generations}, {end}; seed {told['seed']}"
     gains = [(name, *_pair(values)) for name, values in told["gains"].items()]
     rows = [("", "before", "after", ""), *gains, *_rows(told, "nominal")]
     if told["over"] == "mean":

@@ -56,6 +56,14 @@ class Change:
         if self.after is not None:
             yield f"+ {self.name} = {self.after}"
 
+    def __str__(self) -> str:
+        """The change in one line."""
+        if self.before is None:
+            return f"{self.name}: new, {self.after}"
+        if self.after is None:
+            return f"{self.name}: gone, was {self.before}"
+        return f"{self.name}: {self.before} -> {self.after}"
+
 
 def content_of(files: Mapping[str, bytes]) -> Content:
     """Read the contents of generated files.

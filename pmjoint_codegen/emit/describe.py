@@ -123,7 +123,7 @@ def describe(
         partials=tuple(symbol.name for symbol in words.partials),
         functions=functions,
         simulation=Simulation(
-            reference=DATA if model.segment else plain_text(model.reference),
+            reference=DATA if model.segment else _as_written(document["simulation"]["reference"]),
             disturbance=tuple(plain_text(entry) for entry in model.plant.disturbance),
             x0=(*simulation.x0, *(0.0 for _ in range(len(words.x) - len(simulation.x0)))),
             horizon=simulation.horizon,
@@ -134,6 +134,11 @@ def describe(
         ),
         files=dict(files),
     )
+
+
+def _as_written(expression: str) -> str:
+    """The user's own text in one line: SymPy would write ``0.3*(1 - cos(t))`` as ``3/10 - 3*cos(t)/10``."""
+    return " ".join(expression.split())
 
 
 def linear_of(model: Model, words: Vocabulary) -> tuple[str, ...]:

@@ -110,10 +110,8 @@ def compare(files: Mapping[str, bytes], fresh: Mapping[str, str], wanted: Manife
     before, after = content_of(files), content_of({name: text.encode() for name, text in fresh.items()})
     equations = changes(before.equations, after.equations)
     if recorded.model_hash != wanted.model_hash:
-        values = [
-            f"{item.name}: {item.before} -> {item.after}" for item in changes(before.values, after.values)
-        ]
-        return Comparison(Verdict.MODEL_CHANGED, tuple(values) or ("the model file differs",), equations)
+        values = tuple(map(str, changes(before.values, after.values)))
+        return Comparison(Verdict.MODEL_CHANGED, values or ("the model file differs",), equations)
     versions = [
         f"{tool} {recorded.versions.get(tool, 'unknown')} -> {version}"
         for tool, version in wanted.versions.items()

@@ -11,9 +11,10 @@ from typing import Any, Final, Literal, TypedDict, Unpack
 import numpy as np
 
 from pmjoint_codegen.chain import MOST_WAITING, clocked
-from pmjoint_codegen.errors import UsageError, did_you_mean, quoted
+from pmjoint_codegen.errors import UsageError, quoted
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
+from pmjoint_codegen.misplaced import advice
 from pmjoint_codegen.reference.reader import command_of
 from pmjoint_codegen.reference.segments import Segments, make_segments
 from pmjoint_codegen.simulate.divergence import DIVERGENCE, default_divergence
@@ -245,9 +246,8 @@ def _values(
                 remedy=f"set {base}; the plant can differ in: {', '.join(manifest.own)}",
             )
         if name not in values:
-            hint = did_you_mean(name, values, str)
             raise UsageError(
-                f"{manifest.name} has no parameter {name!r}", remedy=f"{hint}names: {', '.join(values)}"
+                f"{manifest.name} has no parameter {name!r}", remedy=advice(manifest, name, values)
             )
         values[name] = _number(name, to_si(_number(name, value), manifest.scales.get(name, SI)))
     values |= {own: values[name] for own, name in manifest.own.items() if own not in overrides}

@@ -11,11 +11,12 @@ from typing import Any, Final, Unpack
 import numpy as np
 
 from pmjoint_codegen.chain import SAMPLE_TIME
-from pmjoint_codegen.errors import StaleError, UsageError, did_you_mean
+from pmjoint_codegen.errors import StaleError, UsageError
 from pmjoint_codegen.identity import canonical_hash
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.loops.batch import loops_hash
 from pmjoint_codegen.manifest import LANES, Manifest
+from pmjoint_codegen.misplaced import advice
 from pmjoint_codegen.reference.command import Command
 from pmjoint_codegen.reference.segments import inside, make_segments
 from pmjoint_codegen.simulate.settings import RunOptions, Settings, count_instants, instants, make_settings
@@ -226,10 +227,7 @@ def _check_names(manifest: Manifest, plan: Plan, fixed: Collection[str]) -> None
     names = varied_names(manifest)
     for name in plan.names:
         if name not in names:
-            hint = did_you_mean(name, names, str)
-            raise UsageError(
-                f"{manifest.name} has no {name!r} to vary", remedy=f"{hint}names: {', '.join(names)}"
-            )
+            raise UsageError(f"{manifest.name} has no {name!r} to vary", remedy=advice(manifest, name, names))
         if name in {DRAW, *(item.name for item in quantities(manifest))}:
             raise UsageError(
                 f"{manifest.name} has a parameter {name!r}, which is also a result's name in the dataset",

@@ -19,6 +19,7 @@ import numpy.typing as npt
 from pmjoint_codegen.errors import UsageError, quoted
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
+from pmjoint_codegen.misplaced import advice
 from pmjoint_codegen.values import GAINS, filter_gains, gain_names
 
 REACH: Final = 5.0  # default bounds: the model's value divided and multiplied by this
@@ -116,7 +117,7 @@ def make_space(manifest: Manifest, wanted: tuple[str, ...]) -> Space:
         name, ends = _read(text)
         if name not in known:
             raise UsageError(
-                f"{manifest.name} has no gain {name!r}", where="--gain", remedy=f"names: {', '.join(known)}"
+                f"{manifest.name} has no gain {name!r}", where="--gain", remedy=advice(manifest, name, known)
             )
         for member in known[name]:
             if member in found:

@@ -315,9 +315,22 @@ def test_damaged_golden_files_fail(paper: Subject, tmp_path: Path) -> None:
     assert golden.check(subject).verdict is Verdict.NOT_RUN
     (tmp_path / "golden" / "paper.csv").write_text("t,x1\n0,zero\n")
     (tmp_path / "golden" / "paper.switches.csv").write_text("t,mode\n")
-    assert "is damaged" in golden.check(subject).detail
-    golden.write(subject)
+    damaged = golden.check(subject).detail
+    assert "is damaged" in damaged and damaged.endswith("pmjoint check paper --update-golden writes it anew")
+    rows, switches = golden.write(subject)
     assert golden.check(subject).figure == 0
+
+    late = switches.read_text().splitlines()
+    late[1] = f"0.25,{late[1].partition(',')[2]}"
+    switches.write_text("\n".join(late) + "\n")
+    found = golden.check(subject)
+    assert found.detail.startswith("switch 1 differs by 0.195 s: largest difference")
+    assert "--update-golden" in found.findings[0]
+    golden.write(subject)
+    header, first, *others = rows.read_text().splitlines()
+    moved = ["0.0", "-6.36", *first.split(",")[2:]]
+    rows.write_text("\n".join([header, ",".join(moved), *others]) + "\n")
+    assert golden.check(subject).detail.startswith("x1 differs by 1.24 of its scale: largest")
 
 
 def test_the_harness_counts_missing_results_as_different() -> None:

@@ -39,5 +39,5 @@ def test_what_is_given_for_a_run_is_not_told_as_an_assumption() -> None:
     table = summary_table(run, (), ())
     assert "  assumed    y_r = sin(t) (not stated in the paper)\n  changed    horizon 0.1 s\n" in table
     table = summary_table(ClosedLoop.load("joint").simulate(horizon=0.1), (), ())
-    assert "  settings   y_r = 3/10 - 3*cos(t)/10, horizon 0.1 s\n" in table
+    assert "  settings   y_r = 0.3*(1 - cos(t)), horizon 0.1 s\n" in table
     assert "assumed" not in table

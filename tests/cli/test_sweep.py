@@ -27,7 +27,7 @@ def test_a_sweep_writes_a_dataset_and_figures_and_says_so(
 ) -> None:
     assert run(["sweep", "paper", *GRID, "--out", str(tmp_path)]) == 0
     text = capsys.readouterr().out
-    assert "paper: 10 runs (x1 5 x compensator 2): 10 done" in text
+    assert "paper: 10 runs (5 of x1 x 2 of compensator): 10 done" in text
     assert (tmp_path / "sweep.zarr").is_dir()
     assert (tmp_path / "curves.png").is_file()
     assert run(["sweep", "paper", *GRID, "--out", str(tmp_path), "--json", "--no-figures"]) == 0
@@ -58,7 +58,7 @@ def test_another_reference_is_derived_and_swept(tmp_path: Path, capsys: pytest.C
     arguments = ["--reference", "0.5*sin(2*t)", "--no-figures", "--json", "--out", str(tmp_path)]
     assert run(["sweep", "paper", "--grid", "c1=10,20", *arguments]) == 0
     assert json.loads(capsys.readouterr().out)["held"] == 2
-    assert json.loads((tmp_path / "request.json").read_text())["reference"] == "sin(2*t)/2"
+    assert json.loads((tmp_path / "request.json").read_text())["reference"] == "0.5*sin(2*t)"
 
 
 def test_a_run_without_settling_time_leaves_those_of_the_others(

@@ -42,6 +42,12 @@ def test_an_equation_is_told_as_a_diff(change: Change, lines: list[str]) -> None
     assert list(change.equation_lines()) == lines
 
 
+def test_a_value_is_told_without_none() -> None:
+    assert str(Change("d3", None, -0.5)) == "d3: new, -0.5"
+    assert str(Change("d3", -0.5, None)) == "d3: gone, was -0.5"
+    assert str(Change("d3", 1, 2)) == "d3: 1 -> 2"
+
+
 def test_equations_are_read_where_any_version_put_them(artifacts: Artifacts) -> None:
     files = {name: text.encode() for name, text in artifacts.files.items()}
     now = content_of(files)

@@ -31,11 +31,7 @@ def judge(subject: Subject, files: Mapping[str, bytes], fresh: Artifacts) -> Gat
     if comparison.verdict is Verdict.CURRENT:
         return passed(f"files that differ, of {len(files)} regenerated", 0, 0)
     remedy = REMEDIES[comparison.verdict].format(name=called(subject.file))
-    changes = [
-        f"{item.name}: {item.before} -> {item.after}"
-        for item in comparison.changes
-        if item.before is not None
-    ]
+    changes = [str(item) for item in comparison.changes if item.before is not None]
     findings = (*comparison.details, *changes, f"to fix it: {remedy}")
     first = Difference(
         str(subject.folder), min(differing), "", "as generated", comparison.verdict.value, "", ""

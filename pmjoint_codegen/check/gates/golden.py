@@ -80,7 +80,7 @@ def check(subject: Subject) -> GateResult:
     try:
         golden = read(*paths(subject))
     except (OSError, ValueError) as error:
-        return failed(f"{paths(subject)[0]} is damaged: {error}")
+        return failed(f"{paths(subject)[0]} is damaged: {error}; {remedy} anew")
     done = default_run(subject.compiled or subject.interpreted)
     if done.status != Status.DONE:
         return failed(f"the run ended early: {done.message}")

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import sympy as sp
 
+from pmjoint_codegen.poles import poles_text
 from pmjoint_derive import Derivation, real_symbol
 from pmjoint_derive.certificate import greatest_weight, least_rate, residual
 from pmjoint_derive.closed_loop import output_disturbance
@@ -58,7 +59,7 @@ class Certificate:
         """The constants, for people."""
         rounded = [[float(f"{entry:.5g}") for entry in row] for row in self.P]
         lines = (
-            f"poles of A0 {', '.join(f'{pole:.4g}' for pole in self._poles())}; P = {rounded}",
+            f"poles of A0 {poles_text(self.poles, 4)}; P = {rounded}",
             f"f- = {self.f_minus:.5g}, f+ = {self.f_plus:.5g}, f = {self.f:.4g} 1/s",
         )
         if self.Y is None:
@@ -78,9 +79,6 @@ class Certificate:
         return tuple(
             name for name, value in constants.items() if value is not None and not np.all(np.isfinite(value))
         )
-
-    def _poles(self) -> list[complex | float]:
-        return [float(pole.real) if pole.imag == 0 else complex(pole) for pole in self.poles]
 
 
 def certify(derivation: Derivation, values: Mapping[str, float], bound: float | None) -> Certificate:
