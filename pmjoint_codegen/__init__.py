@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from pmjoint_codegen.simulate.compare import compare
     from pmjoint_codegen.simulate.folder import open_run
     from pmjoint_codegen.simulate.run import Run
+    from pmjoint_codegen.studies.sweep import sweep
+    from pmjoint_codegen.studies.tune import Tuned, tune
 
 __version__ = "0.1.0"
 
@@ -40,10 +42,13 @@ __all__ = [
     "Run",
     "SimulationError",
     "StaleError",
+    "Tuned",
     "UsageError",
     "__version__",
     "compare",
     "open_run",
+    "sweep",
+    "tune",
 ]
 
 
@@ -57,6 +62,10 @@ def _home(name: str) -> str | None:
         return "pmjoint_codegen.simulate.folder"
     if name == "Run":
         return "pmjoint_codegen.simulate.run"
+    if name == "Tuned":
+        return "pmjoint_codegen.studies.tune"
+    if name in ("sweep", "tune"):  # packages that can be called
+        return "pmjoint_codegen"
     return "pmjoint_codegen.errors" if name in __all__ else None
 
 
@@ -67,7 +76,8 @@ def __getattr__(name: str) -> object:
     home = _home(name)
     if home is None:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value: object = getattr(import_module(home), name)
+    found = import_module(f"{__name__}.{name}" if home == __name__ else home)
+    value: object = found if home == __name__ else getattr(found, name)
     globals()[name] = value  # later look-ups bypass this function
     return value
 

@@ -59,6 +59,15 @@ class Source:
     saturation: str | None = None
     environment: Mapping[str, str] | None = None
 
+    @classmethod
+    def of(cls, model: str | Path) -> Source:
+        """Find and read a model file; raises `ModelError`."""
+        from pmjoint_codegen.modelfile.reader import read_document
+        from pmjoint_codegen.workspace import find_model
+
+        path = find_model(model)
+        return cls(path.absolute(), read_document(path))
+
 
 @dataclass(frozen=True)
 class ClosedLoop:
@@ -108,18 +117,13 @@ class ClosedLoop:
         """
         if evaluator not in (None, "compiled", "interpreted"):
             raise UsageError(f"is {evaluator!r}", where="evaluator", remedy="allowed: compiled, interpreted")
-        from pmjoint_codegen.modelfile.reader import read_document
-        from pmjoint_codegen.workspace import find_model
-
-        path = find_model(model)
-        source = Source(
-            path.absolute(),
-            read_document(path),
-            evaluator,
-            reference,
-            None if disturbance is None else tuple(disturbance),
-            saturation,
-            None if environment is None else dict(environment),
+        source = replace(
+            Source.of(model),
+            evaluator=evaluator,
+            reference=reference,
+            disturbance=None if disturbance is None else tuple(disturbance),
+            saturation=saturation,
+            environment=None if environment is None else dict(environment),
         )
         return cls(evaluator_of(source, notify, stage))
 
@@ -127,6 +131,13 @@ class ClosedLoop:
     def manifest(self) -> Manifest:
         """The model: names, units, defaults, equations."""
         return self.evaluator.manifest
+
+    @property
+    def source(self) -> Source | None:
+        """What the loop was loaded from; None for kernels that were made otherwise."""
+        made = self.evaluator.recipe
+        source = made[1][0] if made else None
+        return source if isinstance(source, Source) else None
 
     def simulate(
         self, *, progress: Callable[[float], None] | None = None, **asked: Unpack[RunOptions]
@@ -150,15 +161,22 @@ class ClosedLoop:
                 pressures, a distant start, order 3 or more, |b_m| < 1.
             reference: another y_r, as data: an array of shape (points, 2), t and y, or a pair of arrays; an
                 array of one value for every output instant; a function of t, taken at the output instants; or
-                a mapping as in a model file, with a filter. The first such run of a model whose reference is
-                an expression derives and compiles kernels for all data.
+                a mapping as in a model file, with a filter. A smooth spline passes through these values. The
+                first such run of a model whose reference is an expression derives and compiles kernels for
+                all data. An expression, such as ``"0.5*sin(2*t)"``, is exact, and derived once for each text.
             progress: called periodically with the fraction completed.
 
         Raises:
             UsageError: a setting is unknown, of the wrong length, or out of range.
+            ModelError: an expression for the reference that cannot be read.
+            MissingToolError: a reference that needs a derivation, without the extra ``derive``.
             SimulationError: the run ended early; ``error.run`` is the run so far.
         """
-        if asked.get("reference") is not None and not self.manifest.segment:
+        given = asked.get("reference")
+        if isinstance(given, str):
+            del asked["reference"]
+            return self._for_expression(given).simulate(progress=progress, **asked)
+        if given is not None and not self.manifest.segment:
             return self._for_data.simulate(progress=progress, **asked)
         result = self._simulator.run(self._simulator.settings(**asked), progress)
         if result.status != Status.DONE:
@@ -230,6 +248,10 @@ class ClosedLoop:
         """
         from pmjoint_codegen.controller import Controller
 
+        if isinstance(reference, str):
+            return self._for_expression(reference).controller(
+                sample_time=sample_time, parameters=parameters, compensator=compensator, start=start
+            )
         if reference is not None and not self.manifest.segment:
             return self._for_data.controller(
                 sample_time=sample_time,
@@ -292,13 +314,25 @@ class ClosedLoop:
     @cached_property
     def _for_data(self) -> ClosedLoop:
         """The same model with kernels for a reference that is data, whatever the numbers."""
-        made = self.evaluator.recipe
-        source = made[1][0] if made else None
-        if not isinstance(source, Source):
+        return self._with_reference({"steps": [[0.0, 0.0]]})
+
+    @cached_property
+    def _for_expressions(self) -> dict[str, ClosedLoop]:
+        """The same model with other expressions for y_r, each derived once."""
+        return {}
+
+    def _for_expression(self, text: str) -> ClosedLoop:
+        """The same model with another expression for y_r; raises the errors of `load`."""
+        if text not in self._for_expressions:
+            self._for_expressions[text] = self._with_reference(text)
+        return self._for_expressions[text]
+
+    def _with_reference(self, reference: str | Mapping[str, Any]) -> ClosedLoop:
+        if self.source is None:
             raise UsageError(
                 "these kernels contain an expression of t", where="reference", remedy="use ClosedLoop.load"
             )
-        return ClosedLoop(evaluator_of(replace(source, reference={"steps": [[0.0, 0.0]]})))
+        return ClosedLoop(evaluator_of(replace(self.source, reference=reference)))
 
     @cached_property
     def _simulator(self) -> Simulator:

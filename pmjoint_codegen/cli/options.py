@@ -141,11 +141,6 @@ def tell_design(manifest: Manifest, warning: str | None = None) -> None:
         message(f"pmjoint: {line}")
 
 
-def processors() -> int:
-    """Number of processors that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 _DATA_FILES: Final = (".csv", ".tsv", ".txt")
 _OF_DATA: Final[Mapping[str, tuple[str, Mapping[str, Any]]]] = {
     "time": (

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
@@ -15,7 +13,6 @@ from pmjoint_codegen.cli.options import (
     ModelName,
     Place,
     check_saturation,
-    processors,
     run_options,
     tell_clock,
     tell_design,
@@ -23,11 +20,10 @@ from pmjoint_codegen.cli.options import (
 from pmjoint_codegen.cli.terminal import activity, document, message, result, table
 
 if TYPE_CHECKING:
-    from pmjoint_codegen.provision import Provided, Reference
+    from pmjoint_codegen.manifest import Manifest
+    from pmjoint_codegen.provision import Reference
     from pmjoint_codegen.simulate.settings import CommandOptions
     from pmjoint_codegen.sweep.store import Store
-
-_SHOWN = 3  # damaged files that a message names
 
 _ABOUT = """Simulate MODEL many times over: on a grid, with random values, or both.
 
@@ -132,37 +128,36 @@ def command(
     **asked: Unpack[CommandOptions],
 ) -> None:
     """Run ``pmjoint sweep``: click passes the parsed arguments."""
-    from pmjoint_codegen.provision import provide
-    from pmjoint_codegen.sweep.formats import require
-    from pmjoint_codegen.sweep.pace import too_fast_runs
-    from pmjoint_codegen.sweep.plan import make_plan
-    from pmjoint_codegen.sweep.request import make_request
-    from pmjoint_codegen.sweep.store import Store
+    from pmjoint_codegen.studies.sweep import make_study
 
-    require((*formats, *(["dask"] if scheduler is not None else [])))
-    plan = make_plan(grid, sample, draws, seed, method)
     check_saturation(saturation, asked)
-    provided = provide(
+    study = make_study(
         model,
+        grid=grid,
+        sample=sample,
+        runs=draws,
+        seed=seed,
+        method=method,
         reference=reference,
-        disturbance=disturbance or None,
-        saturation=saturation or plan.saturation,
-        environment=os.environ,
-        notify=lambda line: message(f"pmjoint: {line}"),
-        lanes=True,
+        disturbance=disturbance,
+        saturation=saturation,
+        formats=formats,
+        scheduler=scheduler,
+        notify=_notify,
+        **asked,
     )
-    tell_clock(asked, provided.manifest)
-    request = make_request(provided.manifest, plan, **asked)
-    tell_design(provided.manifest, too_fast_runs(provided.manifest, request))
-    folder = out or Path("runs") / f"{provided.manifest.name}-sweep"
-    store = Store(folder, request, provided.manifest.nX)
-    with store.alone():
-        _compute(store, provided, threads=threads, scheduler=scheduler, restart=restart)
-        files = _write(store, provided, formats)
-        account = _account(store, provided, files)
+    manifest = study.provided.manifest
+    tell_clock(asked, manifest)
+    tell_design(manifest, study.warning)
+    folder = out or Path("runs") / f"{manifest.name}-sweep"
+    with study.computed(
+        folder, threads=threads, scheduler=scheduler, restart=restart, watch=activity, notify=_notify
+    ) as store:
+        files = _export(store, formats)
+        account = _account(store, manifest, files)
         try:
             if not no_figures:
-                account["files"] = (*files, *_draw(store, provided))
+                account["files"] = (*files, *_draw(store, manifest))
         finally:  # report the result even if the figures fail
             if wants_json:
                 document(account)
@@ -170,72 +165,11 @@ def command(
                 result(_text(account))
 
 
-def _compute(
-    store: Store, provided: Provided, *, threads: int | None, scheduler: str | None, restart: bool
-) -> None:
-    """Compute what is missing or damaged, and report it."""
-    from pmjoint_codegen.sweep.repair import find_damage, mend
-
-    store.open(restart=restart)
-    work = partial(_simulate, store, provided, threads=threads, scheduler=scheduler)
-    if not store.dataset.exists():
-        with activity("reading the finished runs"):
-            missing = store.missing()
-            damaged = store.damaged(missing)
-        _tell_damage(store, damaged, missing)
-        work(missing)
-        return
-    with activity("reading the dataset"):
-        damage = find_damage(store, provided.manifest)
-    if damage.files:
-        _tell_damage(store, [store.dataset / name for name in damage.files], damage.starts)
-        work(damage.starts)
-        with activity("repairing the dataset"):
-            mend(store, provided.manifest, damage)
+def _notify(line: str) -> None:
+    message(f"pmjoint: {line}")
 
 
-def _tell_damage(store: Store, files: Sequence[Path], starts: Sequence[int]) -> None:
-    """Report which files were removed or altered, and how many runs that costs."""
-    if files:
-        some = ", ".join(str(path.relative_to(store.folder)) for path in files[:_SHOWN])
-        more = f" and {len(files) - _SHOWN} more" if len(files) > _SHOWN else ""
-        runs = sum(store.length(start) for start in starts)
-        message(f"pmjoint: {store.folder}: removed or altered: {some}{more}; computing {runs} runs")
-
-
-def _simulate(
-    store: Store, provided: Provided, starts: Sequence[int], *, threads: int | None, scheduler: str | None
-) -> None:
-    """Compute these chunks, with a progress bar; say how to resume after an interruption."""
-    from pmjoint_codegen.sweep.build_inputs import make_inputs
-    from pmjoint_codegen.sweep.dataset import import_ahead
-    from pmjoint_codegen.sweep.executor import execute
-
-    total = store.request.plan.runs
-    inputs = make_inputs(provided.folder)
-    import_ahead()
-    try:
-        with activity(f"simulating {total} runs", total=total, unit="runs") as progress:
-            execute(
-                store,
-                inputs,
-                threads=threads or processors(),
-                scheduler=scheduler,
-                tell=lambda done: progress(done / total),
-                starts=starts,
-            )
-    except KeyboardInterrupt:
-        kept = f"{store.done()} of {total} runs are kept in {store.folder}"
-        message(f"pmjoint: {kept}; the same command resumes there")
-        raise
-
-
-def _write(store: Store, provided: Provided, formats: tuple[str, ...]) -> tuple[Path, ...]:
-    from pmjoint_codegen.sweep.dataset import assemble
-
-    with activity("writing the dataset"):
-        if not store.dataset.exists():
-            assemble(store, provided.manifest)
+def _export(store: Store, formats: tuple[str, ...]) -> tuple[Path, ...]:
     files = [store.dataset]
     if formats:
         from pmjoint_codegen.sweep.formats import export
@@ -245,16 +179,16 @@ def _write(store: Store, provided: Provided, formats: tuple[str, ...]) -> tuple[
     return tuple(files)
 
 
-def _draw(store: Store, provided: Provided) -> tuple[Path, ...]:
+def _draw(store: Store, manifest: Manifest) -> tuple[Path, ...]:
     from pmjoint_codegen.sweep.dataset import read
     from pmjoint_codegen.sweep.maps import write_maps
 
     ready_matplotlib()
     with activity("drawing figures"):
-        return write_maps(read(store.dataset), provided.manifest, store.folder)
+        return write_maps(read(store.dataset), manifest, store.folder)
 
 
-def _account(store: Store, provided: Provided, files: tuple[Path, ...]) -> dict[str, Any]:
+def _account(store: Store, manifest: Manifest, files: tuple[Path, ...]) -> dict[str, Any]:
     """The sweep in a few numbers."""
     from pmjoint_codegen.sweep.metrics import quantities
     from pmjoint_codegen.sweep.totals import totals
@@ -262,7 +196,7 @@ def _account(store: Store, provided: Provided, files: tuple[Path, ...]) -> dict[
     request = store.request
     with activity("counting"):
         ends = totals(store.dataset)
-    units = {item.name: item.unit for item in quantities(provided.manifest)}
+    units = {item.name: item.unit for item in quantities(manifest)}
     return {
         "model": request.model,
         "model_hash": request.model_hash,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
@@ -14,7 +12,6 @@ from pmjoint_codegen.cli.drawing import ready_matplotlib
 from pmjoint_codegen.cli.options import (
     ModelName,
     Place,
-    processors,
     run_options,
     tell_clock,
     tell_design,
@@ -23,11 +20,9 @@ from pmjoint_codegen.cli.terminal import activity, document, message, result, ta
 from pmjoint_codegen.loops.metrics import REPORTED
 
 if TYPE_CHECKING:
-    from pmjoint_codegen.provision import Provided, Reference
-    from pmjoint_codegen.tune.comparison import Comparison
-    from pmjoint_codegen.tune.cost import CostFunction
-    from pmjoint_codegen.tune.request import Request, TuneOptions
-    from pmjoint_codegen.tune.search import Found
+    from pmjoint_codegen.provision import Reference
+    from pmjoint_codegen.studies.tune import Tuned
+    from pmjoint_codegen.tune.request import TuneOptions
 
 _ABOUT = """Choose gains of MODEL that minimise an objective.
 
@@ -44,8 +39,6 @@ Examples
   pmjoint tune paper --start matched --saturation braking --reference gait.csv --max-v 200
   pmjoint tune joint-damped --objective settling_s --controller sampled --sample-time 0.002
 """
-_TUNED = "with gains tuned for least"  # in the note at the head of a file that tune writes
-_FILE_STEM = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
 
 
 @click.command(help=_ABOUT, epilog=_EXAMPLES)
@@ -107,64 +100,29 @@ def command(
     **asked: Unpack[TuneOptions],
 ) -> None:
     """Run ``pmjoint tune``: click passes the parsed arguments."""
-    from pmjoint_codegen.errors import UsageError
-    from pmjoint_codegen.provision import provide
-    from pmjoint_codegen.storage import ensure_folder
-    from pmjoint_codegen.tune.comparison import compare
-    from pmjoint_codegen.tune.request import make_request
-    from pmjoint_codegen.tune.rewrite import rewrite
-    from pmjoint_codegen.workspace import find_model, is_stream
+    from pmjoint_codegen.studies.model import subject_of
+    from pmjoint_codegen.studies.tune import check_target, make_study
 
-    source = find_model(model)
-    if is_stream(source):
-        raise UsageError(
-            "is not a file that could be rewritten with other gains",
-            where=str(source),
-            remedy="save the model as NAME.toml first",
-        )
-    file = out or _default_file(source)
-    _check_target(file, source)
-    provided = provide(
-        source,
-        reference=reference,
-        saturation=saturation,
-        environment=os.environ,
-        notify=_notify,
-        lanes=True,
-    )
-    tell_clock(asked, provided.manifest)
-    request = make_request(provided.manifest, **asked)
-    tell_design(provided.manifest)
-    words = _words(saturation, asked.get("start"))
-    text = _text_of(source, file, request, words)
-    ensure_folder(file.parent)
-    costing = _costing(provided, request, threads or processors())
-    found = _search(costing)
-    comparison = compare(costing, found)
-    edited = rewrite(
-        text, file.stem, found.gains, _note(comparison, reference), str(source), request.own, words
-    )
-    _write_model(edited, file)
-    _notify_pace(comparison)
-    files = [file]
+    subject = subject_of(model, reference, None, saturation)
+    file = out or _default_file(subject.source.file)
+    check_target(subject, file)
+    study = make_study(subject, notify=_notify, **asked)
+    tell_clock(asked, study.provided.manifest)
+    tell_design(study.provided.manifest)
+    study.check_edit(file)
+    tuned = study.run(threads=threads, watch=activity)
+    files = [tuned.write(file)]
+    if tuned.warning:
+        _notify(tuned.warning)
     try:
         if not no_figure:
-            files.append(_draw(costing, comparison, file))
+            files.append(_draw(tuned, file))
     finally:  # report the result even if the figure fails
-        _report(comparison, files, wants_json=wants_json)
+        _report(tuned, files, wants_json=wants_json)
 
 
 def _notify(line: str) -> None:
     message(f"pmjoint: {line}")
-
-
-def _notify_pace(comparison: Comparison) -> None:
-    """Warn where the gains found are too fast for the clock: those before matter no more."""
-    from pmjoint_codegen.tune.comparison import too_fast_plants
-
-    line = too_fast_plants(comparison)
-    if line:
-        _notify(line)
 
 
 def _default_file(source: Path) -> Path:
@@ -172,116 +130,18 @@ def _default_file(source: Path) -> Path:
     return Path("runs") / name / f"{name}.toml"
 
 
-def _check_target(file: Path, source: Path) -> None:
-    """Refuse, before the search, a file that could not be used or that is the model itself."""
-    from pmjoint_codegen.errors import UsageError
-
-    if file.suffix != ".toml" or not _FILE_STEM.fullmatch(file.stem):
-        raise UsageError(
-            f"is {str(file)!r}",
-            where="--out",
-            remedy="allowed: NAME.toml, letters, digits, - and _ in NAME, which becomes the model's name",
-        )
-    if file.exists() and file.samefile(source):
-        raise UsageError("is the model itself", where=f"--out {file}", remedy="give another file")
-    if file.is_dir() or (file.exists() and not _is_tuned(file)):
-        raise UsageError(
-            "exists already, and was not written by tune",
-            where=f"--out {file}",
-            remedy="give another file",
-        )
-
-
-def _is_tuned(file: Path) -> bool:
-    """Whether a file begins with the note that tune writes."""
-    with file.open("rb") as stream:
-        return f" {_TUNED} ".encode() in stream.readline()
-
-
-def _costing(provided: Provided, request: Request, threads: int) -> CostFunction:
-    from pmjoint_codegen.sweep.build_inputs import library_of, make_inputs
-    from pmjoint_codegen.tune.cost import CostFunction
-
-    with activity("preparing the simulation"):
-        return CostFunction(library_of(make_inputs(provided.folder), os.environ), request, threads)
-
-
-def _search(costing: CostFunction) -> Found:
-    from pmjoint_codegen.tune.search import search
-
-    total = costing.request.most_designs
-    with activity(f"trying up to {total} designs", total=total, unit="designs") as progress:
-        return search(costing, lambda tried: progress(tried / total))
-
-
-def _words(saturation: str | None, start: str | None) -> dict[str, str]:
-    """Keys of the design that options replace: the gains are found for these."""
-    given = {"saturation": saturation, "start": start}
-    return {key: word for key, word in given.items() if word is not None}
-
-
-def _text_of(source: Path, file: Path, request: Request, words: Mapping[str, str]) -> str:
-    """The model file's text, after a trial edit: a search should not end at a file that cannot be edited."""
-    from pmjoint_codegen.tune.rewrite import rewrite
-
-    text = source.read_bytes().decode("utf-8-sig")
-    rewrite(
-        text,
-        file.stem,
-        {name: 1.5 * request.own[name] for name in request.space.gains},
-        "",
-        str(source),
-        request.own,
-        words,
-    )
-    return text
-
-
-def _write_model(edited: str, file: Path) -> None:
-    """Write the model with the gains found, after validating it; whole or not at all."""
-    from pmjoint_codegen.modelfile.reader import parse_document
-    from pmjoint_codegen.storage import write_bytes
-
-    found = parse_document(edited, str(file))
-    try:
-        from pmjoint_codegen.modelfile import model_of
-
-        model_of(found, str(file))
-    except ModuleNotFoundError:  # without the toolchain: only the gains have changed, and they were simulated
-        pass
-    write_bytes(file, edited.encode())
-
-
-def _note(comparison: Comparison, reference: Reference) -> str:
-    """How the gains were found, in one line."""
-    request = comparison.request
-    parts = [f"{comparison.manifest.name} {_TUNED} {request.objective.text}"]
-    if request.max_v is not None:
-        parts.append(f"|v| <= {request.max_v:g}")
-    if request.count > 1:
-        drawn = ", ".join(
-            f"{item.name}~{item.law}({item.first:g},{item.second:g})" for item in request.drawn.samples
-        )
-        parts.append(f"{request.over} of {request.count} plants, {drawn}")
-    if reference is not None:  # it stays out of the file: a task, not the design
-        parts.append(f"y_r = {request.runs.reference}")
-    return f"{'; '.join(parts)}; seed {request.seed}"
-
-
-def _draw(costing: CostFunction, comparison: Comparison, file: Path) -> Path:
+def _draw(tuned: Tuned, file: Path) -> Path:
     from pmjoint_codegen.tune.figure import write_figure
 
     ready_matplotlib()
     path = file.with_suffix(".png")
     with activity("drawing the figure"):
-        write_figure(costing, comparison, path)
+        write_figure(tuned.costing, tuned.comparison, path)
     return path
 
 
-def _report(comparison: Comparison, files: list[Path], *, wants_json: bool) -> None:
-    from pmjoint_codegen.tune.comparison import summary_table
-
-    told = {**summary_table(comparison), "files": files}
+def _report(tuned: Tuned, files: list[Path], *, wants_json: bool) -> None:
+    told = {**tuned.summary, "files": files}
     if wants_json:
         document(told)
     else:

@@ -8,3 +8,7 @@ executor  chunks over threads, or over a Dask cluster
 store     finished chunks, on disk, so that an interrupted sweep can resume; then one labelled dataset
 maps      the dataset as figures
 """
+
+from pmjoint_codegen.called import make_callable
+
+make_callable(__name__)  # `pmjoint_codegen.sweep(...)`: see `studies.sweep`

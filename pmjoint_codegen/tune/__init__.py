@@ -9,3 +9,7 @@ rewrite     a model file's text with other gains and another name, comments kept
 comparison  the design before and after, run by run
 figure      both designs drawn
 """
+
+from pmjoint_codegen.called import make_callable
+
+make_callable(__name__)  # `pmjoint_codegen.tune(...)`: see `studies.tune`
