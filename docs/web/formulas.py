@@ -1,6 +1,7 @@
 """Formulas in plain text, as pages are read on GitHub and in an editor: y_r, s^2, x_{i+1}.
 
-The site lowers indices and raises powers: in a line by a Markdown extension, which mkdocs.yml names; in a block fenced as ``formula``, whose letters become italic too. Columns of a block are three spaces apart.
+The site lowers indices and raises powers: in a line by a Markdown extension, which mkdocs.yml names; in a
+block fenced as ``formula``, whose letters become italic too. Columns of a block are three spaces apart.
 """
 
 from __future__ import annotations
