@@ -18,7 +18,7 @@ from markdown import Markdown
 from mkdocs.commands.build import build
 from mkdocs.config import load_config
 
-from docs.web import formulas, keywords, links, mathematics, pages
+from docs.web import formulas, keywords, links, mathematics, notebook, pages
 
 BROWSER = shutil.which("chromium")
 LOADS = {"link": "href", "script": "src", "img": "src", "iframe": "src", "source": "src"}
@@ -187,6 +187,19 @@ def test_formulas_in_a_line_and_in_a_block() -> None:
         "\\begin{aligned}a ={}& b\\\\ & + c\\end{aligned}", "math", "math", {}, Markdown()
     )
     assert rows.count("<mtr>") == 2 and ">&<" not in rows
+
+
+def test_a_notebook_is_executed(tmp_path: Path) -> None:
+    script = tmp_path / "steps.py"
+    script.write_text(
+        "# %% [markdown]\n# # Steps\n\n# %%\nprint(6 * 7)\n\n"
+        "# %%\nimport matplotlib.pyplot as plt\nplt.plot([1, 2]);\n",
+        encoding="utf-8",
+    )
+    text, figures = notebook.executed(script)
+    ((name, picture),) = figures.items()
+    assert "# Steps" in text and "\n    42\n" in text and f"({name})" in text
+    assert picture.startswith(b"\x89PNG") and name.startswith("steps-figures/")
 
 
 def test_indices_and_powers_of_plain_formulas_move_and_names_stay() -> None:
