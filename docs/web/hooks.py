@@ -35,6 +35,12 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     for path, text in pages.outside_pages():
         sources[path] = text
         add(_address(path), text)
+    for script in sorted(Path(config.docs_dir).glob("notebooks/*.py")):
+        text, figures = notebook.executed(script)
+        sources[path := f"{pages.DOCS}notebooks/{script.name}"] = text
+        add(_address(path), text)
+        for name, picture in figures.items():
+            add(f"notebooks/{name}", picture)
     for path in sorted({target for page, text in sources.items() for target in links.linked(page, text)}):
         shown = pages.address(path)
         if (
@@ -46,11 +52,6 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
             add(shown, pages.source_page(path), inside=False)
     for name, text in pages.reference_pages():
         add(name, text)
-    for script in sorted(Path(config.docs_dir).glob("notebooks/*.py")):
-        text, figures = notebook.executed(script)
-        add(f"notebooks/{script.stem}.md", text)
-        for name, picture in figures.items():
-            add(f"notebooks/{name}", picture)
     add(pages.EXPLORER, pages.explorer())
     report = pages.report()
     if report is not None:

@@ -77,6 +77,9 @@ def address(path: str) -> str | None:
     derivation = re.fullmatch(r"generated/([\w-]+)/derivation\.md", path)
     if derivation is not None:
         return f"{DERIVATIONS}/{derivation[1]}.md"
+    steps = re.fullmatch(r"docs/notebooks/([\w-]+)\.py", path)
+    if steps is not None:  # it is shown as executed
+        return f"notebooks/{steps[1]}.md"
     inside = path.removeprefix(DOCS)
     if posixpath.splitext(path)[1] in (".md", *_PICTURES):
         return inside if inside != path else None

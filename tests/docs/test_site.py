@@ -175,6 +175,7 @@ def test_an_address_of_each_kind_of_file() -> None:
     assert pages.address("docs/theory.md") == "theory.md"
     assert pages.address("generated/paper/derivation.md") == "derivations/paper.md"
     assert pages.address("docs/figures/tune.png") == "figures/tune.png"
+    assert pages.address("docs/notebooks/first-steps.py") == "notebooks/first-steps.md"
     assert pages.address("README.md") is None
 
 
