@@ -5,7 +5,6 @@ mkdocs.yml names this module. `pages.py` says what is added, `links.py` how link
 
 from __future__ import annotations
 
-import logging
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,8 +14,8 @@ from mkdocs.structure.pages import Page
 
 from docs.web import links, notebook, pages
 
-_LOG: Final = logging.getLogger("mkdocs.hooks.site")
 _MARK: Final = "<!-- the explorer, in the site -->"
+_REPORT_PAGE: Final = "report.md"
 _FRAME: Final = (
     '<iframe class="explorer" title="The closed loop of the paper, with sliders" '
     'loading="lazy" src="{src}"></iframe>\n\n'
@@ -36,6 +35,12 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     for path, text in pages.outside_pages():
         sources[path] = text
         add(_address(path), text)
+    for script in sorted(Path(config.docs_dir).glob("notebooks/*.py")):
+        text, figures = notebook.executed(script)
+        sources[path := f"{pages.DOCS}notebooks/{script.name}"] = text
+        add(_address(path), text)
+        for name, picture in figures.items():
+            add(f"notebooks/{name}", picture)
     for path in sorted({target for page, text in sources.items() for target in links.linked(page, text)}):
         shown = pages.address(path)
         if (
@@ -47,11 +52,6 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
             add(shown, pages.source_page(path), inside=False)
     for name, text in pages.reference_pages():
         add(name, text)
-    for script in sorted(Path(config.docs_dir).glob("notebooks/*.py")):
-        text, figures = notebook.executed(script)
-        add(f"notebooks/{script.stem}.md", text)
-        for name, picture in figures.items():
-            add(f"notebooks/{name}", picture)
     add(pages.EXPLORER, pages.explorer())
     report = pages.report()
     if report is not None:
@@ -70,6 +70,8 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     origin = {_address(path): path for path, _ in pages.outside_pages()}.get(here, f"{pages.DOCS}{here}")
     known = {path: pages.address(path) for path in links.linked(origin, markdown)}
     held = {path: name for path, name in known.items() if name is not None and files.get_file_from_path(name)}
+    if here == _REPORT_PAGE and files.get_file_from_path(pages.REPORT):
+        markdown += f"\n[The report of the paper's model]({pages.REPORT}){{ target=_blank }}\n"
     return links.rewritten(markdown, origin, here, held).replace(_MARK, _FRAME.format(src=pages.EXPLORER))
 
 

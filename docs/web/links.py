@@ -11,6 +11,7 @@ import posixpath
 import re
 from collections.abc import Iterator, Mapping
 
+_NAMED = re.compile(r"\[(?:[\w-]+/)*([\w-]+)\.md\](?=\()")
 _LINK = re.compile(r"(?P<open>\]\()(?P<path>[^()\s#:]+)(?P<anchor>#[^()\s]*)?(?=\))")
 
 
@@ -26,7 +27,7 @@ def linked(page: str, text: str) -> Iterator[str]:
 
 
 def rewritten(text: str, page: str, address: str, published: Mapping[str, str]) -> str:
-    """Rewrite the links of a page.
+    """Rewrite the links of a page. A text that is the name of a page loses its ending.
 
     Args:
         text: its Markdown.
@@ -45,4 +46,4 @@ def rewritten(text: str, page: str, address: str, published: Mapping[str, str]) 
             + (match["anchor"] or "")
         )
 
-    return _LINK.sub(replaced, text)
+    return _NAMED.sub(r"[\1]", _LINK.sub(replaced, text))

@@ -7,10 +7,12 @@ import os
 import posixpath
 import re
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import redirect_stdout
+from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
+from types import ModuleType
 from typing import Final
 
 ROOT: Final = Path(__file__).resolve().parents[2]
@@ -22,48 +24,46 @@ REFERENCE: Final = "reference"
 EXPLORER: Final = "live/paper.html"
 REPORT: Final = "live/paper-report.html"
 
+_PACKAGE: Final = "pmjoint_codegen"
 _LEXERS: Final = {".toml": "toml", ".py": "python", ".yml": "yaml", ".c": "c", ".h": "c"}
 _PICTURES: Final = (".png", ".svg")
 
-# Page of the reference -> title and what it documents. The rest of the package's public names joins the last.
-_DOCUMENTED: Final[Mapping[str, tuple[str, tuple[str, ...]]]] = {
-    "closed-loop": ("Closed loop", ("pmjoint_codegen.closed_loop.ClosedLoop",)),
-    "run": ("Run", ("pmjoint_codegen.simulate.run.Run", "pmjoint_codegen.simulate.record.Record")),
-    "controller": (
+
+@dataclass(frozen=True)
+class _Chapter:
+    """A page of the reference.
+
+    Attributes:
+        title: its heading.
+        homes: modules whose public names it documents, those that `pmjoint_codegen` exports.
+        further: full names of what else it documents, after these.
+    """
+
+    title: str
+    homes: tuple[str, ...]
+    further: tuple[str, ...] = ()
+
+
+_CHAPTERS: Final[Mapping[str, _Chapter]] = {
+    "closed-loop": _Chapter("Closed loop", ("closed_loop",)),
+    "run": _Chapter("Run", ("simulate",), ("simulate.record.Record",)),
+    "controller": _Chapter(
         "Controller",
-        (
-            "pmjoint_codegen.controller.Controller",
-            "pmjoint_codegen.controller.ControllerState",
-            "pmjoint_codegen.kernels.law.Law",
-        ),
+        ("controller",),
+        ("controller.Controller", "controller.ControllerState", "kernels.law.Law"),
     ),
-    "control-systems": (
-        "Control systems and margins",
-        ("pmjoint_codegen.systems.ControlSystems", "pmjoint_codegen.margins.Margins"),
+    "control-systems": _Chapter(
+        "Control systems and margins", ("systems", "margins"), ("systems.ControlSystems", "margins.Margins")
     ),
-    "sweep": (
+    "sweep": _Chapter(
         "Sweep",
-        (
-            "pmjoint_codegen.sweep.plan.Axis",
-            "pmjoint_codegen.sweep.plan.Sample",
-            "pmjoint_codegen.sweep.plan.Plan",
-            "pmjoint_codegen.sweep.plan.make_plan",
-            "pmjoint_codegen.sweep.dataset.read",
-        ),
+        ("sweep", "studies.sweep"),
+        ("sweep.plan.Plan", "sweep.plan.Axis", "sweep.plan.Sample", "sweep.dataset.read"),
     ),
-    "tune": (
-        "Tune",
-        (
-            "pmjoint_codegen.tune.request.make_request",
-            "pmjoint_codegen.tune.objective.Objective",
-            "pmjoint_codegen.tune.search.search",
-            "pmjoint_codegen.tune.search.Found",
-        ),
-    ),
-    "export": (
-        "Export",
-        ("pmjoint_codegen.export.package.Export", "pmjoint_codegen.export.package.export_c"),
-    ),
+    "tune": _Chapter("Tune", ("tune", "studies.tune"), ("tune.objective.Objective", "tune.search.Found")),
+    "export": _Chapter("Export", ("export",), ("export.package.Export", "export.package.export_c")),
+    "errors": _Chapter("Errors", ("errors",)),
+    "more": _Chapter("More public names", ("",)),
 }
 
 
@@ -77,6 +77,9 @@ def address(path: str) -> str | None:
     derivation = re.fullmatch(r"generated/([\w-]+)/derivation\.md", path)
     if derivation is not None:
         return f"{DERIVATIONS}/{derivation[1]}.md"
+    steps = re.fullmatch(r"docs/notebooks/([\w-]+)\.py", path)
+    if steps is not None:  # it is shown as executed
+        return f"notebooks/{steps[1]}.md"
     inside = path.removeprefix(DOCS)
     if posixpath.splitext(path)[1] in (".md", *_PICTURES):
         return inside if inside != path else None
@@ -99,32 +102,31 @@ def source_page(path: str) -> str:
 
 def reference_pages() -> Iterator[tuple[str, str]]:
     """Names and texts of the reference: directives for mkdocstrings, which reads the docstrings."""
-    shown: list[str] = []
-    for name, (title, documented) in _DOCUMENTED.items():
-        shown += documented
-        yield f"{REFERENCE}/{name}.md", _reference(title, documented)
-    errors, others = [], []
-    for home in public_names():
-        if home.startswith("pmjoint_codegen.errors."):
-            errors.append(home)
-        elif home not in shown:
-            others.append(home)
-    yield f"{REFERENCE}/errors.md", _reference("Errors", errors)
-    if others:
-        yield f"{REFERENCE}/more.md", _reference("More public names", others)
-
-
-def _reference(title: str, names: Iterable[str]) -> str:
-    return f"# {title}\n\n" + "\n".join(f"::: {name}\n" for name in names)
+    left = list(public_names())
+    for page, chapter in _CHAPTERS.items():
+        public = [name for name in left if any(f"{name}.".startswith(_full(home)) for home in chapter.homes)]
+        left = [name for name in left if name not in public]
+        shown = dict.fromkeys([*public, *map(_full, chapter.further)])
+        if shown:
+            yield (
+                f"{REFERENCE}/{page}.md",
+                f"# {chapter.title}\n\n" + "\n".join(f"::: {name}\n" for name in shown),
+            )
 
 
 def public_names() -> Iterator[str]:
     """Full names of what ``pmjoint_codegen`` exports, each by the module that defines it."""
-    package = importlib.import_module("pmjoint_codegen")
+    package = importlib.import_module(_PACKAGE)
     for name in package.__all__:
         value = getattr(package, name)
+        if isinstance(value, ModuleType):  # a package that can be called: by the function of its name
+            value = getattr(importlib.import_module(f"{_PACKAGE}.studies.{name}"), name)
         if hasattr(value, "__qualname__"):
             yield f"{value.__module__}.{value.__qualname__}"
+
+
+def _full(name: str) -> str:
+    return f"{_PACKAGE}.{name}"
 
 
 def explorer() -> str:

@@ -18,7 +18,7 @@ from markdown import Markdown
 from mkdocs.commands.build import build
 from mkdocs.config import load_config
 
-from docs.web import keywords, links, mathematics, pages
+from docs.web import formulas, keywords, links, mathematics, notebook, pages
 
 BROWSER = shutil.which("chromium")
 LOADS = {"link": "href", "script": "src", "img": "src", "iframe": "src", "source": "src"}
@@ -76,10 +76,12 @@ def test_each_source_is_a_page_only_where_a_page_links_it(site: Path) -> None:
 
 
 def test_formulas_are_drawn_and_none_is_left_as_text(site: Path) -> None:
-    text = (site / "derivations" / "joint-damped.html").read_text(encoding="utf-8")
-    assert text.count("<math") > 100
-    assert "<mtable" in text
-    assert not re.search(r"\\(?:frac|dot|begin)|\$`", text)
+    for page in ("derivations/joint-damped.html", "audit.html"):
+        text = (site / page).read_text(encoding="utf-8")
+        assert text.count("<math") > 50
+        assert "<mtable" in text
+        assert not re.search(r"\\(?:frac|dot|begin)|\$`", text)
+    assert '<div class="formula"' in (site / "theory.html").read_text(encoding="utf-8")
 
 
 def test_the_front_page_holds_the_explorer(site: Path) -> None:
@@ -163,6 +165,8 @@ def test_a_link_follows_the_file_that_it_names() -> None:
         "[a](models/a.toml.md) [b](theory.md#x) [c](https://e.org/theory.md) [d](lost.md) [e](#here)"
     )
     assert links.rewritten("[a](docs/theory.md)", "README.md", "deep/readme.md", held) == "[a](../theory.md)"
+    named = "[theory.md](theory.md) and [how/to-do.md](how/to-do.md)"
+    assert links.rewritten(named, "docs/a.md", "a.md", {}) == "[theory](theory.md) and [to-do](how/to-do.md)"
     assert list(links.linked("docs/gallery.md", text)) == ["models/a.toml", "docs/theory.md", "docs/lost.md"]
 
 
@@ -171,6 +175,7 @@ def test_an_address_of_each_kind_of_file() -> None:
     assert pages.address("docs/theory.md") == "theory.md"
     assert pages.address("generated/paper/derivation.md") == "derivations/paper.md"
     assert pages.address("docs/figures/tune.png") == "figures/tune.png"
+    assert pages.address("docs/notebooks/first-steps.py") == "notebooks/first-steps.md"
     assert pages.address("README.md") is None
 
 
@@ -183,6 +188,29 @@ def test_formulas_in_a_line_and_in_a_block() -> None:
         "\\begin{aligned}a ={}& b\\\\ & + c\\end{aligned}", "math", "math", {}, Markdown()
     )
     assert rows.count("<mtr>") == 2 and ">&<" not in rows
+
+
+def test_a_notebook_is_executed(tmp_path: Path) -> None:
+    script = tmp_path / "steps.py"
+    script.write_text(
+        "# %% [markdown]\n# # Steps\n\n# %%\nprint(6 * 7)\n\n"
+        "# %%\nimport matplotlib.pyplot as plt\nplt.plot([1, 2]);\n",
+        encoding="utf-8",
+    )
+    text, figures = notebook.executed(script)
+    ((name, picture),) = figures.items()
+    assert "# Steps" in text and "\n    42\n" in text and f"({name})" in text
+    assert picture.startswith(b"\x89PNG") and name.startswith("steps-figures/")
+
+
+def test_indices_and_powers_of_plain_formulas_move_and_names_stay() -> None:
+    text = "y_r, g_i(θ), e_1ᵀ, ẋ_i, x_{i+1} and 1/s^2, y^(n−1), but output_step, to_control, `c_1` and *x*_"
+    drawn = Markdown(extensions=["docs.web.formulas"]).convert(text)
+    assert "y<sub>r</sub>, g<sub>i</sub>(θ), e<sub>1</sub>ᵀ, ẋ<sub>i</sub>, x<sub>i+1</sub> and" in drawn
+    assert "1/s<sup>2</sup>, y<sup>(n−1)</sup>, but output_step, to_control, <code>c_1</code>" in drawn
+    rows = formulas.block("a < b_max   c^{A T}\n", "formula", "formula", {}, Markdown())
+    assert "<span><i>a</i> &lt; <i>b</i><sub>max</sub></span>" in rows
+    assert "<span><i>c</i><sup><i>A</i> <i>T</i></sup></span>" in rows
 
 
 def test_keywords_are_shown_as_parameters(tmp_path: Path) -> None:
