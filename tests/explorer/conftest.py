@@ -1,4 +1,4 @@
-"""One browser, and the pages under test: the paper's model, and one with every part of the chain and with data."""
+"""One browser, and the pages under test: two shipped models, and one with the whole chain and with data."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -17,7 +18,7 @@ from pmjoint_codegen.workspace import find_model
 from .devtools import Browser, Tab, running
 
 CHROMIUM = shutil.which("chromium")
-REFERENCE = '{ steps = [[0, 0.5], [2, 1.2], [6, -0.4]], filter = 3 }'
+REFERENCE = "{ steps = [[0, 0.5], [2, 1.2], [6, -0.4]], filter = 3 }"
 CHAINED = """
 [sensor]
 resolution = 0.0004
@@ -109,9 +110,16 @@ def chained(tmp_path_factory: pytest.TempPathFactory) -> Shown:
     return shown(str(folder / "chained.toml"), folder, only="compensator")
 
 
+def opened(browser: Browser, address: str, **screen: Any) -> Tab:
+    """A tab of a page, with the functions of ``probes.js``."""
+    tab = browser.open(address, **screen)
+    tab.evaluate((Path(__file__).parent / "probes.js").read_text(encoding="utf-8"))
+    return tab
+
+
 @pytest.fixture
 def tab(browser: Browser, paper: Shown) -> Iterator[Tab]:
     """The paper's page on a desk."""
-    opened = browser.open(paper.address, width=1280, height=900)
-    yield opened
-    opened.close()
+    found = opened(browser, paper.address, width=1280, height=900)
+    yield found
+    found.close()
