@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import importlib.util
 import os
 import shutil
@@ -71,10 +72,13 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
 def shown(model: str, folder: Path, *, only: str | None = None) -> Shown:
     """A model's page; `only` one kind of saturation besides plain clipping, which is sooner compiled."""
     notes: list[str] = []
-    prepared = prepare(model, environment=os.environ, notify=notes.append)
-    if only is not None:
-        prepared = replace(prepared, variants={only: prepared.variants[only]})
-    page = make_page(prepared, environment=os.environ, notify=notes.append)
+    # One worker compiles, the other then finds it in the cache.
+    with (Path(os.environ["PMJOINT_CACHE"]) / "explorer.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        prepared = prepare(model, environment=os.environ, notify=notes.append)
+        if only is not None:
+            prepared = replace(prepared, variants={only: prepared.variants[only]})
+        page = make_page(prepared, environment=os.environ, notify=notes.append)
     assert not notes
     file = folder / f"{prepared.title}.html"
     file.write_text(page.html, encoding="utf-8")
