@@ -1,13 +1,15 @@
-"""One browser, and the pages under test: the paper's model, and one with every part of the chain and with data."""
+"""One browser, and the pages under test: two shipped models, and one with the whole chain and with data."""
 
 from __future__ import annotations
 
+import fcntl
 import importlib.util
 import os
 import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -17,7 +19,7 @@ from pmjoint_codegen.workspace import find_model
 from .devtools import Browser, Tab, running
 
 CHROMIUM = shutil.which("chromium")
-REFERENCE = '{ steps = [[0, 0.5], [2, 1.2], [6, -0.4]], filter = 3 }'
+REFERENCE = "{ steps = [[0, 0.5], [2, 1.2], [6, -0.4]], filter = 3 }"
 CHAINED = """
 [sensor]
 resolution = 0.0004
@@ -70,10 +72,13 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
 def shown(model: str, folder: Path, *, only: str | None = None) -> Shown:
     """A model's page; `only` one kind of saturation besides plain clipping, which is sooner compiled."""
     notes: list[str] = []
-    prepared = prepare(model, environment=os.environ, notify=notes.append)
-    if only is not None:
-        prepared = replace(prepared, variants={only: prepared.variants[only]})
-    page = make_page(prepared, environment=os.environ, notify=notes.append)
+    # One worker compiles, the other then finds it in the cache.
+    with (Path(os.environ["PMJOINT_CACHE"]) / "explorer.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        prepared = prepare(model, environment=os.environ, notify=notes.append)
+        if only is not None:
+            prepared = replace(prepared, variants={only: prepared.variants[only]})
+        page = make_page(prepared, environment=os.environ, notify=notes.append)
     assert not notes
     file = folder / f"{prepared.title}.html"
     file.write_text(page.html, encoding="utf-8")
@@ -109,9 +114,16 @@ def chained(tmp_path_factory: pytest.TempPathFactory) -> Shown:
     return shown(str(folder / "chained.toml"), folder, only="compensator")
 
 
+def opened(browser: Browser, address: str, **screen: Any) -> Tab:
+    """A tab of a page, with the functions of ``probes.js``."""
+    tab = browser.open(address, **screen)
+    tab.evaluate((Path(__file__).parent / "probes.js").read_text(encoding="utf-8"))
+    return tab
+
+
 @pytest.fixture
 def tab(browser: Browser, paper: Shown) -> Iterator[Tab]:
     """The paper's page on a desk."""
-    opened = browser.open(paper.address, width=1280, height=900)
-    yield opened
-    opened.close()
+    found = opened(browser, paper.address, width=1280, height=900)
+    yield found
+    found.close()

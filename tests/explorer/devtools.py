@@ -112,9 +112,7 @@ class Tab:
 
     def evaluate(self, expression: str) -> Any:
         """The value of an expression of JavaScript, as JSON; a promise is waited for."""
-        found = self.call(
-            "Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True
-        )
+        found = self.call("Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True)
         assert "exceptionDetails" not in found, found["exceptionDetails"]
         return found["result"].get("value")
 

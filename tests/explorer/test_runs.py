@@ -1,4 +1,4 @@
-"""The page's runs against the command line: every column of random settings, by the command that the page prints."""
+"""The page's runs against the command line: every column of random settings, by the printed command."""
 
 from __future__ import annotations
 
@@ -16,29 +16,12 @@ from click.testing import CliRunner
 
 from pmjoint_codegen.cli.simulate import command as simulate
 
-from .conftest import Shown
+from .conftest import Shown, opened
 from .devtools import Browser, Tab
 
 TOLERANCE = 1e-9  # of every column, relative to max(1, its largest value): a run's own local error is 1e-10
 EVERY = 20  # rows
 RUNS = {"paper": 10, "lagging": 4, "chained": 6}
-
-# A run of the page, thinned; what its link carries back; its command.
-LOOK = """
-(() => {
-  const settings = Object.assign(defaultSettings(explorer.data), @change@);
-  const run = explorer.simulate(settings);
-  const thin = (name) => [...run.column(name)].filter((_, i) => i % @every@ === 0);
-  const names = [...explorer.engine(settings).columns.keys()];
-  const back = fromHash(explorer.data, toHash(explorer.data, settings));
-  return {columns: Object.fromEntries(names.map((name) => [name, thin(name)])), status: run.status, ise: run.ise,
-    saturated: run.saturated, switches: run.switches.map(([t]) => t), peak: run.peak("v"), V: run.V[0],
-    settling: run.settling, values: run.values, notice: back.notice,
-    same: toHash(explorer.data, back.settings) === toHash(explorer.data, settings)
-      && explorer.simulate(back.settings).ise === run.ise,
-    command: commandLine(explorer.data, explorer.fitting(settings))};
-})()
-"""
 
 
 def drawn(name: str, seed: int) -> Iterator[dict[str, Any]]:
@@ -78,8 +61,7 @@ def drawn(name: str, seed: int) -> Iterator[dict[str, Any]]:
 
 def looked(tab: Tab, change: Mapping[str, Any]) -> dict[str, Any]:
     """What the page computes for settings that differ from the model's own."""
-    text = LOOK.replace("@change@", json.dumps(change)).replace("@every@", str(EVERY))
-    found: dict[str, Any] = tab.evaluate(text)
+    found: dict[str, Any] = tab.evaluate(f"probe.run({json.dumps(change)}, {EVERY})")
     return found
 
 
@@ -87,7 +69,9 @@ def by_command(text: str, folder: Path) -> tuple[dict[str, np.ndarray[Any, Any]]
     """Columns and summary of the run that a command line makes."""
     words = shlex.split(text)
     assert words[:2] == ["pmjoint", "simulate"]
-    done = CliRunner().invoke(simulate, [*words[2:], "--no-figures", "--out", str(folder)], standalone_mode=False)
+    done = CliRunner().invoke(
+        simulate, [*words[2:], "--no-figures", "--out", str(folder)], standalone_mode=False
+    )
     assert done.exception is None, (text, done.exception, done.output)
     with (folder / "trajectory.csv").open(newline="") as stream:
         names, *rows = csv.reader(stream)
@@ -102,7 +86,7 @@ def test_its_runs_are_those_of_the_command_it_prints(
 ) -> None:
     """Every column, the switches and the figures; the link gives the settings back."""
     shown: Shown = request.getfixturevalue(name)
-    tab = browser.open(shown.address)
+    tab = opened(browser, shown.address)
     worst = 0.0
     for i, change in enumerate(drawn(name, seed=16)):
         found = looked(tab, change)

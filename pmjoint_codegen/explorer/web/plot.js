@@ -1,7 +1,8 @@
 "use strict";
 // Line plots on a canvas.
 
-const MARGIN = { left: 64, right: 12, second: 58, top: 8, bottom: 36 };
+const MARGIN = { left: 64, narrow: 54, right: 12, second: 58, top: 8, bottom: 36 };
+const NARROW = 340; // px
 const FONT = "11px system-ui, sans-serif";
 
 // Round steps that divide a range into about `count` parts, and the numbers on them.
@@ -66,7 +67,8 @@ class Plot {
   draw(spec, colors, cursor) {
     const { context: c, width, height } = this;
     const right = spec.right ? MARGIN.second : MARGIN.right;
-    const box = { x: MARGIN.left, y: MARGIN.top, w: width - MARGIN.left - right, h: height - MARGIN.top - MARGIN.bottom };
+    const left = width < NARROW ? MARGIN.narrow : MARGIN.left;
+    const box = { x: left, y: MARGIN.top, w: width - left - right, h: height - MARGIN.top - MARGIN.bottom };
     const toX = (value) => box.x + ((value - spec.x[0]) / (spec.x[1] - spec.x[0])) * box.w;
     const scale = (range) => (value) => box.y + box.h - ((value - range[0]) / (range[1] - range[0])) * box.h;
     const [toY, toRight] = [scale(spec.y), scale(spec.right ?? spec.y)];
