@@ -89,7 +89,7 @@ def run_from(contents: Mapping[str, Any], columns: Mapping[str, Array], wall_s: 
         **tables(manifest, columns),
         switches=tuple((float(t), int(mode)) for t, mode in result["switches"]),
         initial_mode=int(result["initial_mode"]),
-        peaks=MappingProxyType(peaks),
+        peaks=peaks,
         ise=float(result["ise"]),
         settling_s=None if result["settling_s"] is None else float(result["settling_s"]),
         steps=int(result["steps"]),

@@ -1,4 +1,4 @@
-"""``pmjoint plot``: redrawn figures, comparisons, folders that are refused; and a run repeated from its record."""
+"""``pmjoint plot``: redrawn figures, comparisons, refused folders; runs repeated from their record."""
 
 from __future__ import annotations
 
