@@ -172,7 +172,7 @@ def _name_runs(figure: Figure, names: Sequence[str], rows: Sequence[int], page: 
     for k, count in enumerate(rows):
         chosen = slice(first, first + count)
         top = 1.0 - (0.06 + LEGEND_LINE * k) / height
-        legend = figure.legend(
+        figure.legend(
             handles[chosen],
             names[chosen],
             loc="upper right",
@@ -183,7 +183,6 @@ def _name_runs(figure: Figure, names: Sequence[str], rows: Sequence[int], page: 
             handlelength=2.6,
             columnspacing=1.4,
         )
-        figure.add_artist(legend)
         first += count
 
 

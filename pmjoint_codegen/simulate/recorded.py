@@ -89,7 +89,7 @@ def run_from(contents: Mapping[str, Any], columns: Mapping[str, Array], wall_s: 
         **tables(manifest, columns),
         switches=tuple((float(t), int(mode)) for t, mode in result["switches"]),
         initial_mode=int(result["initial_mode"]),
-        peaks=MappingProxyType(peaks),
+        peaks=peaks,
         ise=float(result["ise"]),
         settling_s=None if result["settling_s"] is None else float(result["settling_s"]),
         steps=int(result["steps"]),
@@ -98,7 +98,7 @@ def run_from(contents: Mapping[str, Any], columns: Mapping[str, Array], wall_s: 
     )
 
 
-def tables(manifest: Manifest, columns: Mapping[str, Array]) -> dict[str, Array]:
+def tables(manifest: Manifest, columns: Mapping[str, Array]) -> dict[str, Any]:
     """The fields t, states and signals of a record from its columns; raises `KeyError` if one is missing."""
     rows = len(columns["t"])
 
@@ -115,8 +115,8 @@ def tables(manifest: Manifest, columns: Mapping[str, Array]) -> dict[str, Array]
 def _settings(contents: Mapping[str, Any], manifest: Manifest) -> Settings:
     values = {name: float(value) for name, value in contents["parameters"].items()}
     segments = _segments(contents["reference"], manifest)
-    limits = {name: float(contents[name]) for name in _LIMITS}
-    whole = {name: int(limits.pop(name)) for name in ("max_steps", "max_switches")}
+    limits: dict[str, Any] = {name: float(contents[name]) for name in _LIMITS}
+    whole: dict[str, Any] = {name: int(limits.pop(name)) for name in ("max_steps", "max_switches")}
     return Settings(
         parameters=MappingProxyType(values),
         p=vector_of(values, segments),

@@ -12,7 +12,6 @@ from typing import Any
 
 import pytest
 
-from pmjoint_codegen.cli import terminal
 from pmjoint_codegen.cli.main import run
 from pmjoint_codegen.compile.compiler import find_compiler
 
@@ -56,7 +55,8 @@ def test_the_papers_run_leaves_every_file_and_tells_of_it(
 ) -> None:
     assert run(["simulate", "paper", *KERNELS]) == 0
     folder = tmp_path / "runs" / "paper"
-    assert {path.name for path in folder.iterdir()} == FIGURES | {"trajectory.csv", "summary.json"}
+    data = {"trajectory.csv", "transient.csv", "summary.json", "run.json"}
+    assert {path.name for path in folder.iterdir()} == FIGURES | data
     captured = capsys.readouterr()
     for said in (
         "at -u_max from 0.0000000000 s",
@@ -264,13 +264,11 @@ def test_results_are_written_by_one_rename_each(
     """A summary that cannot be formed leaves the old one whole, and no temporary file."""
     simulate("--out", "a", capsys=capsys)
     before = (tmp_path / "a" / "summary.json").read_bytes()
-    real = terminal.as_json
 
-    def broken(value: object) -> str:
+    def broken(value: object, indent: int) -> str:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("pmjoint_codegen.cli.simulate.as_json", broken)
+    monkeypatch.setattr("pmjoint_codegen.simulate.folder._json", broken)
     assert run(["simulate", "paper", *KERNELS, *SHORT, "--set", "c1=20", "--out", "a"]) == 3
     assert (tmp_path / "a" / "summary.json").read_bytes() == before
     assert {path.name for path in (tmp_path / "a").iterdir()} == {"summary.json", "trajectory.csv"}
-    assert real is terminal.as_json

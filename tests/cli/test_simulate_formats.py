@@ -24,6 +24,9 @@ def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
+TOLD = ("summary.json", "run.json")
+
+
 def left(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir()}
 
@@ -37,9 +40,9 @@ def test_each_format_is_written_beside_the_csv_file_and_told_of(
     assert run([*SHORT, *formats, "--json"]) == 0
     captured = capsys.readouterr()
     names = [f"trajectory.{name}" for name in ("csv", "parquet", "mat", "mcap")]
-    assert [Path(name).name for name in json.loads(captured.out)["files"]] == [*names, "summary.json"]
+    assert [Path(name).name for name in json.loads(captured.out)["files"]] == [*names, *TOLD]
     assert captured.err == ""
-    assert left(tmp_path / "a") == {*names, "summary.json"}
+    assert left(tmp_path / "a") == {*names, *TOLD}
     table = np.loadtxt(tmp_path / "a" / "trajectory.csv", delimiter=",", skiprows=1)
     columns = loadmat(tmp_path / "a" / "trajectory.mat", simplify_cells=True)["trajectory"]
     assert np.array_equal(np.column_stack(list(columns.values())), table)
@@ -49,7 +52,7 @@ def test_a_second_run_leaves_no_trajectory_of_the_first(tmp_path: Path) -> None:
     assert run([*SHORT, "--format", "mat"]) == 0
     (tmp_path / "a" / "mine.mat").touch()
     assert run([*SHORT, "--format", "csv"]) == 0
-    assert left(tmp_path / "a") == {"trajectory.csv", "summary.json", "mine.mat"}
+    assert left(tmp_path / "a") == {"trajectory.csv", *TOLD, "mine.mat"}
 
 
 @pytest.mark.parametrize(("package", "name"), [("pyarrow", "parquet"), ("mcap", "mcap")])
@@ -87,9 +90,9 @@ def test_figures_are_written_in_the_formats_asked_for_and_old_ones_removed(tmp_p
     assert run([*drawn, "--format", "svg", "--format", "pdf", "--width", "ieee", "--no-caption"]) == 0
     stems = {Path(name).stem for name in first if name.endswith(".png")}
     named = {f"{stem}.{kind}" for stem in stems for kind in ("svg", "pdf")}
-    assert left(tmp_path / "a") == {*named, "trajectory.csv", "summary.json", "photo.png"}
+    assert left(tmp_path / "a") == {*named, "trajectory.csv", *TOLD, "photo.png"}
     assert run(SHORT) == 0
-    assert left(tmp_path / "a") == {"trajectory.csv", "summary.json", "photo.png"}
+    assert left(tmp_path / "a") == {"trajectory.csv", *TOLD, "photo.png"}
 
 
 @pytest.mark.parametrize(
