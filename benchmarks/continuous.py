@@ -19,9 +19,11 @@ from benchmarks.reference import error
 from benchmarks.report import Row, Section, processor, shown
 from pmjoint_codegen import ClosedLoop
 from pmjoint_codegen.simulate.settings import DEFAULT_TOLERANCE
+from pmjoint_codegen.simulate.style import png, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
     from pmjoint_codegen import Run
 
@@ -29,6 +31,7 @@ ACCURACY: Final = 1e-9  # largest error in any state that a contestant may have
 GRID: Final[Array] = np.arange(2001, dtype=np.float64) * 0.01  # s, the default output grid
 ENDS: Final[Array] = np.array([0.0, HORIZON])
 PATIENCE_S: Final = 1.0  # a setting that takes longer is a solver's last
+_STYLE: Final = {"axes.titlesize": 10.0}
 FLOOR: Final = 1e-12  # the reference's own accuracy: points below it tell nothing
 COLOURS: Final = ("black", "C0", "C1", "C2", "C3", "C4", "C5", "C6", "C7", "C8", "C9", "navy")
 BOUNDS: Final = {"heyoka": 1.0, "CasADi CVODES": 1 / 40, "SciPy LSODA": 1 / 200}
@@ -210,10 +213,17 @@ def _precision(curves: Sequence[Curve]) -> Section:
 
 def draw(curves: Sequence[Curve], path: Path) -> None:
     """Draw time against achieved error."""
+    with styled(_STYLE):
+        figure = _figure(curves)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(png(figure, _STYLE))
+
+
+def _figure(curves: Sequence[Curve]) -> Figure:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(8.5, 5.2), layout="constrained")
+    figure = Figure(figsize=(6.6, 4.0), layout="constrained")
     FigureCanvasAgg(figure)
     axes: Axes = figure.subplots()
     markers = "osD^v<>PX*hd"
@@ -225,8 +235,8 @@ def draw(curves: Sequence[Curve], path: Path) -> None:
             errors,
             times,
             marker=markers[index % len(markers)],
-            markersize=5,
-            linewidth=2.5 if bold else 1.2,
+            markersize=4,
+            linewidth=2.0 if bold else 0.9,
             color=COLOURS[index % len(COLOURS)],
             label=item.solver.label,
         )
@@ -237,5 +247,4 @@ def draw(curves: Sequence[Curve], path: Path) -> None:
     axes.set_title(f"The paper's closed loop over 20 s, 2001 output instants; {processor()}")
     axes.grid(True, which="major", alpha=0.3)
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8, frameon=False)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=130, metadata={"Software": None})
+    return figure

@@ -47,7 +47,7 @@ def advice(manifest: Manifest, name: str, known: Iterable[str]) -> str:
             return f"{name} stands for all gains of its kind in tune --gain alone; here: {', '.join(members)}"
     if name in manifest.start.names:
         order = ", ".join(manifest.start.names)
-        return f"it is an initial value: give --x0 with {order} in this order, or in a sweep --grid {name}=..."
+        return f"it is an initial value: give --x0 with {order}, in this order; in a sweep, --grid {name}=..."
     if name in manifest.parameter_names:
         return f"it is a parameter: give --set {name}=VALUE"
     if name in _OPTIONS:

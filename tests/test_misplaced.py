@@ -24,7 +24,7 @@ def manifest() -> Manifest:
     ("name", "said"),
     [
         ("c", "here: c1, c2"),
-        ("theta", "give --x0 with theta, theta_dot in this order"),
+        ("theta", "give --x0 with theta, theta_dot, in this order"),
         ("y_r", "give --reference"),
         ("horizon", "give --horizon"),
         ("disturbance", "give --disturbance"),
@@ -39,7 +39,7 @@ def test_a_parameter_that_is_something_else(manifest: Manifest, name: str, said:
 
 
 def test_a_sweep_and_a_search_advise_too(manifest: Manifest) -> None:
-    with pytest.raises(UsageError, match="has no 'c' to vary.*here: c1, c2"):
+    with pytest.raises(UsageError, match=r"has no 'c' to vary.*here: c1, c2"):
         make_request(manifest, make_plan(("c=1,2",), (), None, 0, "sobol"))
     with pytest.raises(UsageError, match="has no gain 'theta'; it is an initial value"):
         make_space(manifest, ("theta=1:2",))

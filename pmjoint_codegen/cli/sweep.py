@@ -215,7 +215,8 @@ def _account(store: Store, manifest: Manifest, files: tuple[Path, ...]) -> dict[
 def _text(account: Mapping[str, Any]) -> str:
     size = " x ".join(f"{length} of {name}" for name, length in account["dimensions"].items())
     ends = ", ".join(f"{count} {name.replace('_', ' ')}" for name, count in account["status"].items())
-    head = f"{account['model']}: {account['runs']} run{'' if account['runs'] == 1 else 's'} ({size}): {ends}; {account['held']} stay bounded"
+    runs = f"{account['runs']} run{'' if account['runs'] == 1 else 's'}"
+    head = f"{account['model']}: {runs} ({size}): {ends}; {account['held']} stay bounded"
     rows = [("of bounded runs", "5th percentile", "median", "95th percentile", "")]
     for name, values in account["quantiles_of_held"].items():
         if values:

@@ -46,7 +46,7 @@ STYLE: Final = {
     "axes.labelsize": 10.0,
     "axes.xmargin": 0.0,
     "axes.ymargin": 0.08,
-    "axes.formatter.limits": (-4, 5),
+    "axes.formatter.limits": (-3, 4),  # wider tick labels would meet the axis label
     "axes.formatter.use_mathtext": True,
     "lines.linewidth": 0.9,
     "legend.fontsize": 9.0,
@@ -260,7 +260,7 @@ def set_ticks(axes: Axes, page: Page) -> None:
 
     across = axes.get_position().width * page.width / page.scale  # inches, as if the text had its usual size
     axes.xaxis.set_major_locator(MaxNLocator(nbins=max(2, min(5, int(across / 0.35))), steps=[1, 2, 5, 10]))
-    axes.yaxis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 2, 5, 10]))
+    axes.yaxis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 2, 5, 10], min_n_ticks=3))
 
 
 def clip_axis(axes: Axes, run: Record, panel: Panel, page: Page) -> None:
@@ -298,9 +298,14 @@ def _name_limits(axes: Axes, run: Record, until: float, page: Page) -> None:
     """Name the limit above each shaded interval of the transient that is wide enough."""
     above = axes.get_xaxis_transform()
     text: dict[str, Any] = {"ha": "center", "va": "bottom", "fontsize": 8 * page.scale, "color": GREY}
+    free = axes.bbox.x0  # in pixels: left of it are the tick labels, then the names so far
     for start, stop, mode in saturated_intervals(run):
         if stop - start > 0.08 * until:
-            axes.text((start + stop) / 2, 1.02, limit_name(run, mode), transform=above, **text)
+            name = axes.text((start + stop) / 2, 1.02, limit_name(run, mode), transform=above, **text)
+            box = name.get_window_extent()
+            shift = max(0.0, free - box.x0)
+            name.set_x((start + stop) / 2 + shift * until / axes.bbox.width)
+            free = box.x1 + shift + 0.2 * box.height
 
 
 def _legend(axes: Axes, panel: Panel, page: Page) -> None:

@@ -17,13 +17,16 @@ if TYPE_CHECKING:
 
 DPI: Final = 220
 CAPTION_CHARACTERS: Final = 124  # printed ones in a line
-BLACK, BLUE, RED, GREY = "#111111", "#1f4e79", "#b03a2e", "#777777"
+BLACK, BLUE, RED, GREY = "#111111", "#1f4e79", "#b03a2e", "#757575"
 RUST, STONE = "#b5482a", "#8a8782"
 KINDS: Final = {  # name -> backend, metadata that would differ from run to run or release to release
     "png": ("agg", ("Software",)),
     "pdf": ("pdf", ("CreationDate", "Creator", "Producer")),
     "svg": ("svg", ("Date", "Creator")),
 }
+_UNPRINTED: Final = r"[\\${}_^\s]"  # of a formula
+_SILENT: Final = ("hat", "dot", "ddot", "mathrm")
+_WORDS: Final = ("max", "min", "sin", "cos")
 Look = Mapping[str, object]
 BASE: Final[Look] = {
     "font.family": ["STIXGeneral", "DejaVu Serif"],  # by name, so that a text keeps it wherever it is drawn
@@ -86,12 +89,18 @@ def scaled(look: Look, scale: float) -> Look:
     return {**look, **sizes}
 
 
+def _printed(command: re.Match[str]) -> str:
+    """What a command of TeX prints: nothing for an accent or a font, its name for max, else one letter."""
+    name = command[1]
+    return "" if name in _SILENT else name if name in _WORDS else "x"
+
+
 def wrapped(text: str, characters: int = CAPTION_CHARACTERS) -> list[str]:
     """Break a caption into lines by its printed length; a formula is not broken."""
     lines: list[str] = []
     length = 0
     for word in re.findall(r"(?:\$[^$]*\$|\\\$|[^\s$])+", text):
-        printed = len(re.sub(r"\\[a-z]+|[\\${}_^\s]", "", word))
+        printed = len(re.sub(_UNPRINTED, "", re.sub(r"\\([a-z]+)", _printed, word)))
         if not lines or length + 1 + printed > characters:
             lines.append(word)
             length = printed

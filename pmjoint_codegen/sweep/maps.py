@@ -7,8 +7,7 @@ global state.
 from __future__ import annotations
 
 import json
-import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -22,6 +21,7 @@ from pmjoint_codegen.loops.metrics import REPORTED
 from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.style import BLUE, RUST, STONE, png, rendered, styled, wrapped
+from pmjoint_codegen.sweep.labels import symbol, unit
 from pmjoint_codegen.sweep.metrics import INVALID
 from pmjoint_codegen.sweep.plan import DRAW, SATURATION
 from pmjoint_codegen.sweep.region import Border, border, held, held_share
@@ -37,14 +37,18 @@ if TYPE_CHECKING:
 PANEL: Final = (3.05, 2.55)  # inches
 CHARACTERS: Final = 20  # of a caption, per inch
 BINS: Final = 60
+FEWEST_BINS: Final = 8
 FEW_DECADES: Final = 1e3
 ALIKE: Final = 1e-9  # relative: values that differ by rounding or tolerance only
 LOST: Final = "#c9c6c1"
 COLOURS: Final = (BLUE, RUST, STONE)
+DASHES: Final = ("-", "--", "-.")
 MOST_CELLS: Final = 1024  # drawn along an axis: more would exceed the pixels
 FOUR: Final = ("ise", "settling_s", "max_abs_e", "max_abs_v")
 _STYLE: Final = {
     "font.size": 9.0,
+    "axes.formatter.use_mathtext": True,
+    "xtick.major.pad": 5.0,  # the lowest label beside the axis ends below it
     "axes.titlesize": 9.5,
     "legend.fontsize": 8.0,
     "xtick.labelsize": 8.0,
@@ -118,7 +122,7 @@ def _slice(dataset: xr.Dataset, names: Sequence[str]) -> tuple[xr.Dataset, str]:
 def _thinned(dataset: xr.Dataset, *names: str) -> tuple[xr.Dataset, str]:
     """Every second, third, … value of axes that are longer than a figure is wide, and the text for it."""
     steps = {name: -(-dataset.sizes[name] // MOST_CELLS) for name in names}
-    words = ", ".join(f"1 in {step} values of {_symbol(name)}" for name, step in steps.items() if step > 1)
+    words = ", ".join(f"1 in {step} values of {symbol(name)}" for name, step in steps.items() if step > 1)
     thinned = dataset.isel({name: slice(None, None, step) for name, step in steps.items()})
     return thinned, f" Drawn: {words}." if words else ""
 
@@ -157,7 +161,7 @@ def region(dataset: xr.Dataset, manifest: Manifest, x: str, y: str, note: str) -
     _caption(
         figure,
         dataset,
-        f"Grey: {_absence(dataset)}. White: e(0) = 0, so no settling.{dashed}{thinned}",
+        f"{_absence('Grey', dataset)}{_white(dataset)}{dashed}{thinned}".strip(),
         note,
     )
     return figure
@@ -178,25 +182,34 @@ def metric_map(dataset: xr.Dataset, name: str, x: str, y: str, note: str) -> Fig
         panel.set_title(case.title)
         _labels(panel, dataset, x, y)
     bar = figure.colorbar(
-        image, ax=panels, label=f"{row.words} ({_unit(dataset[name])})", fraction=0.05, pad=0.02
+        image, ax=panels, label=f"{row.words} ({unit(dataset[name])})", fraction=0.05, pad=0.02
     )
     if steep:
         _plain_ticks(bar, limits)
-    _caption(figure, dataset, f"Grey: {_absence(dataset, name)}.{thinned}", note)
+    _caption(figure, dataset, f"{_absence('Grey', dataset, name)}{thinned}".strip(), note)
     return figure
 
 
-def _absence(dataset: xr.Dataset, *names: str) -> str:
-    """Why a run may be missing in a figure of these metrics."""
+def _absence(mark: str, dataset: xr.Dataset, *names: str) -> str:
+    """Why runs are missing in a figure of these metrics, for the caption; empty if none are."""
     status = dataset["status"]
-    reasons = ["the joint diverges"]
-    if bool((status == INVALID).any()):
+    reasons = []
+    invalid, failed = status == INVALID, ~status.isin((INVALID, int(Status.DONE), int(Status.DIVERGED)))
+    if bool((~held(dataset) & ~invalid & ~failed).any()):
+        reasons.append("the joint diverges")
+    if bool(invalid.any()):
         reasons.append("the values break a rule of the design")
-    if not bool(status.isin((INVALID, int(Status.DONE), int(Status.DIVERGED))).all()):
+    if bool(failed.any()):
         reasons.append("the run failed")
     if "settling_s" in names and bool((held(dataset) & dataset["settling_s"].isnull()).any()):
         reasons.append("no initial error, so no settling time")
-    return ", or ".join(reasons)
+    return f"{mark}: {', or '.join(reasons)}." if reasons else ""
+
+
+def _white(dataset: xr.Dataset) -> str:
+    """What white cells of a region are, for the caption; empty if there are none."""
+    undefined = held(dataset) & dataset["settling_s"].isnull()
+    return " White: e(0) = 0, so no settling." if bool(undefined.any()) else ""
 
 
 def _plain_ticks(bar: Colorbar, limits: tuple[float, float]) -> None:
@@ -215,18 +228,18 @@ def curves(dataset: xr.Dataset, x: str) -> Figure:
     figure, panels = _canvas(2, 2)
     for name, panel in zip(FOUR, panels, strict=True):
         row = REPORTED[name].row
-        for case, colour in zip(cases(dataset), COLOURS, strict=False):
+        for case, colour, dash in zip(cases(dataset), COLOURS, DASHES, strict=False):
             places, values = case.data[x].values, case.data[name].where(held(case.data)).values
-            panel.plot(places, values, color=colour, lw=1.0, label=case.title or None)
+            panel.plot(places, values, dash, color=colour, lw=1.0, label=case.title or None)
             alone = _alone(values)
             panel.plot(places[alone], values[alone], color=colour, ls="", marker=".", ms=4.0)
         if row.logarithmic and _decade(dataset[name].where(held(dataset)).values):
             panel.set_yscale("log")
         panel.set_xlabel(_label(dataset, x))
-        panel.set_ylabel(f"{row.words} ({_unit(dataset[name])})")
+        panel.set_ylabel(f"{row.words} ({unit(dataset[name])})")
     if len(cases(dataset)) > 1:
         panels[0].legend()
-    _caption(figure, dataset, f"Gaps: {_absence(dataset, *FOUR)}.", "")
+    _caption(figure, dataset, _absence("Gaps", dataset, *FOUR), "")
     return figure
 
 
@@ -243,47 +256,73 @@ def _alone(values: Array) -> npt.NDArray[np.bool_]:
 
 
 def histograms(dataset: xr.Dataset) -> Figure:
-    """Distribution of each metric over all draws (and grid points) that stay bounded."""
-    figure, panels = _canvas(2, 2)
-    for name, panel in zip(FOUR, panels, strict=True):
-        for case, colour in zip(cases(dataset), COLOURS, strict=False):
-            _histogram(panel, case, name, colour)
-        panel.set_xlabel(f"{REPORTED[name].row.words} ({_unit(dataset[name])})")
-        panel.set_yticks([])
-    if len(cases(dataset)) > 1:
+    """Distribution over all draws (and grid points) that stay bounded, of each metric that differs.
+
+    Metrics that are the same in all of these runs stand in the caption.
+    """
+    columns = cases(dataset)
+    found = {name: [_bounded(case, name) for case in columns] for name in FOUR}
+    drawn = [name for name in FOUR if _spread(np.concatenate(found[name]))]
+    figure, panels = _canvas(min(2, max(1, len(drawn))), max(1, (len(drawn) + 1) // 2))
+    for panel in panels:
+        panel.set_facecolor("white")
+    for panel in panels[max(1, len(drawn)) :]:
+        panel.remove()
+    for name, panel in zip(drawn, panels, strict=False):
+        _histogram(panel, found[name], [case.title for case in columns])
+        panel.set_xlabel(f"{REPORTED[name].row.words} ({unit(dataset[name])})")
+        panel.set_ylabel("runs")
+    if not drawn:
+        panels[0].set_axis_off()
+        panels[0].text(0.5, 0.5, "nothing differs", ha="center", transform=panels[0].transAxes)
+    elif len(columns) > 1:
         panels[0].legend()
-    drawn = ", ".join(
-        f"{name} ~ {law}({a:g}, {b:g})" for name, law, a, b in json.loads(dataset.attrs["samples"])
+    told = ", ".join(
+        f"{symbol(name)} ~ {law}({a:g}, {b:g})" for name, law, a, b in json.loads(dataset.attrs["samples"])
     )
     share = 100 * float(held(dataset).mean())
-    _caption(
-        figure, dataset, f"{drawn}. {dataset['status'].size} runs, {share:.4g} % bounded. Lines: medians.", ""
-    )
+    words = f"{told}. {dataset['status'].size} runs, {share:.4g} % bounded. Lines: medians."
+    _caption(figure, dataset, f"{words}{_alike(dataset, found, drawn)}", "")
     return figure
 
 
-def _histogram(panel: Axes, case: Case, name: str, colour: str) -> None:
+def _bounded(case: Case, name: str) -> Array:
+    """The finite values of a metric in the runs that stay bounded."""
     values = case.data[name].values[held(case.data).values]
-    values = values[np.isfinite(values)]
-    if not values.size:
-        return
+    return np.asarray(values[np.isfinite(values)], dtype=np.float64)
+
+
+def _spread(values: Array) -> bool:
+    """Whether values differ by more than rounding or tolerance."""
+    return bool(values.size and np.ptp(values) > ALIKE * np.max(np.abs(values)))
+
+
+def _alike(dataset: xr.Dataset, found: Mapping[str, Sequence[Array]], drawn: Sequence[str]) -> str:
+    """The metrics that are the same in all runs, for the caption."""
+    same = [
+        f"{REPORTED[name].row.words} {float(np.median(np.concatenate(values))):.6g} {unit(dataset[name])}"
+        for name, values in found.items()
+        if name not in drawn and np.concatenate(values).size
+    ]
+    return f" The same in all: {', '.join(same)}." if same else ""
+
+
+def _histogram(panel: Axes, values: Sequence[Array], titles: Sequence[str]) -> None:
+    """Count the values of each case in the same bins; a line at each median."""
+    from matplotlib.ticker import MaxNLocator
+
+    every = np.concatenate(values)
     low, high = (
-        float(end) for end in np.percentile(values, (0.1, 99.9))
+        float(end) for end in np.percentile(every, (0.1, 99.9))
     )  # a few outliers would squeeze the rest
-    if high - low <= ALIKE * abs(high):
-        panel.text(0.5, 0.5, f"{high:.6g} in all runs", ha="center", transform=panel.transAxes)
-        panel.set_xticks([])
-    else:
-        panel.hist(
-            values,
-            BINS,
-            range=(low, high),
-            histtype="stepfilled",
-            color=colour,
-            alpha=0.5,
-            label=case.title or None,
-        )
-        panel.axvline(float(np.median(values)), color=colour, lw=0.8)
+    bins = int(np.clip(np.sqrt(every.size), FEWEST_BINS, BINS))
+    for own, title, colour in zip(values, titles, COLOURS, strict=False):
+        if own.size:
+            shape: dict[str, Any] = {"histtype": "stepfilled", "alpha": 0.5, "label": title or None}
+            panel.hist(own, bins, range=(low, high), color=colour, **shape)
+            panel.axvline(float(np.median(own)), color=colour, lw=0.8)
+    panel.yaxis.set_major_locator(MaxNLocator(nbins=6, integer=True))
+    panel.set_ylim(0.0, 1.25 * panel.get_ylim()[1] if len(values) > 1 else None)  # room for the legend
 
 
 def _canvas(columns: int, rows: int = 1) -> tuple[Figure, list[Axes]]:
@@ -352,21 +391,7 @@ def _labels(panel: Axes, dataset: xr.Dataset, x: str, y: str) -> None:
 
 def _label(dataset: xr.Dataset, name: str) -> str:
     start = "(0)" if dataset[name].attrs.get("long_name") == "plant state" else ""
-    return f"{_symbol(name)}{start} ({_unit(dataset[name])})"
-
-
-def _symbol(name: str) -> str:
-    """Letter, index and word of a name as mathematics: ``b0_plant``; a longer name as it is."""
-    match = re.fullmatch(r"([A-Za-z])(\d*)(?:_([A-Za-z]+))?", name)
-    if match is None:
-        return name.replace("_", " ")
-    letter, index, word = match.groups()
-    below = ",".join(part for part in (index, rf"\mathrm{{{word}}}" if word else "") if part)
-    return f"${letter}_{{{below}}}$" if below else f"${letter}$"
-
-
-def _unit(values: xr.DataArray) -> str:
-    return re.sub(r"\^(\d+)", r"$^{\1}$", str(values.attrs.get("units", ""))) or "1"
+    return f"{symbol(name)}{start} ({unit(dataset[name])})"
 
 
 def _caption(figure: Figure, dataset: xr.Dataset, words: str, note: str) -> None:

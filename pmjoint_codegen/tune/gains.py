@@ -26,7 +26,7 @@ REACH: Final = 5.0  # default bounds: the model's value divided and multiplied b
 DAMPING: Final = (0.3, 2.0)  # from an oscillatory pair of poles to two real ones, 1 : 14 apart
 DIGITS: Final = 5  # of a gain: the tried value is the written value
 DEFAULT: Final = (*(kind.name for kind in GAINS if not kind.of_filters), "poles")
-_GAIN: Final = re.compile(r"\s*([a-z]+\d*)\s*(?:=([^:]+):([^:]+))?")
+_GAIN: Final = re.compile(r"\s*([A-Za-z]\w*)\s*(?:=([^:]+):([^:]+))?")
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,14 @@ import numpy as np
 import pytest
 
 from pmjoint_codegen.loops.status import holds
+from pmjoint_codegen.simulate.style import styled
 from pmjoint_codegen.sweep.executor import execute
+from pmjoint_codegen.sweep.labels import symbol
 from pmjoint_codegen.sweep.plan import make_plan
 from pmjoint_codegen.sweep.region import Border, border, held
 from pmjoint_codegen.sweep.request import make_request
 from pmjoint_codegen.sweep.store import DERIVED_FILES, Store
+from tests.figure_texts import flaws
 
 from .conftest import Case
 
@@ -206,10 +209,60 @@ def test_a_curve_shows_points_that_no_line_reaches(case: Case, tmp_path: Path) -
 
 def test_captions_name_every_reason_for_a_gap(case: Case, tmp_path: Path) -> None:
     plain = made(case, tmp_path / "plain", ("c1=5,6",), x0=(0.0, 0.0), horizon=2.0)
-    assert maps._absence(plain, "ise") == "the joint diverges"
-    assert "no initial error" in maps._absence(plain, "settling_s")
+    assert maps._absence("Gaps", plain, "ise") == ""
+    assert maps._absence("Gaps", plain, "settling_s") == "Gaps: no initial error, so no settling time."
     broken = made(case, tmp_path / "broken", ("c1=-5,6",), x0=(0.0, 0.0), horizon=2.0)
-    assert "break a rule of the design" in maps._absence(broken, "ise")
+    assert "break a rule of the design" in maps._absence("Gaps", broken, "ise")
+    lost = made(case, tmp_path / "lost", ("x1=10,120",), horizon=5.0)
+    assert maps._absence("Grey", lost, "ise") == "Grey: the joint diverges."
+
+
+@pytest.mark.parametrize(
+    ("grid", "sample"),
+    [
+        (("x1=-120:120:7", "x2=-20:20:5", "compensator=0,1"), ()),
+        (("ck1=1:4:4", "compensator=0,1"), ()),
+        (("compensator=0,1",), ("d1~normal(0.2,0.02)", "ck1~uniform(1,2)")),
+        ((), ("ck1~uniform(1,2)",)),
+    ],
+)
+def test_texts_lie_inside_the_figure_and_apart(
+    case: Case, tmp_path: Path, grid: tuple[str, ...], sample: tuple[str, ...]
+) -> None:
+    data = made(case, tmp_path, grid, sample, horizon=3.0)
+    with styled(maps._STYLE):
+        figures = maps._figures(maps._ascending(data), case.manifest)
+    assert figures
+    for figure in figures.values():
+        assert flaws(figure, maps._STYLE) == []
+
+
+def test_histograms_count_runs_and_leave_out_what_does_not_differ(case: Case, tmp_path: Path) -> None:
+    data = made(case, tmp_path, (), ("ck1~uniform(1,2)",), horizon=3.0)
+    figure = drawn(data, case, "histograms")
+    shown = {axes.get_xlabel().partition(" (")[0]: axes for axes in figure.axes}
+    assert {axes.get_ylabel() for axes in figure.axes} == {"runs"}
+    assert "integral of $e^2$" in shown and "largest $|v|$" not in shown  # v is largest at t = 0
+    counts = [patch for axes in shown.values() for patch in axes.patches]
+    assert all(patch.get_xy()[:, 1].max() >= 1 for patch in counts)
+    caption = figure._supxlabel.get_text().replace("\n", " ")
+    assert "$c_{k1}$ ~ uniform(1, 2)" in caption and "The same in all: " in caption and "225.68 V" in caption
+
+
+@pytest.mark.parametrize(
+    ("name", "shown"),
+    [
+        ("ck1", "$c_{k1}$"),
+        ("tau_plant", r"$\tau_{\mathrm{plant}}$"),
+        ("J_plant", r"$J_{\mathrm{plant}}$"),
+        ("theta_dot", r"$\dot{\theta}$"),
+        ("eps0", r"$\varepsilon_{0}$"),
+        ("theta", r"$\theta$"),
+        ("sample_time", "sample time"),
+    ],
+)
+def test_names_are_typeset(name: str, shown: str) -> None:
+    assert symbol(name) == shown
 
 
 def test_what_ends_inside_its_limits_is_held_even_at_its_largest_error(case: Case, tmp_path: Path) -> None:

@@ -12,8 +12,10 @@ from pmjoint_codegen.loops.metrics import Column
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.tune.comparison import TRANSIENT, compare, traces, transient
 from pmjoint_codegen.tune.cost import CostFunction
+from pmjoint_codegen.tune.figure import _STYLE, draw
 from pmjoint_codegen.tune.request import make_request
 from pmjoint_codegen.tune.search import Found
+from tests.figure_texts import flaws
 
 
 def test_the_beginning_follows_the_saturation_within_bounds(library: BatchLibrary, paper: Manifest) -> None:
@@ -30,6 +32,7 @@ def test_the_beginning_follows_the_saturation_within_bounds(library: BatchLibrar
     assert shown(between / 3) == pytest.approx(between)
     assert shown(0.0) == shown(np.nan) == low
     assert shown(8.0) == high
+    assert flaws(draw(costing, both), _STYLE) == []
     drawn = traces(costing, both, transient(both))
     assert drawn.t[-1] == transient(both)
     assert np.all(np.isfinite(drawn.e))
