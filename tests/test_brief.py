@@ -58,7 +58,6 @@ def test_a_run_is_a_mapping_of_its_columns(run: Run) -> None:
     assert tuple(table) == run.columns
     assert np.array_equal(table["x1"], run["x1"])
     assert "x1" in run
-    assert not any(name == 0 for name in run)
     assert len(run) == len(run.columns)
     assert list(pd.DataFrame(dict(run)).columns) == list(run.columns)
     assert isinstance(run, Mapping)
