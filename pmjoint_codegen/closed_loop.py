@@ -19,6 +19,7 @@ from pmjoint_codegen.kernels.evaluator import Array, PreparingEvaluator
 from pmjoint_codegen.kernels.law import Law
 from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.manifest import Manifest
+from pmjoint_codegen.provision import Source as Source  # its users make loops from it
 from pmjoint_codegen.simulate.run import Run, Simulator
 from pmjoint_codegen.simulate.settings import RunOptions, Settings
 
@@ -40,36 +41,7 @@ def _silent(_line: str) -> None:
     """Print nothing: a copy has nothing new to report."""
 
 
-@dataclass(frozen=True)
-class Source:
-    """What a closed loop is loaded from; a copy in another process is made from it.
-
-    Attributes:
-        file: the model file, an absolute path.
-        document: its contents, read once: the file may have changed since, or been a pipe.
-        evaluator, reference, disturbance, saturation: as for `ClosedLoop.load`.
-        environment: for compiler and cache folder; None: that of the loading process.
-    """
-
-    file: Path
-    document: Mapping[str, Any]
-    evaluator: str | None = None
-    reference: str | Mapping[str, Any] | None = None
-    disturbance: tuple[str, ...] | None = None
-    saturation: str | None = None
-    environment: Mapping[str, str] | None = None
-
-    @classmethod
-    def of(cls, model: str | Path) -> Source:
-        """Find and read a model file; raises `ModelError`."""
-        from pmjoint_codegen.modelfile.reader import read_document
-        from pmjoint_codegen.workspace import find_model
-
-        path = find_model(model)
-        return cls(path.absolute(), read_document(path))
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ClosedLoop:
     """A model with its kernels, ready to run.
 
@@ -337,6 +309,16 @@ class ClosedLoop:
     @cached_property
     def _simulator(self) -> Simulator:
         return Simulator(self.evaluator)
+
+    def __repr__(self) -> str:
+        """Name the model, its kernels and its default run."""
+        manifest, simulation = self.manifest, self.manifest.simulation
+        data = simulation.command
+        reference = simulation.reference if data is None else data.text
+        return (
+            f"<ClosedLoop of {manifest.name}: order {manifest.n}, relative degree {manifest.rho}, "
+            f"{self.evaluator.kind} kernels; by default y_r = {reference}, {simulation.horizon:g} s>"
+        )
 
     def __reduce__(self) -> tuple[type[ClosedLoop], tuple[PreparingEvaluator]]:
         """Pickle and copy without data prepared for runs: it belongs to this process."""

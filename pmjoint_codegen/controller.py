@@ -98,6 +98,13 @@ class Controller:
         self._breaks: list[float] = [] if segments is None else segments.breaks.tolist()
         self.reset()
 
+    def __repr__(self) -> str:
+        """Name the model and the clock."""
+        with self._lock:
+            v = self._now[self._v]
+        period = self.settings.sample_time
+        return f"<Controller of {self.evaluator.manifest.name}: every {period:g} s, last v {v:.6g}>"
+
     def step(self, y: float, y_r: Reference | None = None, u_applied: float | None = None) -> float:
         """Take one sample: every `sample_time`, with what is measured now.
 

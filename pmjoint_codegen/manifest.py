@@ -121,7 +121,7 @@ class Simulation:
         return self.reference if self.command is None else self.command.text
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Manifest:
     """A generated model.
 
@@ -191,6 +191,13 @@ class Manifest:
     functions: tuple[Function, ...]
     simulation: Simulation
     files: Mapping[str, str]
+
+    def __repr__(self) -> str:
+        """Name the model and its sizes."""
+        return (
+            f"<Manifest of {self.name}: order {self.n}, relative degree {self.rho}, {self.nX} states, "
+            f"{len(self.parameters)} parameters, {len(self.signals)} signals, hash {self.model_hash[:12]}>"
+        )
 
     @property
     def nX(self) -> int:  # noqa: N802 - X is the closed loop's state, as in the table of kernels

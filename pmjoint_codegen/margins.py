@@ -52,6 +52,15 @@ class Margins:
     u: float
     y_r: float
 
+    def __repr__(self) -> str:
+        """The margins and where they hold, in two lines."""
+        point = ", ".join(f"{value:.6g}" for value in self.x)
+        return (
+            f"<Margins: gain {self.lower_gain_margin:.6g} to {self.gain_margin:.6g}, "
+            f"phase {self.phase_margin:.6g} deg, delay {self.delay_margin:.6g} s\n"
+            f"  at y_r = {self.y_r:.6g}, x = ({point}), u = {self.u:.6g}>"
+        )
+
 
 def jacobian(function: Function, z: Array) -> Array:
     """Derivatives by extrapolated central differences of the steps that agree best.

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from pmjoint_codegen import __version__
+from pmjoint_codegen.brief import brief
 from pmjoint_codegen.errors import (
     MissingToolError,
     ModelError,
@@ -56,6 +57,36 @@ class Provided:
 
     manifest: Manifest
     folder: Path
+
+    __repr__ = brief
+
+
+@dataclass(frozen=True)
+class Source:
+    """What a closed loop is loaded from; a copy in another process is made from it.
+
+    Attributes:
+        file: the model file, an absolute path.
+        document: its contents, read once: the file may have changed since, or been a pipe.
+        evaluator, reference, disturbance, saturation: as for `ClosedLoop.load`.
+        environment: for compiler and cache folder; None: that of the loading process.
+    """
+
+    file: Path
+    document: Mapping[str, Any]
+    evaluator: str | None = None
+    reference: Reference = None
+    disturbance: tuple[str, ...] | None = None
+    saturation: str | None = None
+    environment: Mapping[str, str] | None = None
+
+    __repr__ = brief
+
+    @classmethod
+    def of(cls, model: str | Path) -> Source:
+        """Find and read a model file; raises `ModelError`."""
+        path = find_model(model)
+        return cls(path.absolute(), read_document(path))
 
 
 def provide(

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from pmjoint_codegen.brief import brief
 from pmjoint_codegen.errors import MissingToolError, UsageError, installing
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator
 from pmjoint_codegen.loops.chain import make_chain
@@ -54,6 +55,8 @@ class ControlSystems:
     X0: Array
     left_out: tuple[str, ...]
     _functions: _Functions = field(repr=False)
+
+    __repr__ = brief
 
     def open_loop(
         self, t: float = 0.0, *, y_r: float | None = None, params: Mapping[str, float] | None = None

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from pmjoint_codegen.brief import brief
+
 Array = npt.NDArray[np.float64]
 
 
@@ -30,6 +32,8 @@ class Column:
     about: str
     group: str
     values: Array
+
+    __repr__ = brief
 
 
 @dataclass(frozen=True)
@@ -53,6 +57,8 @@ class Trajectory:
     version: str
     parameters: Mapping[str, float]
     summary: Mapping[str, Any]
+
+    __repr__ = brief
 
     @property
     def t(self) -> Array:

@@ -12,6 +12,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from pmjoint_codegen.brief import brief
 from pmjoint_codegen.errors import MissingToolError, UsageError, did_you_mean, installing, quoted
 
 Array = npt.NDArray[np.float64]
@@ -37,6 +38,8 @@ class Table:
     rows: Sequence[Sequence[str]]
     lines: Sequence[int]
     sha256: str
+
+    __repr__ = brief
 
     def numbers(self, name: str) -> Array:
         """One column as numbers, shape (rows,).

@@ -12,6 +12,8 @@ from typing import Any, Final, Literal
 import numpy as np
 import numpy.typing as npt
 
+from pmjoint_codegen.brief import brief
+
 Array = npt.NDArray[np.float64]
 Shape = Literal["hold", "linear", "spline"]
 
@@ -40,6 +42,8 @@ class Command:
     y: tuple[float, ...]
     filter: float | None = None
     origin: Mapping[str, Any] = field(default_factory=dict)
+
+    __repr__ = brief
 
     @property
     def shape(self) -> Shape:

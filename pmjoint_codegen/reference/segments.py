@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from pmjoint_codegen.brief import brief
 from pmjoint_codegen.errors import UsageError
 from pmjoint_codegen.reference.command import Command
 from pmjoint_codegen.reference.spline import half_degree, spline_pieces
@@ -40,6 +41,8 @@ class Segments:
     breaks: Array
     rows: Array
     shapes: Array
+
+    __repr__ = brief
 
     def places(self, t: Array) -> npt.NDArray[np.intp]:
         """The segment of each instant; a break point belongs to the segment that begins there."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from pmjoint_codegen.brief import brief
 from pmjoint_codegen.errors import UsageError, did_you_mean, quoted
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.reference.columns import factor, read_table
@@ -38,6 +39,8 @@ class Log:
     t: Array
     columns: Mapping[str, Array]
     names: Mapping[str, str]
+
+    __repr__ = brief
 
 
 def read_log(path: Path, run: Record, chosen: Sequence[str] = ()) -> Log:

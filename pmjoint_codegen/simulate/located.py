@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from pmjoint_codegen.brief import brief
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.loops.modes import Actuator
 from pmjoint_codegen.loops.problem import Memory, Progress
@@ -37,6 +38,8 @@ class Holds:
     begins: Array
     ends: Array
     kinks: npt.NDArray[np.int64]
+
+    __repr__ = brief
 
     @classmethod
     def of(cls, memory: Memory, state: Progress) -> Holds:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -21,11 +21,11 @@ def reports_rate(manifest: Manifest) -> bool:
     return any(item.name == RATE for item in manifest.signals)
 
 
-@dataclass(frozen=True)
-class Record:
+@dataclass(frozen=True, repr=False)
+class Record(Mapping[str, Array]):
     """A simulated trajectory with its model and settings.
 
-    Columns are read by name, ``run["x1"]``; they are views, not copies.
+    It is a mapping of columns: ``run["x1"]``, ``"x1" in run``, ``dict(run)``; they are views, not copies.
 
     Attributes:
         manifest: the model, with the units of all columns.
@@ -99,6 +99,20 @@ class Record:
         except KeyError:
             raise KeyError(f"no column {column!r}; columns: {', '.join(self.columns)}") from None
         return _read_only((self.states if table == "states" else self.signals)[:, index])
+
+    def __iter__(self) -> Iterator[str]:
+        """The names of all columns, in their order."""
+        return iter(self.columns)
+
+    def __len__(self) -> int:
+        """Number of columns."""
+        return len(self.columns)
+
+    def __repr__(self) -> str:
+        """Say in five lines what the run was and how it ended."""
+        from pmjoint_codegen.simulate.shown import text
+
+        return text(self)
 
     @cached_property
     def _places(self) -> Mapping[str, tuple[str, int]]:

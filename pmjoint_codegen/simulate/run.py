@@ -53,7 +53,7 @@ FEW_ROWS: Final = 10_001  # of a run that is copied out of memory that the next 
 Tell = Callable[[float], None]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Run(Record):
     """A simulated trajectory with the methods for users.
 
@@ -78,6 +78,12 @@ class Run(Record):
     def summary(self) -> dict[str, Any]:
         """The contents of ``summary.json``."""
         return summarise(self)
+
+    def _repr_html_(self) -> str:
+        """Show the run in a notebook: a table, and the overview as a picture."""
+        from pmjoint_codegen.simulate.shown import html
+
+        return html(self)
 
     def to_csv(self, path: str | Path) -> None:
         """Write ``trajectory.csv``, atomically; raises `UsageError` if that is impossible."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pmjoint_codegen.brief import brief
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator
 from pmjoint_codegen.loops.hold import hold_matrices
 from pmjoint_codegen.loops.status import Status
@@ -49,6 +50,8 @@ class Recorded:
     x: Array
     w: Array
     steps: int
+
+    __repr__ = brief
 
 
 def record(evaluator: Evaluator, start: str, samples: int) -> Recorded | str:

@@ -10,6 +10,7 @@ from typing import Any, Final, Literal, TypedDict, Unpack
 
 import numpy as np
 
+from pmjoint_codegen.brief import brief
 from pmjoint_codegen.chain import MOST_WAITING, clocked
 from pmjoint_codegen.errors import UsageError, quoted
 from pmjoint_codegen.kernels.evaluator import Array
@@ -96,6 +97,8 @@ class Settings:
     max_switches: int = 100_000
     start: str = ZERO
     reference: Segments | None = None
+
+    __repr__ = brief
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the parameters as a dictionary: a read-only view cannot be pickled."""

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pmjoint_codegen.closed_loop import ClosedLoop, Source
+from pmjoint_codegen.brief import brief
+from pmjoint_codegen.closed_loop import ClosedLoop
 from pmjoint_codegen.errors import UsageError
-from pmjoint_codegen.provision import Provided, Reference, provide_document
+from pmjoint_codegen.provision import Provided, Reference, Source, provide_document
 from pmjoint_codegen.studies.watch import Notify
 
 Model = str | Path | ClosedLoop
@@ -27,6 +28,8 @@ class Subject:
 
     source: Source
     task: object = None
+
+    __repr__ = brief
 
     @property
     def environment(self) -> Mapping[str, str]:

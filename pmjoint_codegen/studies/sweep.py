@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Unpack
 
+from pmjoint_codegen.brief import brief
 from pmjoint_codegen.errors import UsageError
 from pmjoint_codegen.provision import Provided
 from pmjoint_codegen.scratch import scratch
@@ -45,6 +46,8 @@ class Study:
     provided: Provided
     request: Request
     subject: Subject
+
+    __repr__ = brief
 
     @property
     def warning(self) -> str | None:

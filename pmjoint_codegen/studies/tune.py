@@ -9,6 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Unpack
 
+from pmjoint_codegen.brief import brief
 from pmjoint_codegen.errors import ModelError, UsageError
 from pmjoint_codegen.modelfile.reader import parse_document
 from pmjoint_codegen.provision import Provided
@@ -133,6 +134,8 @@ class Study:
     subject: Subject
     words: Mapping[str, str]
     has_task: bool
+
+    __repr__ = brief
 
     def edited(self, file: Path, gains: Mapping[str, float], note: str) -> str:
         """The model file's text with these gains; raises `ModelError`."""

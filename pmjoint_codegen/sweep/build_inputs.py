@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from pmjoint_codegen.brief import brief
 from pmjoint_codegen.compile.compiler import LOOKED_FOR, find_compiler, install_line
 from pmjoint_codegen.errors import MissingToolError
 from pmjoint_codegen.kernels.processor import usable_levels
@@ -29,6 +30,8 @@ class BuildInputs:
 
     manifest: str
     sources: tuple[tuple[str, str], ...]
+
+    __repr__ = brief
 
 
 def make_inputs(folder: Path) -> BuildInputs:

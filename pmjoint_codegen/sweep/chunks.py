@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from pmjoint_codegen.brief import brief
 from pmjoint_codegen.chain import DEAD_ZONE, SAMPLE_TIME
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.loops.batch import BatchLibrary, Runs
@@ -36,6 +37,8 @@ class Result:
 
     table: Array
     trajectories: Array
+
+    __repr__ = brief
 
 
 def simulate_chunk(library: BatchLibrary, request: Request, columns: Mapping[str, Array]) -> Result:

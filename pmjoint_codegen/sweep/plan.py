@@ -14,6 +14,7 @@ from typing import Final, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
+from pmjoint_codegen.brief import brief
 from pmjoint_codegen.errors import UsageError
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.values import BRAKING, CLIP, COMPENSATOR
@@ -42,6 +43,8 @@ class Axis:
 
     name: str
     values: tuple[float, ...]
+
+    __repr__ = brief
 
 
 @dataclass(frozen=True)
@@ -92,6 +95,8 @@ class Plan:
     draws: int = 1
     seed: int = 0
     method: Method = "latin-hypercube"
+
+    __repr__ = brief
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -10,6 +10,7 @@ from typing import Any, Final, Unpack
 
 import numpy as np
 
+from pmjoint_codegen.brief import brief
 from pmjoint_codegen.chain import SAMPLE_TIME
 from pmjoint_codegen.errors import StaleError, UsageError
 from pmjoint_codegen.identity import canonical_hash
@@ -81,6 +82,8 @@ class Request:
     output_step: float
     divergence: float
     max_steps: int
+
+    __repr__ = brief
 
     @cached_property
     def document(self) -> dict[str, Any]:

@@ -24,6 +24,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from pmjoint_codegen.brief import brief
 from pmjoint_codegen.errors import UsageError
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.loops.metrics import REPORTED, Column
@@ -59,6 +60,8 @@ class Store:
     folder: Path
     request: Request
     size: int
+
+    __repr__ = brief
 
     @property
     def dataset(self) -> Path:

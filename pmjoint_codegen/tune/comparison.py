@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from pmjoint_codegen.brief import brief
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.loops.metrics import REPORTED, Column
 from pmjoint_codegen.loops.status import Status
@@ -42,6 +43,8 @@ class Comparison:
     before: Mapping[str, float]
     metrics: Array
 
+    __repr__ = brief
+
 
 @dataclass(frozen=True)
 class Traces:
@@ -56,6 +59,8 @@ class Traces:
     t: Array
     v: Array
     e: Array
+
+    __repr__ = brief
 
 
 def compare(costing: CostFunction, found: Found) -> Comparison:

@@ -14,6 +14,7 @@ from typing import Final
 
 import numpy as np
 
+from pmjoint_codegen.brief import brief
 from pmjoint_codegen.errors import UsageError
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.loops.batch import BatchLibrary
@@ -41,6 +42,8 @@ class CostFunction:
     library: BatchLibrary
     request: Request
     threads: int = 1
+
+    __repr__ = brief
 
     def metrics(self, gains: Mapping[str, Array]) -> Array:
         """Every design on every plant.

@@ -10,6 +10,7 @@ from typing import Final, Literal, Unpack
 
 import numpy as np
 
+from pmjoint_codegen.brief import brief
 from pmjoint_codegen.chain import SAMPLE_TIME
 from pmjoint_codegen.errors import UsageError, did_you_mean
 from pmjoint_codegen.kernels.evaluator import Array
@@ -59,6 +60,8 @@ class Request:
     generations: int
     population: int
     own: Mapping[str, float]
+
+    __repr__ = brief
 
     @cached_property
     def plants(self) -> Mapping[str, Array]:
