@@ -50,9 +50,9 @@ docs: environment-dev ## draw docs/figures (make bench draws its own) and rewrit
 	@$(run) docs.gallery
 	@$(run) pmjoint_codegen audit --format markdown --out docs/audit.md
 
-# NO_MKDOCS_2_WARNING: Material's notice of a successor, which is no warning about this site.
+# Not with --quiet: what it hides is not counted as an error either. NO_MKDOCS_2_WARNING: a notice of a successor.
 site: environment-dev ## build the documentation as a site in site/: offline, every warning an error
-	@NO_MKDOCS_2_WARNING=1 $(run) mkdocs build --quiet
+	@NO_MKDOCS_2_WARNING=1 $(run) mkdocs build
 
 # UPGRADE=--upgrade takes the newest versions that pyproject.toml allows; without it, pins stay where possible.
 # Extras stay in the locks: an old pip treats `coverage[toml]` as a different requirement from `coverage==...`.

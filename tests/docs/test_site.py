@@ -8,7 +8,6 @@ import logging
 import re
 import shutil
 import subprocess
-from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -26,18 +25,19 @@ STUB = "<!doctype html><title>explorer</title>"
 
 
 @pytest.fixture(scope="module")
-def site(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """Build the site, with a stub in the explorer's place: `make site` and tests/explorer compile that."""
+def site(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Build the site, with stubs for what takes long: `make site` makes that, and it has its own tests."""
     folder = tmp_path_factory.mktemp("site")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(root)
         patch.setattr(pages, "explorer", lambda: STUB)
         patch.setattr(pages, "report", lambda: None)
+        patch.setattr(notebook, "executed", lambda script: (f"# {script.stem}\n", {}))
         config = load_config(str(root / "mkdocs.yml"), site_dir=str(folder))
         config.plugins.on_startup(command="build", dirty=False)
         build(config)
-        yield folder
     logging.getLogger("mkdocs").handlers.clear()
+    return folder
 
 
 class Resources(HTMLParser):
