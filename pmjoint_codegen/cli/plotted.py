@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import shutil
 import sys
@@ -80,6 +81,7 @@ def _panel(
     try:
         plotext.plotsize(width, ROWS)
         plotext.theme("clear")
+        seen: list[float] = []
         for name, shade, mark in curves:
             values = run[name]
             drawn = [(t, y) for t, y in zip(run.t.tolist(), values.tolist(), strict=True) if abs(y) < 1e300]
@@ -87,6 +89,9 @@ def _panel(
             if colour:
                 style["color"] = shade
             plotext.plot([t for t, _ in drawn], [y for _, y in drawn], **style)
+            seen += [y for _, y in drawn]
+        plotext.xticks(*_ticks(0.0, float(run.t[-1]) if len(run.t) else 1.0))
+        plotext.yticks(*_ticks(min(seen, default=0.0), max(seen, default=1.0)))
         text = str(plotext.build())
     finally:
         plotext.clear_figure()
@@ -96,6 +101,16 @@ def _panel(
     title = f"{', '.join(heads)}{f' ({unit})' if unit not in ('', '1') else ''} over t (s)"
     body = "\n".join(line.rstrip() for line in (title, *lines))
     return body if rich else _ascii(body)
+
+
+def _ticks(low: float, high: float) -> tuple[list[float], list[str]]:
+    """Round numbers from low to high, three to six: plotext's own ticks stand where their labels are not."""
+    span = high - low if high > low else max(abs(high), 1.0)
+    power = 10.0 ** math.floor(math.log10(span / 5))
+    step = next(factor * power for factor in (1, 2, 5, 10) if factor * power >= span / 5)
+    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+    ticks = [k * step for k in range(first, last + 1)]
+    return ticks, [f"{tick:.6g}" for tick in ticks]
 
 
 def _ascii(text: str) -> str:

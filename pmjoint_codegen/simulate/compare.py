@@ -199,7 +199,7 @@ def settings_of(run: Record) -> dict[str, str]:
     data = "" if reference is None else f" ({reference.command.hash[:8]})"
     return {
         "model": manifest.name,
-        "model file": manifest.model_hash[:8],
+        "model hash": manifest.model_hash[:8],
         **{
             name: f"{value:.10g} {'' if units[name] == '1' else units[name]}".rstrip()
             for name, value in stated.items()
@@ -221,10 +221,13 @@ def settings_of(run: Record) -> dict[str, str]:
 
 def _differing(runs: Sequence[Record]) -> dict[str, tuple[str, ...]]:
     """The settings in which the runs differ; a parameter that a model does not have is a dash."""
-    found = [settings_of(run) for run in runs]
-    names = dict.fromkeys(name for settings in found for name in settings)
-    table = {name: tuple(settings.get(name, "-") for settings in found) for name in names}
-    return {name: values for name, values in table.items() if len(set(values)) > 1}
+    listed = [settings_of(run) for run in runs]
+    names = dict.fromkeys(name for settings in listed for name in settings)
+    table = {name: tuple(settings.get(name, "-") for settings in listed) for name in names}
+    found = {name: values for name, values in table.items() if len(set(values)) > 1}
+    if found.keys() & {"y_r", "disturbance", "saturation"}:  # given for a run, they enter the hash as well
+        found.pop("model hash", None)
+    return found
 
 
 def _labels(
@@ -234,7 +237,7 @@ def _labels(
     models = tuple(run.manifest.name for run in runs)
     if len(set(models)) == len(models):
         return models
-    short = {name: values for name, values in settings.items() if name != "model file"}
+    short = {name: values for name, values in settings.items() if name != "model hash"}
     if 0 < len(short) <= _MOST_NAMED and "model" not in short:
         own = {item.name for run in runs for item in run.manifest.parameters}
         labels = tuple(

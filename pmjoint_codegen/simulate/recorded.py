@@ -31,7 +31,7 @@ _LIMITS: Final = ("max_step", "divergence", "max_steps", "max_switches")
 def versions_of(run: Record) -> dict[str, str]:
     """Versions that a run's bytes may depend on: the package, Python, NumPy, and what made the kernels."""
     here = {"pmjoint": __version__, "python": platform.python_version(), "numpy": np.__version__}
-    return {**here, **run.manifest.versions}
+    return {**here, **{name: v for name, v in run.manifest.versions.items() if name != "pmjoint_codegen"}}
 
 
 def contents_of(run: Record) -> dict[str, Any]:

@@ -23,6 +23,8 @@ _ARRAY: Final = r"^([ \t]*{key}[ \t]*=[ \t]*)(\[[^\]]*\])[ \t]*(#[^\r\n]*)?"
 _POLES: Final = r"^([ \t]*{key}[ \t]*=[ \t]*)(\[(?:[^\[\]]|\[[^\]]*\])*\]|[^\s#]+)[ \t]*(#[^\r\n]*)?"
 _SCALAR: Final = r"^[ \t]*{key}[ \t]*=[ \t]*([^\s#]+)[ \t]*(#[^\r\n]*)?"
 _NAME: Final = re.compile(r"^(name[ \t]*=[ \t]*)(\"[^\"\r\n]*\"|'[^'\r\n]*')", re.MULTILINE)
+_TITLE: Final = re.compile(r"^(title[ \t]*=[ \t]*\")([^\"\\\r\n]{1,380})\"", re.MULTILINE)
+_TUNED: Final = ", gains tuned"  # in a title: figures must not credit a source with gains that it has not
 _TABLE: Final = re.compile(r"^[ \t]*\[(?![ \t\r\n]*[\"'\d])", re.MULTILINE)
 _SATURATION: Final = "saturation"
 _DESIGN: Final = re.compile(r"^[ \t]*\[[ \t]*design[ \t]*\][^\r\n]*", re.MULTILINE)
@@ -54,6 +56,10 @@ def rewrite(
     document = tomllib.loads(text)
     wanted = _changed(document, name, gains, own or {}, words or {})
     edited = _NAME.sub(lambda match: f'{match[1]}"{name}"', text, count=1)
+    title = _TITLE.search(edited)
+    if title is not None and title[2] == document.get("title") and not title[2].endswith(_TUNED):
+        wanted["title"] = title[2] + _TUNED
+        edited = _TITLE.sub(lambda match: f'{match[1]}{match[2]}{_TUNED}"', edited, count=1)
     heading = _DESIGN.search(edited)
     if heading is not None:
         following = _TABLE.search(edited, heading.end())

@@ -24,6 +24,9 @@ def test_every_model_keeps_all_but_name_and_gains(root: Path, model: str) -> Non
     assert after["design"]["c"][0] == 20.5
     assert after["design"]["k"][:2] == [31.25, 977.0]
     assert after["design"]["e"] == before["design"]["e"]
+    assert after["title"] == f"{before['title']}, gains tuned"  # figures credit no source with these gains
+    assert tomllib.loads(rewrite(edited, "mine", GAINS, "again", model))["title"] == after["title"]
+    edited = edited.replace(", gains tuned", "")
     lines = [line for line in edited.split("\n")[1:] if "# was [" not in line and '"mine"' not in line]
     assert len(lines) == text.count("\n") + 1 - 3  # name, c, k
     assert set(lines) <= set(text.split("\n"))
