@@ -26,7 +26,7 @@ FLAGS: Final = (
     "--remote-debugging-pipe",
 )
 HIGH: Final = 10  # file descriptors below it may be those that the shell moves
-PATIENCE_S: Final = 60.0
+PATIENCE_S: Final = 30.0
 KEYS: Final = {  # key -> its code for Windows, by which Chromium knows keys without text
     "Tab": 9,
     "Enter": 13,
