@@ -94,8 +94,8 @@ def displayed(name: str, text: str, width: int = _WIDTH) -> str:
     if _wide(tree) <= width:
         return f'<math display="block">{left}<mo>=</mo>{printer.node(tree)[0]}</math>'
     rows = list(_rows(printer, tree, width))
-    if len(rows) == 1:
-        return f'<math display="block">{left}<mo>=</mo>{rows[0]}</math>'
+    if len(rows) == 1:  # nothing to break: a page makes it smaller where it would not fit
+        return f'<math display="block" class="wide">{left}<mo>=</mo>{rows[0]}</math>'
     cells = [f"<mtd>{left}<mo>=</mo></mtd><mtd>{rows[0]}</mtd>"]
     cells += [f"<mtd></mtd><mtd>{row}</mtd>" for row in rows[1:]]
     lines = "".join(f"<mtr>{cell}</mtr>" for cell in cells)
@@ -180,7 +180,7 @@ def _below(stem: str, index: str) -> str:
 
 
 def _letters(word: str) -> str:
-    return _identifier(_GREEK.get(word, word))
+    return _identifier("ε" if word == "eps" else _GREEK.get(word, word))
 
 
 def _identifier(text: str) -> str:
