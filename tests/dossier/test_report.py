@@ -18,6 +18,7 @@ from pmjoint_codegen.check.result import passed
 from pmjoint_codegen.dossier.browser import find_browser, undated
 from pmjoint_codegen.dossier.chapters.checks import margin
 from pmjoint_codegen.dossier.chapters.model import remarks
+from pmjoint_codegen.dossier.compare import comparison_page
 from pmjoint_codegen.dossier.facts import Absent, Facts, gather
 from pmjoint_codegen.dossier.gates import FILE, QUICK, checked
 from pmjoint_codegen.dossier.markup import number, prose
@@ -159,3 +160,11 @@ def test_a_phone_shows_it_without_a_sideways_scroll(html: str, tmp_path: Path) -
     done = subprocess.run([BROWSER, *flags, address], capture_output=True, text=True, timeout=120, check=True)
     wide = re.search(r'data-wide="(\d+)"', done.stdout)
     assert wide is not None and int(wide[1]) <= 390
+
+
+def test_a_model_beside_itself_does_not_differ(facts: Facts) -> None:
+    page = Page()
+    text = comparison_page(facts, facts)
+    page.feed(text)
+    assert not page.faults and all(link[1:] in page.anchors for link in page.links)
+    assert text.count("All are the same.") == 4
