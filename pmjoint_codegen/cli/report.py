@@ -15,19 +15,21 @@ _ABOUT = """Write a report of MODEL: one HTML page that needs no network and no 
 The page has the model and its sources, the derivation, the proof with its squares, the results of the checks
 with their margins, kernels and the line of each term, figures of the run, the region of recovery, margins,
 and what is not covered. The quick gates run with the report; results of the others come from a file of
-pmjoint check, if it is of this model as it is.
+pmjoint check, if it is of this model as it is. With OTHER, the page shows what differs between two models.
 """
 
 _EXAMPLES = """\b
 Examples
   pmjoint report paper
   pmjoint report paper --pdf
+  pmjoint report joint joint-damped         two models side by side
   pmjoint check paper --junit check.xml && pmjoint report paper --check check.xml
 """
 
 
 @click.command(help=_ABOUT, epilog=_EXAMPLES)
 @click.argument("model", type=ModelName())
+@click.argument("other", type=ModelName(), required=False)
 @click.option(
     "--out", type=Place(dir_okay=False), metavar="FILE", help="The page [default: <model>-report.html]."
 )
@@ -41,7 +43,15 @@ Examples
 )
 @click.option("--full", is_flag=True, help="Run every gate; it takes a minute or more.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
-def command(model: str, out: Path | None, pdf: bool, recorded: Path | None, full: bool, as_json: bool) -> int:
+def command(
+    model: str,
+    other: str | None,
+    out: Path | None,
+    pdf: bool,
+    recorded: Path | None,
+    full: bool,
+    as_json: bool,
+) -> int:
     """Run ``pmjoint report``: click passes the parsed arguments."""
     with activity(f"reporting on {model}") as shown:
         shown.stage("loading the toolchain", 0.0)
@@ -56,9 +66,15 @@ def command(model: str, out: Path | None, pdf: bool, recorded: Path | None, full
         facts = gather(
             model, environment=os.environ, notify=_tell, stage=shown.stage, recorded=recorded, full=full
         )
+        page, stem = "", facts.manifest.name
+        if other is not None:
+            from pmjoint_codegen.dossier.compare import comparison_page
+
+            second = gather(other, environment=os.environ, notify=_tell, stage=shown.stage)
+            page, stem = comparison_page(facts, second), f"{stem}-{second.manifest.name}"
         shown.stage("drawing figures", 0.0)
-        page = model_page(facts)
-        file = out or Path(f"{facts.manifest.name}-report.html")
+        page = page or model_page(facts)
+        file = out or Path(f"{stem}-report.html")
         write_text(file, page)
         files = [file]
         if pdf:

@@ -26,12 +26,14 @@ from pmjoint_codegen.margins import Margins
 from pmjoint_codegen.provision import Provided, provide
 from pmjoint_codegen.simulate.pace import LIMIT, paces
 from pmjoint_codegen.simulate.run import Run
+from pmjoint_codegen.simulate.sheets import transient_window
 from pmjoint_codegen.workspace import find_model, is_stream
 from pmjoint_derive import Derivation
 from pmjoint_derive.consistency import consistency_identities
 from pmjoint_derive.equation import Equation, Identity
 from pmjoint_derive.progress import Stage, unwatched
 
+_DETAIL_ROWS = 400  # of the saturated transient's figure
 Notify = Callable[[str], None]
 
 
@@ -90,6 +92,7 @@ class Facts:
         certificate: at the gains of the model.
         checks: results of the gates.
         run: the default run.
+        transient: its saturated beginning on a finer grid of instants, if there is one.
         sampled: the same with a sampled controller at the model's sample time.
         pace: of the law at that sample time.
         margins: at the model's reference at t = 0.
@@ -106,6 +109,7 @@ class Facts:
     certificate: Certificate | Absent
     checks: Checked
     run: Run | Absent
+    transient: Run | None
     sampled: Run | Absent
     pace: Pace
     margins: Margins | Absent
@@ -172,6 +176,7 @@ def gather(
         certificate=_certificate(derivation),
         checks=checks,
         run=run,
+        transient=_transient(loop, run),
         sampled=_run(loop, controller="sampled"),
         pace=_pace(loop.manifest),
         margins=_margins(loop),
@@ -195,6 +200,14 @@ def _run(loop: ClosedLoop, **asked: Any) -> Run | Absent:
         return Absent(str(error))
     except PmjointError as error:
         return Absent(str(error))
+
+
+def _transient(loop: ClosedLoop, run: Run | Absent) -> Run | None:
+    window = None if isinstance(run, Absent) else transient_window(run)
+    if window is None or isinstance(run, Absent):
+        return None
+    step = min(window / _DETAIL_ROWS, run.settings.output_step)
+    return loop.simulate(horizon=window, output_step=step)
 
 
 def _pace(manifest: Manifest) -> Pace:

@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Final
 
 from pmjoint_codegen.check.junit import Recorded, read_junit
-from pmjoint_codegen.check.result import GateResult, Verdict
+from pmjoint_codegen.check.result import GateResult, Verdict, not_run
 from pmjoint_codegen.check.subject import Subject
 from pmjoint_codegen.check.table import GATES, Gate, run_gates
 from pmjoint_codegen.errors import UsageError
-from pmjoint_codegen.workspace import called
+from pmjoint_codegen.workspace import GENERATED, called
 from pmjoint_derive.progress import Stage
 
 QUICK: Final = (
@@ -26,7 +26,7 @@ QUICK: Final = (
     "trajectory.golden",
     "trajectory.certificate",
 )
-HERE, FILE, NOWHERE = "with this report", "from the file of pmjoint check", ""
+HERE, FILE, NOWHERE = "here", "in the file", ""
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,10 @@ def checked(subject: Subject, *, recorded: Path | None, full: bool, stage: Stage
     found = {result.name: result for result in run_gates(subject, here, stage)}
     rows = []
     for gate in GATES:
-        if gate.name in found:
+        if gate.name == "current" and not subject.folder.is_dir():
+            told = f"nothing is generated; pmjoint regenerate {called(subject.file)} writes {GENERATED}/"
+            rows.append(Row(gate, not_run(told), HERE))
+        elif gate.name in found:
             rows.append(Row(gate, found[gate.name], HERE))
         elif gate.name in from_file:
             rows.append(Row(gate, from_file[gate.name], FILE))

@@ -45,7 +45,12 @@ def items(rows: Iterable[str]) -> str:
 def prose(text: str) -> str:
     """A remark with its symbols set as mathematics and the powers of its units raised."""
     write = {"text": plain, "unit": unit, "symbol": _symbol}
-    return "".join(write[kind](piece) for kind, piece in prose_words(text))
+    shown, before = [], ""
+    for kind, piece in prose_words(text):
+        owned = before.endswith("'") and piece == "s"  # a genitive, not the variable of a transfer function
+        shown.append(plain(piece) if owned else write[kind](piece))
+        before = piece
+    return "".join(shown)
 
 
 def unit(text: str) -> str:
@@ -107,11 +112,11 @@ def listing(text: str, label: str) -> str:
     return tag("div", tag("pre", code(text)), class_="frame", tabindex="0", role="region", aria_label=label)
 
 
-def picture(svg: bytes, alt: str, caption: str = "") -> str:
+def picture(svg: bytes, alt: str, caption: str = "", *, kind: str = "wide") -> str:
     """A figure whose data are in the page, with a text for those who do not see it."""
     data = base64.b64encode(svg).decode("ascii")
     image = f'<img src="data:image/svg+xml;base64,{data}" alt="{escape(alt)}">'
-    return tag("figure", image, tag("figcaption", caption) if caption else "")
+    return tag("figure", image, tag("figcaption", caption) if caption else "", class_=kind)
 
 
 def absent(reason: str) -> str:

@@ -61,6 +61,7 @@ _PARTIAL: Final = re.compile(r"d(?P<order>\d*)(?P<of>[A-Za-z]\w*?\d*)_d(?P<by>\w
 _RATE: Final = re.compile(r"d(?P<order>\d*)(?P<of>y_r|y)")
 _NAME: Final = re.compile(r"(?P<base>[A-Za-z]+?)(?P<number>\d*)(?P<rest>(?:_\w+)?)")
 _GAIN: Final = re.compile(r"ck(?P<number>\d+)")
+_PROJECTED: Final = re.compile(r"PD(?P<number>\d+)")
 _KEYWORD: Final = "lambda"  # a name of the models, and a word of Python
 _TEN: Final = re.compile(r"(-?)([\d.]+)e([-+]?\d+)")
 
@@ -93,17 +94,18 @@ def displayed(name: str, text: str, width: int = _WIDTH) -> str:
     if _wide(tree) <= width:
         return f'<math display="block">{left}<mo>=</mo>{printer.node(tree)[0]}</math>'
     rows = list(_rows(printer, tree, width))
-    if len(rows) == 1:
-        return f'<math display="block">{left}<mo>=</mo>{rows[0]}</math>'
+    if len(rows) == 1:  # nothing to break: a page makes it smaller where it would not fit
+        return f'<math display="block" class="wide">{left}<mo>=</mo>{rows[0]}</math>'
     cells = [f"<mtd>{left}<mo>=</mo></mtd><mtd>{rows[0]}</mtd>"]
     cells += [f"<mtd></mtd><mtd>{row}</mtd>" for row in rows[1:]]
     lines = "".join(f"<mtr>{cell}</mtr>" for cell in cells)
     return f'<math display="block"><mtable displaystyle="true">{lines}</mtable></math>'
 
 
-def formula(text: str) -> str:
-    """An expression as a ``<math>`` element within a line."""
-    return f'<math display="inline">{_Printer((), product=_TIMES).node(_parsed(text))[0]}</math>'
+def formula(text: str, *, large: bool = False) -> str:
+    """An expression as a ``<math>`` element within a line, ``large`` as on a line of its own."""
+    style = ' displaystyle="true"' if large else ""
+    return f'<math display="inline"{style}>{_Printer((), product=_TIMES).node(_parsed(text))[0]}</math>'
 
 
 def inline_symbol(name: str, power: str = "") -> str:
@@ -135,6 +137,8 @@ def symbol(name: str) -> str:
     if found := _ACCENT.fullmatch(name):
         stem = f'<mover accent="true">{_letters(found["stem"])}<mo>{_MARKS[found["mark"]]}</mo></mover>'
         return _below(stem, found["number"] + found["rest"])
+    if found := _PROJECTED.fullmatch(name):
+        return f"<msub><mrow><mo>(</mo><mi>P</mi><mi>D</mi><mo>)</mo></mrow><mn>{found['number']}</mn></msub>"
     if found := _GAIN.fullmatch(name):
         return f"<msub><mi>c</mi><mrow><mi>k</mi><mn>{found['number']}</mn></mrow></msub>"
     return _plain(name)
@@ -176,7 +180,7 @@ def _below(stem: str, index: str) -> str:
 
 
 def _letters(word: str) -> str:
-    return _identifier(_GREEK.get(word, word))
+    return _identifier("ε" if word == "eps" else _GREEK.get(word, word))
 
 
 def _identifier(text: str) -> str:
@@ -336,6 +340,9 @@ class _Printer:
                 return f"<mfrac><mrow>{above}</mrow><mrow>{below}</mrow></mfrac>", _ATOM
             case ast.BinOp(left=left, op=ast.Pow(), right=right):
                 base, power = self.inside(left, _ATOM), self.inside(right, _SUM)
+                if isinstance(left, ast.Name) and base.startswith("<msub>"):
+                    both = base.removeprefix("<msub>").removesuffix("</msub>")
+                    return f"<msubsup>{both}<mrow>{power}</mrow></msubsup>", _POWER
                 if _is_fraction(left):
                     base = f"<mrow><mo>(</mo>{base}<mo>)</mo></mrow>"
                 return f"<msup><mrow>{base}</mrow><mrow>{power}</mrow></msup>", _POWER

@@ -12,7 +12,13 @@ def checks_chapter(facts: Facts) -> str:
     """A table of the gates, and all that failed ones found."""
     checks = facts.checks
     told = f"{len(checks.passed)} gates passed, {len(checks.failed)} failed, {len(checks.open)} were not run."
-    parts = [paragraph(tag("strong", told), " A margin is the share of the bound that is left.")]
+    parts = [
+        paragraph(
+            tag("strong", told),
+            " A margin is the share of the bound that is left. "
+            "A gate ran here, with the report, or its result is in the file of pmjoint check.",
+        )
+    ]
     if checks.refused:
         parts.append(paragraph(tag("strong", "Left out: "), plain(checks.refused), "."))
     if any(row.origin == NOWHERE for row in checks.rows):
@@ -20,8 +26,15 @@ def checks_chapter(facts: Facts) -> str:
         parts.append(paragraph(words, " ", code(checks.command), ", or with ", code("--full"), "."))
     head = ("gate", "checked side against the reference", "result", "measured", "bound", "margin", "ran")
     parts.append(table(head, map(_row, checks.rows), right=(3, 4, 5)))
-    parts += [_findings(row) for row in checks.rows if row.result is not None and row.result.findings]
+    parts += [_findings(row) for row in checks.rows if _told(row)]
     return chapter("checks", "Checks", *parts)
+
+
+def _told(row: Row) -> bool:
+    """Whether its findings stand below the table; those of a proof that holds have their own chapter."""
+    if row.result is None or (row.gate.name == "proof" and row.verdict == "passed"):
+        return False
+    return bool(row.result.findings or row.result.difference)
 
 
 def _row(row: Row) -> tuple[str, ...]:

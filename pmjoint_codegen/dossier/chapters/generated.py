@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from itertools import groupby
 
 from pmjoint_codegen.dossier.facts import Absent, Facts, Traced
@@ -38,7 +39,13 @@ def generated_chapter(facts: Facts) -> str:
 def _kernel(item: Function) -> tuple[str, ...]:
     numbers = f" {plain(item.equation)}" if item.equation else ""
     sides = (", ".join(f"{name}[{size}]" for name, size in side) for side in (item.inputs, item.outputs))
-    return code(item.name), prose(item.about) + numbers, *map(code, sides), str(item.operations)
+    return code(item.name), _about(item.about) + numbers, *map(code, sides), str(item.operations)
+
+
+def _about(text: str) -> str:
+    """A description, in which the names of other kernels stand as names."""
+    parts = re.split(r"\b([a-z]+(?:_[a-z]+)+)\b", text)
+    return "".join(code(part) if k % 2 else prose(part) for k, part in enumerate(parts))
 
 
 def _files(facts: Facts) -> str:
@@ -55,8 +62,8 @@ def _terms(trace: Traced | Absent) -> str:
         return absent(trace.reason)
     words = (
         f"The controller that {code('pmjoint export')} writes: {code(trace.file)} has a line for each term. "
-        f"The gate {code('export')} puts each equation together again from these lines and compares it with the "
-        "derivation."
+        f"The gate {code('export')} puts each equation together again from these lines and compares it with "
+        "the derivation."
     )
     rows = []
     for key, group in groupby(trace.entries, key=lambda entry: (entry["equation"], entry["number"])):

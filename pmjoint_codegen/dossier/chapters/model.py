@@ -30,8 +30,8 @@ def model_chapter(facts: Facts) -> str:
     plant = facts.derivation.plant
     words = (
         f"Order {inline_symbol('n')} = {plant.order}, zeros {inline_symbol('m')} = {plant.m}, relative "
-        f"degree {inline_symbol('rho')} = {plant.rho}. The output {inline_symbol('y')} is measured, the input is "
-        f"limited by {code(facts.manifest.limit)}."
+        f"degree {inline_symbol('rho')} = {plant.rho}. The output {inline_symbol('y')} is measured, "
+        f"the input is limited by {code(facts.manifest.limit)}."
     )
     return chapter(
         "model",

@@ -5,7 +5,18 @@ from __future__ import annotations
 from pmjoint_codegen.check.oracles.certificate import Certificate
 from pmjoint_codegen.dossier.chapters.derivation import CERTIFICATE, equation_html
 from pmjoint_codegen.dossier.facts import Absent, Facts
-from pmjoint_codegen.dossier.markup import absent, chapter, items, number, paragraph, plain, table, tag
+from pmjoint_codegen.dossier.markup import (
+    absent,
+    chapter,
+    code,
+    items,
+    number,
+    paragraph,
+    plain,
+    prose,
+    table,
+    tag,
+)
 from pmjoint_codegen.report.mathml import formula, inline_symbol
 from pmjoint_codegen.report.notation import text_expression
 from pmjoint_derive.lyapunov import given_away
@@ -39,7 +50,7 @@ def proof_chapter(facts: Facts) -> str:
         tag("h3", "Lyapunov function and rate", id="lyapunov"),
         *own,
         tag("h3", "The squares", id="squares"),
-        items(formula(text_expression(square)) for square in given_away(facts.derivation)),
+        items(formula(text_expression(square), large=True) for square in given_away(facts.derivation)),
         tag("h3", "Constants of this model", id="constants"),
         _constants(facts.certificate),
         tag("h3", "Identities", id="identities"),
@@ -95,7 +106,7 @@ def _identities(facts: Facts) -> str:
         else f"{len(broken)} of {count} identities do not hold: there is no proof."
     )
     rows = [
-        (plain(item.name), plain(item.claim), "0" if item.holds else tag("strong", "not 0", class_="failed"))
+        (code(item.name), prose(item.claim), "0" if item.holds else tag("strong", "not 0", class_="failed"))
         for item in facts.identities
     ]
     return paragraph(told) + table(("identity", "claim", "remainder"), rows)

@@ -14,6 +14,7 @@ from pmjoint_codegen.dossier.markup import (
     paragraph,
     picture,
     plain,
+    prose,
     table,
     tag,
 )
@@ -49,9 +50,9 @@ def run_chapter(facts: Facts) -> str:
     )
     figures = [
         picture(
-            rendered(draw(facts.run, sheet, page=PLAIN), look_of(PLAIN), "svg"),
+            rendered(draw(facts.run, sheet, detail=facts.transient, page=PLAIN), look_of(PLAIN), "svg"),
             alt_text(sheet.stem, facts.run),
-            plain(words_of(caption(facts.run, sheet, ()))),
+            prose(words_of(caption(facts.run, sheet, ()))),
         )
         for sheet in sheets(facts.run)
     ]
@@ -120,7 +121,9 @@ def region_chapter(facts: Facts) -> str:
         "Colour: settling time. Grey: the output diverges. A run that stays bounded up to the horizon is no "
         f"proof beyond it; {region.words}."
     )
-    return chapter("region", "Region of recovery", paragraph(words), picture(region.svg, alt, plain(note)))
+    return chapter(
+        "region", "Region of recovery", paragraph(words), picture(region.svg, alt, plain(note), kind="narrow")
+    )
 
 
 def margins_chapter(facts: Facts) -> str:
@@ -154,8 +157,8 @@ def margins_table(columns: list[tuple[str, Facts]]) -> str:
         return reasons
     words = (
         "The loop is cut at the plant’s input and linearised about the equilibrium for the reference at "
-        "t = 0, with no limit active. A gain margin of ∞ or 0 means that no factor upwards or downwards makes the "
-        "loop oscillate."
+        "t = 0, with no limit active. A gain margin of ∞ or 0 means that no factor up or down makes "
+        "the loop oscillate."
     )
     head = ("margin", *(name for name, _ in found))
     return paragraph(words) + table(head, rows, right=tuple(range(1, len(head)))) + reasons
