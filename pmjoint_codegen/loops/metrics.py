@@ -12,6 +12,10 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final, Self
 
+import numpy as np
+
+from pmjoint_codegen.kernels.evaluator import Array
+
 
 @dataclass(frozen=True)
 class Row:
@@ -78,7 +82,7 @@ class Column(IntEnum):
     MAX_ABS_E = Row("{e}", "largest |e|", at_end="runs->metrics.max_e[w]", words="largest $|e|$")
     SETTLING_S = Row(
         "s",
-        "last instant at which |e| exceeds 2 % of |e(0)|",
+        "last instant at which |e| exceeds 2 % of |e(0)|; none if it does at the end",
         at_end="status == PMJ_DONE && runs->metrics.band[w] > 0.0 ? runs->metrics.settling[w] : NAN",
         words="settling",
         mapped=True,
@@ -111,6 +115,17 @@ class Column(IntEnum):
 
 
 REPORTED: Final[Mapping[str, Column]] = {column.variable: column for column in Column if column.row.words}
+
+
+def settled(metrics: Array, horizon: float) -> Array:
+    """Settling times of runs, s: NaN where |e| is outside its band to the end, or there is none.
+
+    Args:
+        metrics: shape (..., columns), as the loops give them: there such a run has its horizon.
+        horizon: of the runs, s.
+    """
+    times = metrics[..., Column.SETTLING_S]
+    return np.asarray(np.where(times < horizon, times, np.nan))
 
 
 def rows_header() -> str:

@@ -150,7 +150,7 @@ def region(dataset: xr.Dataset, manifest: Manifest, x: str, y: str, note: str) -
     _caption(
         figure,
         dataset,
-        f"Grey: {_absence(dataset)}. White: e(0) = 0, so no settling.{dashed}{thinned}",
+        f"Grey: {_absence(dataset)}. White: not settled by the end, or e(0) = 0.{dashed}{thinned}",
         note,
     )
     return figure
@@ -188,7 +188,7 @@ def _absence(dataset: xr.Dataset, *names: str) -> str:
     if not bool(status.isin((INVALID, int(Status.DONE), int(Status.DIVERGED))).all()):
         reasons.append("the run failed")
     if "settling_s" in names and bool((held(dataset) & dataset["settling_s"].isnull()).any()):
-        reasons.append("no initial error, so no settling time")
+        reasons.append("it has not settled by the end, or e(0) = 0")
     return ", or ".join(reasons)
 
 
