@@ -12,10 +12,6 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final, Self
 
-import numpy as np
-
-from pmjoint_codegen.kernels.evaluator import Array
-
 
 @dataclass(frozen=True)
 class Row:
@@ -115,17 +111,6 @@ class Column(IntEnum):
 
 
 REPORTED: Final[Mapping[str, Column]] = {column.variable: column for column in Column if column.row.words}
-
-
-def settled(metrics: Array, horizon: float) -> Array:
-    """Settling times of runs, s: NaN where |e| is outside its band to the end, or there is none.
-
-    Args:
-        metrics: shape (..., columns), as the loops give them: there such a run has its horizon.
-        horizon: of the runs, s.
-    """
-    times = metrics[..., Column.SETTLING_S]
-    return np.asarray(np.where(times < horizon, times, np.nan))
 
 
 def rows_header() -> str:

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from pmjoint_codegen.kernels.evaluator import Array
-from pmjoint_codegen.loops.metrics import Column, settled
+from pmjoint_codegen.loops.metrics import Column
 from pmjoint_codegen.loops.status import Status, holds
 from pmjoint_codegen.manifest import Manifest
 
@@ -49,6 +49,17 @@ def values_of(manifest: Manifest, table: Array, horizon: float) -> Array:
     metrics = [int(item) for item in Column if manifest.can_hold or not item.row.of_kinks]
     kept = held_rows(table)[:, np.newaxis].astype(np.float64)
     return np.concatenate([shown[:, metrics], kept, shown[:, len(Column) :]], axis=1)
+
+
+def settled(metrics: Array, horizon: float) -> Array:
+    """Settling times of runs, s: NaN where |e| is outside its band to the end, or there is none.
+
+    Args:
+        metrics: shape (..., columns), as the loops give them: there such a run has its horizon.
+        horizon: of the runs, s.
+    """
+    times = metrics[..., Column.SETTLING_S]
+    return np.asarray(np.where(times < horizon, times, np.nan))
 
 
 def held_rows(table: Array) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:

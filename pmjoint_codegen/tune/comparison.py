@@ -10,11 +10,11 @@ import numpy as np
 
 from pmjoint_codegen.brief import brief
 from pmjoint_codegen.kernels.evaluator import Array
-from pmjoint_codegen.loops.metrics import REPORTED, Column, settled
+from pmjoint_codegen.loops.metrics import REPORTED, Column
 from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.sweep.chunks import simulate_chunk
-from pmjoint_codegen.sweep.metrics import quantities
+from pmjoint_codegen.sweep.metrics import quantities, settled
 from pmjoint_codegen.sweep.pace import too_fast_among
 from pmjoint_codegen.tune.cost import CostFunction, cross
 from pmjoint_codegen.tune.request import Request
