@@ -127,7 +127,7 @@ def ise(run: Run) -> str:
 
 def settling(run: Run) -> str:
     """The time until the error stays within 2 % of its start."""
-    return said(run.settling_s or 0.0)
+    return "none" if run.settling_s is None else said(run.settling_s)
 
 
 def cells(row: Row) -> list[str]:

@@ -92,10 +92,10 @@ def _tracking(run: Run) -> Iterator[tuple[str, ...]]:
 
 def _settling(settled: float | None, initial: float, end: float, unit: str) -> str:
     """Give the band in y's unit: 2 % of a small initial e may be less than the disturbance's effect on e."""
-    if settled is None or not math.isfinite(initial):
+    if initial == 0.0 or not math.isfinite(initial):
         return "e starts at 0" if initial == 0.0 else _BEYOND
     band = f"{0.02 * abs(initial):.6g} {unit}, 2 % of the initial |e|"
-    if settled >= end:
+    if settled is None:
         return f"not by {end:.6g} s (|e| > {band})"
     return f"{settled:.6g} s (last |e| > {band})"
 

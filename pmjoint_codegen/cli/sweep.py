@@ -207,6 +207,7 @@ def _account(store: Store, manifest: Manifest, files: tuple[Path, ...]) -> dict[
         "status": ends.status,
         "held": ends.held,
         "quantiles_of_held": ends.quantiles,
+        "counts_of_held": ends.counts,
         "units": {name: units[name] for name in ends.quantiles},
         "files": files,
     }
@@ -220,6 +221,8 @@ def _text(account: Mapping[str, Any]) -> str:
     rows = [("of bounded runs", "5th percentile", "median", "95th percentile", "")]
     for name, values in account["quantiles_of_held"].items():
         if values:
-            rows.append((name, *(f"{value:.6g}" for value in values.values()), account["units"][name]))
+            count, unit = account["counts_of_held"][name], account["units"][name]
+            some = "" if count == account["held"] else f", in {count}"  # the others have not settled
+            rows.append((name, *(f"{value:.6g}" for value in values.values()), f"{unit}{some}"))
     lines = [head, table(rows), *(f"  {path}" for path in account["files"])]
     return "\n".join(lines)

@@ -78,7 +78,7 @@ class Column(IntEnum):
     MAX_ABS_E = Row("{e}", "largest |e|", at_end="runs->metrics.max_e[w]", words="largest $|e|$")
     SETTLING_S = Row(
         "s",
-        "last instant at which |e| exceeds 2 % of |e(0)|",
+        "last instant at which |e| exceeds 2 % of |e(0)|; none if it does at the end",
         at_end="status == PMJ_DONE && runs->metrics.band[w] > 0.0 ? runs->metrics.settling[w] : NAN",
         words="settling",
         mapped=True,

@@ -77,7 +77,7 @@ def holds(
     """Whether a run reached the horizon without a diverging joint's input and error there.
 
     A diverging joint's input stays at its limit to the end, and its error is largest there. A bounded
-    run may still be far from its reference: its settling time is then the horizon.
+    run may still be far from its reference: it has no settling time then.
     """
     bounded = (np.abs(final_e) < GROWING * max_abs_e) | (final_saturated == 0)
     return np.asarray((status == int(Status.DONE)) & bounded)

@@ -43,7 +43,7 @@ class Record(Mapping[str, Array]):
             reported, `RATE`; on the dense output.
         ise: integral of e^2 over the time reached.
         settling_s: the last instant at which |e| exceeds 2 % of |e(0)|, on the dense output, s; None if
-            e(0) is 0 or NaN, or the run ended early.
+            |e| exceeds it at the horizon, e(0) is 0 or NaN, or the run ended early.
         steps: accepted integration steps.
         wall_s: duration of the run, s.
         sticks: (from, to) of every interval in which a kink held the plant, as Coulomb friction does, s.

@@ -254,7 +254,7 @@ class Simulator:
         status = Status(state.status)
         kink = state.touching - (0 if prepared.problem.sample_time else prepared.problem.n_thresholds)
         ended = {"status": status, "message": _message(manifest, settings, status, state.t, memory, kink)}
-        return {**known, **_figures(manifest, memory, state), **ended}
+        return {**known, **_figures(manifest, memory, state, prepared.problem.horizon), **ended}
 
     def _known(
         self, prepared: _Preparation, start: Array, rows: Array, memory: Memory, state: Progress
@@ -267,7 +267,7 @@ class Simulator:
         def deferred(name: str) -> dict[str, Any]:
             if name == "signals":
                 return {name: signals_of(evaluator, problem, rows, memory, holds)}
-            return _figures(evaluator.manifest, *_integrate(evaluator, start, problem, None))
+            return _figures(evaluator.manifest, *_integrate(evaluator, start, problem, None), problem.horizon)
 
         return {
             "status": Status.DONE,
@@ -357,13 +357,19 @@ def _drive(advance: Advance, problem: Problem, state: Progress, tell: Tell | Non
             tell(min(state.t / problem.horizon, 1.0))
 
 
-def _figures(manifest: Manifest, memory: Memory, state: Progress) -> dict[str, Any]:
+def _settling(state: Progress, horizon: float) -> float | None:
+    """The settling time; None of a run that ended early, starts without an error, or has not settled."""
+    known = state.band > 0.0 and state.status == Status.DONE and state.settled < horizon
+    return state.settled if known else None
+
+
+def _figures(manifest: Manifest, memory: Memory, state: Progress, horizon: float) -> dict[str, Any]:
     names = [*(item.name for item in manifest.states), "v", "e", *([RATE] if reports_rate(manifest) else [])]
     pairs = zip(memory.peaks.tolist(), memory.peak_times.tolist(), strict=True)
     return {
         "peaks": dict(zip(names, pairs, strict=False)),  # the last entry may be unused
         "ise": state.integral,
-        "settling_s": state.settled if state.band > 0.0 and state.status == Status.DONE else None,
+        "settling_s": _settling(state, horizon),
     }
 
 

@@ -24,7 +24,7 @@ from pmjoint_codegen.loops.metrics import Column
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.storage import explained, settle, write_text
 from pmjoint_codegen.sweep.blocks import Block, block_shape, blocks
-from pmjoint_codegen.sweep.metrics import columns_of, quantities, status_meanings
+from pmjoint_codegen.sweep.metrics import HELD, quantities, status_meanings, values_of
 from pmjoint_codegen.sweep.plan import CODES, DRAW, SATURATION
 from pmjoint_codegen.sweep.request import Request
 from pmjoint_codegen.sweep.store import Store
@@ -109,9 +109,8 @@ def fill(folder: Path, store: Store, manifest: Manifest, wanted: Collection[str]
     group = zarr.create_group(folder, zarr_format=3, attributes=_attributes(request, manifest))
     for name, variable, values in _coordinates(request, manifest):
         _create(group, name, variable)[...] = values
-    columns = list(columns_of(manifest))
     arrays = [_create(group, *item) for item in _metrics(request, manifest)]
-    _pour(arrays, lambda start, stop: store.table(start, stop)[:, columns], wanted)
+    _pour(arrays, lambda i, j: values_of(manifest, store.table(i, j), request.horizon), wanted)
     if request.output_step:
         arrays = [_create(group, *item) for item in _trajectories(request, manifest)]
         _pour(arrays, store.trajectories, wanted)
@@ -286,6 +285,8 @@ def _metrics(request: Request, manifest: Manifest) -> Iterator[tuple[str, _Varia
         if item.name == Column.STATUS.variable:
             meanings = status_meanings()
             attributes |= {"flag_values": list(meanings), "flag_meanings": " ".join(meanings.values())}
+        if item.name == HELD:
+            attributes |= {"flag_values": [0, 1], "flag_meanings": "lost held"}
         dtype = np.int64 if item.integer else np.float64
         yield item.name, _Variable(request.plan.dimensions, attributes, dtype)
 

@@ -202,14 +202,14 @@ def _absence(mark: str, dataset: xr.Dataset, *names: str) -> str:
     if bool(failed.any()):
         reasons.append("the run failed")
     if "settling_s" in names and bool((held(dataset) & dataset["settling_s"].isnull()).any()):
-        reasons.append("no initial error, so no settling time")
+        reasons.append("it has not settled by the end, or e(0) = 0")
     return f"{mark}: {', or '.join(reasons)}." if reasons else ""
 
 
 def _white(dataset: xr.Dataset) -> str:
     """What white cells of a region are, for the caption; empty if there are none."""
     undefined = held(dataset) & dataset["settling_s"].isnull()
-    return " White: e(0) = 0, so no settling." if bool(undefined.any()) else ""
+    return " White: not settled by the end, or e(0) = 0." if bool(undefined.any()) else ""
 
 
 def _plain_ticks(bar: Colorbar, limits: tuple[float, float]) -> None:

@@ -5,19 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pmjoint_codegen.loops.status import holds
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.sweep.blocks import blocks
+from pmjoint_codegen.sweep.metrics import HELD
 from pmjoint_codegen.values import Rule, evaluate
 
 if TYPE_CHECKING:
     import xarray as xr
-
-ENDS: Final = ("status", "final_e", "max_abs_e", "final_saturated")  # arguments of `holds`, in the dataset
 
 
 @dataclass(frozen=True)
@@ -63,8 +61,8 @@ def border(manifest: Manifest, values: Mapping[str, float]) -> Border | None:
 
 
 def held(dataset: xr.Dataset) -> xr.DataArray:
-    """Which runs of a dataset keep the joint bounded; see `holds`."""
-    return dataset["status"].copy(data=holds(*(dataset[name].values for name in ENDS)))
+    """Which runs of a dataset keep the joint bounded, by its variable; the rule is `holds`."""
+    return dataset[HELD] == 1
 
 
 def held_share(dataset: xr.Dataset) -> float:

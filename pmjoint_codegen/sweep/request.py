@@ -27,6 +27,7 @@ from pmjoint_codegen.values import BRAKING, COMPENSATOR
 
 DEFAULT_TOLERANCE: Final = 1e-6
 MAX_STEPS: Final = 1_000_000
+LAYOUT: Final = 2
 MAX_TRAJECTORIES: Final = 2**31  # bytes
 
 
@@ -58,6 +59,7 @@ class Request:
         output_step: s, of the trajectories; 0 keeps none.
         divergence: |X_i| above it ends a run.
         max_steps: limit of steps of one run.
+        layout: version of the dataset's variables and their rules.
     """
 
     model: str
@@ -82,6 +84,7 @@ class Request:
     output_step: float
     divergence: float
     max_steps: int
+    layout: int = LAYOUT
 
     __repr__ = brief
 

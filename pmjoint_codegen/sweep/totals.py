@@ -11,10 +11,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from pmjoint_codegen.loops.metrics import REPORTED
-from pmjoint_codegen.loops.status import holds
 from pmjoint_codegen.sweep.blocks import blocks
-from pmjoint_codegen.sweep.metrics import status_meanings
-from pmjoint_codegen.sweep.region import ENDS
+from pmjoint_codegen.sweep.metrics import HELD, status_meanings
 from pmjoint_codegen.sweep.validity import Mask
 
 if TYPE_CHECKING:
@@ -31,11 +29,13 @@ class Totals:
         status: number of runs by how they ended, in words; only endings that occurred.
         held: number of runs that keep the joint bounded.
         quantiles: of these runs, by metric and by quantile; None if no run has the metric.
+        counts: how many of these runs have the metric: a run that has not settled has no settling time.
     """
 
     status: Mapping[str, int]
     held: int
     quantiles: Mapping[str, Mapping[str, float] | None]
+    counts: Mapping[str, int]
 
 
 def totals(dataset: Path) -> Totals:
@@ -46,24 +46,27 @@ def totals(dataset: Path) -> Totals:
     """
     import zarr
 
-    arrays = {name: zarr.open_array(dataset / name, mode="r") for name in {*ENDS, *REPORTED}}
+    names = {"status", HELD, *REPORTED}
+    arrays = {name: zarr.open_array(dataset / name, mode="r") for name in names}
     shape = arrays["status"].shape
     held = np.zeros(arrays["status"].size, dtype=np.bool_)
     counts: Counter[int] = Counter()
     for part in blocks(shape):
-        status, *ends = (np.asarray(arrays[name][part.selection]).reshape(-1) for name in ENDS)
-        held[part.start : part.stop] = holds(status, *ends)
+        status, kept = (np.asarray(arrays[name][part.selection]).reshape(-1) for name in ("status", HELD))
+        held[part.start : part.stop] = kept == 1
         values, numbers = np.unique(status, return_counts=True)
         counts.update(dict(zip(values.tolist(), numbers.tolist(), strict=True)))
+    found = {name: _quantiles(arrays[name], held) for name in REPORTED}
     return Totals(
         status={words: counts[value] for value, words in status_meanings().items() if counts[value]},
         held=int(held.sum()),
-        quantiles={name: _quantiles(arrays[name], held) for name in REPORTED},
+        quantiles={name: quantiles for name, (quantiles, _) in found.items()},
+        counts={name: count for name, (_, count) in found.items()},
     )
 
 
-def _quantiles(array: zarr.Array[Any], held: Mask) -> Mapping[str, float] | None:
-    """Quantiles of the finite values among the bounded runs."""
+def _quantiles(array: zarr.Array[Any], held: Mask) -> tuple[Mapping[str, float] | None, int]:
+    """Quantiles of the finite values among the bounded runs, and their number."""
     values = np.empty(int(held.sum()))
     count = 0
     for part in blocks(array.shape):
@@ -72,6 +75,6 @@ def _quantiles(array: zarr.Array[Any], held: Mask) -> Mapping[str, float] | None
         values[count : count + len(piece)] = piece
         count += len(piece)
     if not count:
-        return None
+        return None, 0
     found = np.percentile(values[:count], list(PERCENTS.values()), overwrite_input=True)
-    return dict(zip(PERCENTS, found.tolist(), strict=True))
+    return dict(zip(PERCENTS, found.tolist(), strict=True)), count

@@ -14,7 +14,7 @@ from pmjoint_codegen.loops.metrics import REPORTED, Column
 from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.sweep.chunks import simulate_chunk
-from pmjoint_codegen.sweep.metrics import quantities
+from pmjoint_codegen.sweep.metrics import quantities, settled
 from pmjoint_codegen.sweep.pace import too_fast_among
 from pmjoint_codegen.tune.cost import CostFunction, cross
 from pmjoint_codegen.tune.request import Request
@@ -138,6 +138,7 @@ def _side(
     done = metrics[..., Column.STATUS] == Status.DONE
     values = {"objective": comparison.request.objective(metrics)}
     values |= {name: metrics[..., column] for name, column in REPORTED.items()}
+    values["settling_s"] = settled(metrics, comparison.request.runs.horizon)
     both = {name: reduced(np.where(done, value, np.nan), axis=1) for name, value in values.items()}
     return {name: {"before": float(pair[0]), "after": float(pair[1])} for name, pair in both.items()}
 

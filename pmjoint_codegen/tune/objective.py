@@ -35,7 +35,8 @@ class Objective:
     def __call__(self, metrics: Array) -> Array:
         """The objective of some runs, shape (...), from their metrics, shape (..., columns).
 
-        NaN where a metric is undefined.
+        NaN where a metric is undefined. A run that has not settled counts with its horizon: the search needs
+        a number.
         """
         total = np.zeros(metrics.shape[:-1])
         for name, weight in self.weights:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -70,6 +71,17 @@ def test_a_run_without_settling_time_leaves_those_of_the_others(
     account = json.loads(capsys.readouterr().out)
     assert account["held"] == 2
     assert account["quantiles_of_held"]["settling_s"]["median"] == pytest.approx(7.46, abs=0.01)
+    assert account["counts_of_held"]["settling_s"] == 1
+
+
+def test_a_run_that_has_not_settled_has_no_settling_time(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """At 2 s the error with the compensator is still outside its band, without it inside."""
+    command = ["sweep", "paper", "--grid", "compensator=0,1", "--horizon", "2", "--no-figures"]
+    assert run([*command, "--out", str(tmp_path)]) == 0
+    printed = capsys.readouterr().out
+    assert re.search(r"settling_s +1\.597\d* +1\.597\d* +1\.597\d* +s, in 1\n", printed), printed
 
 
 def test_a_sample_time_without_the_sampled_controller_is_said_to_do_nothing(

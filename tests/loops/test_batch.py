@@ -125,7 +125,7 @@ def test_sampled_runs_agree_with_single_ones(paper: BatchLibrary, sample_time: f
         assert metrics[Column.ISE] == pytest.approx(summary["ise"], rel=bound)
         assert metrics[Column.MAX_ABS_E] == pytest.approx(run.peaks["e"][0], rel=bound)
         assert metrics[Column.MAX_ABS_V] == pytest.approx(run.peaks["v"][0], rel=bound)
-        assert -1e-6 <= metrics[Column.SETTLING_S] - summary["settling_s"] <= summary["output_step"]
+        assert -1e-6 <= metrics[Column.SETTLING_S] - (summary["settling_s"] or 3.0) <= summary["output_step"]
         assert metrics[Column.FINAL_E] == pytest.approx(summary["final_e"], abs=bound)
         np.testing.assert_allclose(outcome.final[i], run.states[-1], rtol=bound, atol=bound)
 

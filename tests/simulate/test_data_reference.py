@@ -242,3 +242,19 @@ def test_the_unfiltered_command_is_drawn(loop: ClosedLoop) -> None:
         ["y_cmd", "y_r", "y"],
         ["y_r", "y"],
     ]
+
+
+def test_a_function_an_array_and_an_expression_are_the_same_reference(loop: ClosedLoop) -> None:
+    """The spline through points h apart is off by some h^4: the error grows by 10^4 for ten times h."""
+    exact = loop.simulate(reference="sin(t)", horizon=3.0)
+    assert exact.reference_text == "sin(t)"
+    fine = loop.simulate(reference=np.sin, horizon=3.0)
+    t = np.linspace(0.0, 3.0, 31)
+    coarse = loop.simulate(reference=(t, np.sin(t)), horizon=3.0)
+    near, far = (float(np.max(np.abs(run["y"] - exact["y"]))) for run in (fine, coarse))
+    assert near < 1e-8
+    assert 1e3 * near < far < 1e5 * near
+    with pytest.raises(ModelError, match="reference"):
+        loop.simulate(reference="sin(", horizon=1.0)
+    with pytest.raises(UsageError, match="reference"):
+        loop.simulate(reference=3.0, horizon=1.0)

@@ -18,7 +18,7 @@ from pmjoint_codegen.loops.metrics import Column
 from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.sweep import chunks
-from pmjoint_codegen.sweep.metrics import INVALID, columns_of, quantities, status_meanings
+from pmjoint_codegen.sweep.metrics import INVALID, quantities, status_meanings, values_of
 from pmjoint_codegen.sweep.plan import Axis, Plan, make_plan
 from pmjoint_codegen.sweep.request import make_request, varied_names
 from pmjoint_codegen.sweep.validity import valid_rows
@@ -136,7 +136,14 @@ def test_every_column_has_a_name_a_unit_and_every_status_a_word(case: Case) -> N
     assert not case.manifest.can_hold
     usual = [column.name for column in Column if column not in (Column.STUCK_S, Column.STICKS)]
     assert [item.name.upper() for item in items[: len(usual)]] == usual
-    assert len(items) == len(usual) + case.manifest.nX == len(columns_of(case.manifest))
+    assert len(items) == len(usual) + 1 + case.manifest.nX
+    table = np.zeros((3, len(Column) + case.manifest.nX))
+    table[:, Column.STATUS] = (Status.DONE, Status.DONE, Status.DIVERGED)
+    table[:, Column.SETTLING_S] = (1.5, 2.0, np.nan)
+    table[:, [Column.FINAL_E, Column.MAX_ABS_E, Column.FINAL_SATURATED]] = [[1, 1, 0], [1, 1, 1], [0, 1, 0]]
+    values = dict(zip((item.name for item in items), values_of(case.manifest, table, 2.0).T, strict=True))
+    assert values["held"].tolist() == [1, 0, 0]  # within limits; growing at a limit; not at the horizon
+    np.testing.assert_array_equal(values["settling_s"], [1.5, np.nan, np.nan])
     assert all(item.unit and item.about for item in items)
     assert set(status_meanings()) == {status.value for status in Status} - {0} | {INVALID}
 

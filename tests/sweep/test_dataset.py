@@ -75,7 +75,7 @@ def test_numbers_of_things_are_whole_and_trajectories_are_no_rows(case: Case, tm
     store = sweep(replace(case, request=request), tmp_path)
     data, streamed = dataset.read(store.dataset), dataset.read(store.dataset, streamed=True)
     whole = {name for name, item in data.data_vars.items() if item.dtype == np.int64}
-    assert whole == {"status", "steps", "switches", "final_saturated"}
+    assert whole == {"status", "steps", "switches", "final_saturated", "held"}
     assert data["trajectory_e"].shape == (5, 2, 11)
     frame = import_module("pandas").read_parquet(formats.export(store.dataset, "parquet"))
     assert len(frame) == plan.runs
