@@ -351,9 +351,8 @@ class Manifest:
             contents[key] = tuple(record(**item) for item in contents[key])
         contents["rules"] = tuple(Rule(**_with_tuples(item, "terms")) for item in contents["rules"])
         start = contents["start"]
-        contents["start"] = Start(
-            tuple(Variable(**item) for item in start["variables"]), start["required"], tuple(start["terms"])
-        )
+        variables = tuple(Variable(**item) for item in start["variables"])
+        contents["start"] = Start(variables, start["required"], tuple(start["terms"]))
         contents["functions"] = tuple(_function(item) for item in contents["functions"])
         contents["blocks"] = {key: tuple(value) for key, value in contents["blocks"].items()}
         contents = _with_tuples(contents, "partials", "kinks", "chosen", "linear")
@@ -379,25 +378,23 @@ class Manifest:
 
 def _scaled_records(contents: dict[str, Any]) -> Iterator[dict[str, Any]]:
     """The records that have a scale."""
-    for records in (
-        *(contents[key] for key in ("parameters", "states", "signals")),
-        contents["start"]["variables"],
-    ):
-        yield from records
+    for key in ("parameters", "states", "signals"):
+        yield from contents[key]
+    yield from contents["start"]["variables"]
 
 
 def _with_hash(text: str, old: str, new: str) -> str:
-    """The file with another hash; quotes inside strings are escaped, so only the key itself matches."""
+    """The file with another hash; quotes in strings are escaped, so only the key itself matches."""
     return text.replace(f'"contents_hash": "{old}"', f'"contents_hash": "{new}"')
 
 
 def _with_tuples(item: dict[str, Any], *keys: str) -> dict[str, Any]:
-    """An object of JSON with tuples for its lists under some keys."""
+    """An object of JSON with tuples for its lists."""
     return {**item, **{key: tuple(item[key]) for key in keys}}
 
 
 def _function(item: dict[str, Any]) -> Function:
     blocks = {
-        key: tuple((str(label), int(size)) for label, size in item[key]) for key in ("inputs", "outputs")
+        side: tuple((str(label), int(size)) for label, size in item[side]) for side in ("inputs", "outputs")
     }
     return Function(**{**item, **blocks})

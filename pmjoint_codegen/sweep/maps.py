@@ -18,11 +18,10 @@ import numpy.typing as npt
 from pmjoint_codegen import storage
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.loops.metrics import REPORTED
-from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.style import BLUE, RUST, STONE, png, rendered, styled, wrapped
+from pmjoint_codegen.sweep.gaps import absence, unsettled
 from pmjoint_codegen.sweep.labels import symbol, unit
-from pmjoint_codegen.sweep.metrics import INVALID
 from pmjoint_codegen.sweep.plan import DRAW, SATURATION
 from pmjoint_codegen.sweep.region import Border, border, held, held_share
 from pmjoint_codegen.values import COMPENSATOR, OWN_SUFFIX, of_plant
@@ -161,7 +160,7 @@ def region(dataset: xr.Dataset, manifest: Manifest, x: str, y: str, note: str) -
     _caption(
         figure,
         dataset,
-        f"{_absence('Grey', dataset)}{_white(dataset)}{dashed}{thinned}".strip(),
+        f"{absence('Grey', dataset)}{unsettled(dataset)}{dashed}{thinned}".strip(),
         note,
     )
     return figure
@@ -186,30 +185,8 @@ def metric_map(dataset: xr.Dataset, name: str, x: str, y: str, note: str) -> Fig
     )
     if steep:
         _plain_ticks(bar, limits)
-    _caption(figure, dataset, f"{_absence('Grey', dataset, name)}{thinned}".strip(), note)
+    _caption(figure, dataset, f"{absence('Grey', dataset, name)}{thinned}".strip(), note)
     return figure
-
-
-def _absence(mark: str, dataset: xr.Dataset, *names: str) -> str:
-    """Why runs are missing in a figure of these metrics, for the caption; empty if none are."""
-    status = dataset["status"]
-    reasons = []
-    invalid, failed = status == INVALID, ~status.isin((INVALID, int(Status.DONE), int(Status.DIVERGED)))
-    if bool((~held(dataset) & ~invalid & ~failed).any()):
-        reasons.append("the joint diverges")
-    if bool(invalid.any()):
-        reasons.append("the values break a rule of the design")
-    if bool(failed.any()):
-        reasons.append("the run failed")
-    if "settling_s" in names and bool((held(dataset) & dataset["settling_s"].isnull()).any()):
-        reasons.append("it has not settled by the end, or e(0) = 0")
-    return f"{mark}: {', or '.join(reasons)}." if reasons else ""
-
-
-def _white(dataset: xr.Dataset) -> str:
-    """What white cells of a region are, for the caption; empty if there are none."""
-    undefined = held(dataset) & dataset["settling_s"].isnull()
-    return " White: not settled by the end, or e(0) = 0." if bool(undefined.any()) else ""
 
 
 def _plain_ticks(bar: Colorbar, limits: tuple[float, float]) -> None:
@@ -239,7 +216,7 @@ def curves(dataset: xr.Dataset, x: str) -> Figure:
         panel.set_ylabel(f"{row.words} ({unit(dataset[name])})")
     if len(cases(dataset)) > 1:
         panels[0].legend()
-    _caption(figure, dataset, _absence("Gaps", dataset, *FOUR), "")
+    _caption(figure, dataset, absence("Gaps", dataset, *FOUR), "")
     return figure
 
 

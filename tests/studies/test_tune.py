@@ -11,6 +11,7 @@ import pytest
 
 from pmjoint_codegen import ClosedLoop, ModelError, Tuned, UsageError, tune
 from pmjoint_codegen.cli.main import run
+from pmjoint_codegen.cli.terminal import as_json
 from pmjoint_codegen.compile.compiler import find_compiler
 
 pytestmark = pytest.mark.skipif(find_compiler(os.environ) is None, reason="tuning needs a compiler")
@@ -33,7 +34,7 @@ def test_gains_and_file_are_those_of_the_command(
     options = ["--gain", "c=3:60", "--gain", "e1", "--out", str(file)]
     assert run(["tune", "paper", *quick, *limits, *options]) == 0
     told = json.loads(capsys.readouterr().out)
-    assert {**told, "files": []} == json.loads(json.dumps({**tuned.summary, "files": []}))
+    assert {**told, "files": []} == json.loads(as_json({**tuned.summary, "files": []}))
     written = tuned.write(tmp_path / "b" / "mine.toml")
     assert written.read_bytes() == file.read_bytes()
     assert tuned.write(written) == written  # its own file may be replaced

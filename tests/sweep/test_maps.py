@@ -13,6 +13,7 @@ import pytest
 from pmjoint_codegen.loops.status import holds
 from pmjoint_codegen.simulate.style import styled
 from pmjoint_codegen.sweep.executor import execute
+from pmjoint_codegen.sweep.gaps import absence
 from pmjoint_codegen.sweep.labels import symbol
 from pmjoint_codegen.sweep.plan import make_plan
 from pmjoint_codegen.sweep.region import Border, border, held
@@ -210,12 +211,12 @@ def test_a_curve_shows_points_that_no_line_reaches(case: Case, tmp_path: Path) -
 
 def test_captions_name_every_reason_for_a_gap(case: Case, tmp_path: Path) -> None:
     plain = made(case, tmp_path / "plain", ("c1=5,6",), x0=(0.0, 0.0), horizon=2.0)
-    assert maps._absence("Gaps", plain, "ise") == ""
-    assert maps._absence("Gaps", plain, "settling_s") == "Gaps: it has not settled by the end, or e(0) = 0."
+    assert absence("Gaps", plain, "ise") == ""
+    assert absence("Gaps", plain, "settling_s") == "Gaps: it has not settled by the end, or e(0) = 0."
     broken = made(case, tmp_path / "broken", ("c1=-5,6",), x0=(0.0, 0.0), horizon=2.0)
-    assert "break a rule of the design" in maps._absence("Gaps", broken, "ise")
+    assert "break a rule of the design" in absence("Gaps", broken, "ise")
     lost = made(case, tmp_path / "lost", ("x1=10,120",), horizon=5.0)
-    assert maps._absence("Grey", lost, "ise") == "Grey: the joint diverges."
+    assert absence("Grey", lost, "ise") == "Grey: the joint diverges."
 
 
 @pytest.mark.parametrize(
