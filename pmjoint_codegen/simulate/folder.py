@@ -247,7 +247,8 @@ def _log(contents: Mapping[str, Any], columns: Mapping[str, Array]) -> Log:
 
 
 def _json(value: Mapping[str, Any], indent: int) -> str:
-    return json.dumps(_strict(value), indent=indent, allow_nan=False, ensure_ascii=False) + "\n"
+    text = json.dumps(_strict(value), indent=indent, allow_nan=False, ensure_ascii=False) + "\n"
+    return text.encode("utf-8", "backslashreplace").decode()  # JSON's own escape for a path's bytes
 
 
 def _strict(value: Any) -> Any:

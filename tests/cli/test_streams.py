@@ -91,4 +91,6 @@ def test_what_an_encoding_cannot_say_is_escaped(encoding: str, tmp_path: Path) -
     code, document, said = shell(f"pmjoint {settings} --json", tmp_path, PYTHONIOENCODING=encoding)
     assert (code, said) == (0, "")
     files = json.loads(document)["files"]
-    assert [Path(file).parent.name for file in files] == [folder, folder]
+    assert {Path(file).parent.name for file in files} == {folder}
+    record = json.loads((tmp_path / folder / "run.json").read_text(encoding="utf-8"))
+    assert shlex.split(record["command"])[-2:] == [folder, "--json"]
