@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+from contextlib import ExitStack
 from pathlib import Path
 
 import click
 
 from pmjoint_codegen.cli.options import ModelName, Place
 from pmjoint_codegen.cli.terminal import activity, document, message, result
+from pmjoint_codegen.errors import UsageError
 
 _ABOUT = """Write a report of MODEL: one HTML page that needs no network and no script.
 
@@ -16,6 +18,7 @@ The page has the model and its sources, the derivation, the proof with its squar
 with their margins, kernels and the line of each term, figures of the run, the region of recovery, margins,
 and what is not covered. The quick gates run with the report; results of the others come from a file of
 pmjoint check, if it is of this model as it is. With OTHER, the page shows what differs between two models.
+MODEL@REV is a model as it was in a revision of git.
 """
 
 _EXAMPLES = """\b
@@ -23,6 +26,7 @@ Examples
   pmjoint report paper
   pmjoint report paper --pdf
   pmjoint report joint joint-damped         two models side by side
+  pmjoint report paper@HEAD~3 paper         what changed since; also: pmjoint report paper --rev HEAD~3
   pmjoint check paper --junit check.xml && pmjoint report paper --check check.xml
 """
 
@@ -41,6 +45,7 @@ Examples
     metavar="FILE",
     help="A JUnit file of pmjoint check, for the gates that are not run here.",
 )
+@click.option("--rev", "revision", metavar="REV", help="Compare MODEL with what it was in a git revision.")
 @click.option("--full", is_flag=True, help="Run every gate; it takes a minute or more.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
 def command(
@@ -49,11 +54,22 @@ def command(
     out: Path | None,
     pdf: bool,
     recorded: Path | None,
+    revision: str | None,
     full: bool,
     as_json: bool,
 ) -> int:
     """Run ``pmjoint report``: click passes the parsed arguments."""
-    with activity(f"reporting on {model}") as shown:
+    if revision is not None:
+        if other is not None:
+            raise UsageError(
+                "compares one model", where="--rev", remedy="name both: pmjoint report A@REV1 B@REV2"
+            )
+        model, other = f"{model}@{revision}", model
+    if other is not None and (recorded or full):
+        raise UsageError(
+            "belongs to a report of one model", where="--full" if full else "--check", remedy="leave it out"
+        )
+    with activity(f"reporting on {model}") as shown, ExitStack() as places:
         shown.stage("loading the toolchain", 0.0)
         from pmjoint_codegen.dossier.browser import find_browser, printed
         from pmjoint_codegen.dossier.facts import gather
@@ -64,13 +80,20 @@ def command(
         if out is not None:
             ensure_file(out)
         facts = gather(
-            model, environment=os.environ, notify=_tell, stage=shown.stage, recorded=recorded, full=full
+            _located(model, places),
+            environment=os.environ,
+            notify=_tell,
+            stage=shown.stage,
+            recorded=recorded,
+            full=full,
+            called=model,
         )
         page, stem = "", facts.manifest.name
         if other is not None:
             from pmjoint_codegen.dossier.compare import comparison_page
 
-            second = gather(other, environment=os.environ, notify=_tell, stage=shown.stage)
+            place = _located(other, places)
+            second = gather(place, environment=os.environ, notify=_tell, stage=shown.stage, called=other)
             page, stem = comparison_page(facts, second), f"{stem}-{second.manifest.name}"
         shown.stage("drawing figures", 0.0)
         page = page or model_page(facts)
@@ -91,6 +114,17 @@ def command(
         told = ", ".join(f"{count} {word}" for word, count in counts.items())
         result(f"{facts.manifest.name}: {', '.join(map(str, files))}; gates: {told}")
     return 1 if checks.failed else 0
+
+
+def _located(asked: str, places: ExitStack) -> str | Path:
+    """The model as asked; that of ``MODEL@REV`` stands in a temporary folder while `places` is open."""
+    name, at, revision = asked.rpartition("@")
+    if not at or Path(asked).exists():
+        return asked
+    from pmjoint_codegen.review.earlier import earlier
+    from pmjoint_codegen.workspace import find_model
+
+    return places.enter_context(earlier(find_model(name), revision))
 
 
 def _tell(line: str) -> None:

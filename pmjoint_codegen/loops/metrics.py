@@ -133,3 +133,11 @@ def rows_header() -> str:
             "",
         ]
     )
+
+
+def last_exit(horizon: float) -> float:
+    """The instant, s, after which leaving the settling band means that a run has not settled.
+
+    It lies below the horizon by the rounding of an end that the loops add up from steps.
+    """
+    return horizon * (1.0 - 1e-12)

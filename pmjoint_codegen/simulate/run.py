@@ -21,6 +21,7 @@ from pmjoint_codegen.kernels.evaluator import Array, Evaluator
 from pmjoint_codegen.logs.formats import save
 from pmjoint_codegen.loops.chain import actuator_of, is_looped, make_chain
 from pmjoint_codegen.loops.hold import hold_matrices
+from pmjoint_codegen.loops.metrics import last_exit
 from pmjoint_codegen.loops.modes import Actuator
 from pmjoint_codegen.loops.problem import Memory, Problem, Progress, make_memory, own_parameters
 from pmjoint_codegen.loops.select import Advance, CompiledLoop, make_loop
@@ -359,7 +360,7 @@ def _drive(advance: Advance, problem: Problem, state: Progress, tell: Tell | Non
 
 def _settling(state: Progress, horizon: float) -> float | None:
     """The settling time; None of a run that ended early, starts without an error, or has not settled."""
-    known = state.band > 0.0 and state.status == Status.DONE and state.settled < horizon
+    known = state.band > 0.0 and state.status == Status.DONE and state.settled < last_exit(horizon)
     return state.settled if known else None
 
 

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from pmjoint_codegen.kernels.evaluator import Array
-from pmjoint_codegen.loops.metrics import Column
+from pmjoint_codegen.loops.metrics import Column, last_exit
 from pmjoint_codegen.loops.status import Status, holds
 from pmjoint_codegen.manifest import Manifest
 
@@ -59,7 +59,7 @@ def settled(metrics: Array, horizon: float) -> Array:
         horizon: of the runs, s.
     """
     times = metrics[..., Column.SETTLING_S]
-    return np.asarray(np.where(times < horizon, times, np.nan))
+    return np.asarray(np.where(times < last_exit(horizon), times, np.nan))
 
 
 def held_rows(table: Array) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
