@@ -6,8 +6,6 @@ A version is read from its generated folder, or rederived if that folder does no
 from __future__ import annotations
 
 import json
-import shlex
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,11 +17,13 @@ from pmjoint_codegen.check.gates import golden
 from pmjoint_codegen.check.trajectory import Trajectory
 from pmjoint_codegen.emit.changes import Change, Content, changes, content_of
 from pmjoint_codegen.emit.staleness import read_folder, tampering
-from pmjoint_codegen.errors import ModelError, OtherVersionError, UsageError
+from pmjoint_codegen.errors import OtherVersionError
 from pmjoint_codegen.identity import Document, model_hash
 from pmjoint_codegen.manifest import FILE_NAME
 from pmjoint_codegen.modelfile.reader import read_document
+from pmjoint_codegen.review.checkout import check_out, named_as
 from pmjoint_codegen.review.revision import find_revision
+from pmjoint_codegen.scratch import scratch
 from pmjoint_codegen.workspace import GENERATED, find_model, generated_root
 from pmjoint_derive.progress import Stage, unwatched
 
@@ -88,24 +88,10 @@ def difference(model: str, revision: str = "HEAD", stage: Stage = unwatched) -> 
     """
     file = find_model(model)
     found = find_revision(file, revision)
-    when = f" at {found.name}"
-    with tempfile.TemporaryDirectory(prefix="pmjoint-diff-") as place:
-        root = Path(place)
-        if not found.export(file, root):
-            raise UsageError(
-                f"is not in revision {found.name}",
-                where=str(file),
-                remedy=f"choose one that has it: git log --oneline -- {shlex.quote(str(file))}",
-            )
-        earlier = root / found.path_of(file)
-        try:
-            name = str(read_document(earlier).get("name"))
-            for path in (generated_root(file) / name, *golden.files_of(file, name)):
-                found.export(path, root)
-            before = _version(earlier, when, stage)
-        except ModelError as error:
-            key = error.where.removeprefix(str(earlier))  # a path in the temporary folder is of no use
-            raise ModelError(error.what, where=f"{file}{when}{key}", remedy=error.remedy) from error
+    with scratch("pmjoint-diff") as root:
+        earlier = check_out(file, found, root)
+        with named_as(file, earlier, found):
+            before = _version(earlier, f" at {found.name}", stage)
     return _compared(before, _version(file, "", stage))
 
 
