@@ -22,6 +22,7 @@ def comparison_page(before: Facts, after: Facts) -> str:
     title = f"{names[0]} and {names[1]}"
     rows = {
         name: f"{plain(facts.manifest.title)}, {code(facts.manifest.model_hash[:16])}"
+        + (f"; {plain(facts.origin)}" if facts.origin else "")
         for name, facts in zip(names, (before, after), strict=True)
     }
     chapters = [

@@ -98,6 +98,7 @@ class Facts:
         margins: at the model's reference at t = 0.
         region: from where the loop recovers.
         trace: of the exported controller.
+        origin: revision and commit in words, if the model is not as in the working tree.
     """
 
     called: str
@@ -115,6 +116,7 @@ class Facts:
     margins: Margins | Absent
     region: Map | Absent
     trace: Traced | Absent
+    origin: str = ""
 
     @property
     def derivation(self) -> Derivation:
@@ -136,6 +138,8 @@ def gather(
     recorded: Path | None = None,
     full: bool = False,
     called: str = "",
+    origin: str = "",
+    compared: bool = False,
 ) -> Facts:
     """Derive a model, check it, run it.
 
@@ -147,6 +151,9 @@ def gather(
         recorded: a JUnit file of ``pmjoint check`` for the gates that are not run here.
         full: run every gate here.
         called: the model in words, if it is not as asked.
+        origin: revision and commit in words, if the model is not as in the working tree.
+        compared: whether the page is about the differences from another model, which has no chapters on gates
+            and region: neither is made.
 
     Raises:
         ModelError: the model cannot be found, read or derived.
@@ -160,12 +167,17 @@ def gather(
     stage("certificate", 0.0)
     equations = (*derivation.equations.values(), *derivation.design.certificate(derivation))
     identities = (*derivation.design.prove(derivation), *consistency_identities(derivation))
-    checks = checked(subject, recorded=recorded, full=full, stage=stage)
+    checks = Checked((), "", "")
+    if not compared:
+        checks = checked(subject, recorded=recorded, full=full, stage=stage)
     stage("simulating", 0.0)
     provided = provide(path, environment=environment, notify=notify, stage=stage)
     loop = ClosedLoop.load(path, environment=environment, notify=notify, stage=stage)
     run = _run(loop)
-    stage("mapping the region", 0.0)
+    region: Map | Absent = Absent("is no part of a comparison")
+    if not compared:
+        stage("mapping the region", 0.0)
+        region = _region(subject, environment, notify, run)
     return Facts(
         called=called or str(model),
         text=text,
@@ -180,8 +192,9 @@ def gather(
         sampled=_run(loop, controller="sampled"),
         pace=_pace(loop.manifest),
         margins=_margins(loop),
-        region=_region(subject, environment, notify, run),
+        region=region,
         trace=_trace(derivation, loop.manifest),
+        origin=origin,
     )
 
 

@@ -21,7 +21,9 @@ from pmjoint_codegen.errors import OtherVersionError
 from pmjoint_codegen.identity import Document, model_hash
 from pmjoint_codegen.manifest import FILE_NAME
 from pmjoint_codegen.modelfile.reader import read_document
-from pmjoint_codegen.review.earlier import earlier
+from pmjoint_codegen.review.checkout import check_out, named_as
+from pmjoint_codegen.review.revision import find_revision
+from pmjoint_codegen.scratch import scratch
 from pmjoint_codegen.workspace import GENERATED, find_model, generated_root
 from pmjoint_derive.progress import Stage, unwatched
 
@@ -85,8 +87,11 @@ def difference(model: str, revision: str = "HEAD", stage: Stage = unwatched) -> 
         ModelError: a version must be derived and cannot be.
     """
     file = find_model(model)
-    with earlier(file, revision) as path:
-        before = _version(path, f" at {revision}", stage)
+    found = find_revision(file, revision)
+    with scratch("pmjoint-diff") as root:
+        earlier = check_out(file, found, root)
+        with named_as(file, earlier, found):
+            before = _version(earlier, f" at {found.name}", stage)
     return _compared(before, _version(file, "", stage))
 
 

@@ -52,8 +52,13 @@ class Revision:
         return bool(found)
 
 
-def find_revision(file: Path, name: str) -> Revision:
+def find_revision(file: Path, name: str, *, where: str = "--rev") -> Revision:
     """Find a revision of the repository that a file is in.
+
+    Args:
+        file: need not be in the repository itself.
+        name: any that git knows.
+        where: the place of the name in messages.
 
     Raises:
         MissingToolError: git is not installed.
@@ -69,7 +74,7 @@ def find_revision(file: Path, name: str) -> Revision:
     except UsageError:
         raise UsageError(
             f"the repository has no revision {quoted(name)}",
-            where="--rev",
+            where=where,
             remedy="`git log --oneline` and `git branch -a` list what it has; a shallow clone lacks most",
         ) from None
     return Revision(name, commit.decode().strip(), root)
