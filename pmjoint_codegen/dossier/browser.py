@@ -13,7 +13,7 @@ from typing import Final
 from pmjoint_codegen.errors import BuildError, MissingToolError
 
 NAMES: Final = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "microsoft-edge")
-FLAGS: Final = (
+QUIET: Final = (  # no window, and no request of the browser's own
     "--headless=new",
     "--disable-gpu",
     "--disable-quic",
@@ -21,9 +21,8 @@ FLAGS: Final = (
     "--disable-background-networking",
     "--disable-component-update",
     "--disable-sync",
-    "--no-pdf-header-footer",
-    "--generate-pdf-document-outline",
 )
+PRINTING: Final = ("--no-pdf-header-footer", "--generate-pdf-document-outline")
 PATIENCE_S: Final = 120
 
 
@@ -65,7 +64,10 @@ def printed(html: str, browser: str) -> bytes:
         where = [f"--user-data-dir={place}/profile", f"--print-to-pdf={target}", page.as_uri()]
         try:
             done = subprocess.run(
-                [browser, *FLAGS, *safe, *where], capture_output=True, timeout=PATIENCE_S, check=False
+                [browser, *QUIET, *PRINTING, *safe, *where],
+                capture_output=True,
+                timeout=PATIENCE_S,
+                check=False,
             )
         except subprocess.TimeoutExpired:
             raise BuildError(f"the browser did not print within {PATIENCE_S} s", where=browser) from None

@@ -18,6 +18,7 @@ from mkdocs.commands.build import build
 from mkdocs.config import load_config
 
 from docs.web import formulas, keywords, links, mathematics, notebook, pages
+from pmjoint_codegen.dossier.browser import QUIET
 
 BROWSER = shutil.which("chromium")
 LOADS = {"link": "href", "script": "src", "img": "src", "iframe": "src", "source": "src"}
@@ -100,18 +101,7 @@ def test_the_reference_documents_every_public_name(site: Path) -> None:
     )
 
 
-FLAGS = [
-    "--headless=new",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--virtual-time-budget=20000",
-    "--dump-dom",
-]
+FLAGS = (*QUIET, "--no-sandbox", "--virtual-time-budget=20000", "--dump-dom")
 # The browser refuses what is not a file, and says so: the last request shows that it would.
 POLICY = "default-src file: data: blob: 'unsafe-inline' 'unsafe-eval'"
 BEFORE = f"""<meta http-equiv="Content-Security-Policy" content="{POLICY}">

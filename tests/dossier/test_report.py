@@ -15,7 +15,7 @@ import pytest
 
 from pmjoint_codegen.check.junit import junit, read_junit
 from pmjoint_codegen.check.result import passed
-from pmjoint_codegen.dossier.browser import find_browser, undated
+from pmjoint_codegen.dossier.browser import QUIET, find_browser, undated
 from pmjoint_codegen.dossier.chapters.checks import margin
 from pmjoint_codegen.dossier.chapters.model import remarks
 from pmjoint_codegen.dossier.compare import comparison_page
@@ -153,9 +153,8 @@ def test_a_phone_shows_it_without_a_sideways_scroll(html: str, tmp_path: Path) -
     frame = '<iframe id="phone" src="page.html" width="390" height="800" style="border:0"></iframe>'
     (tmp_path / "probe.html").write_text(f"<!DOCTYPE html>{probe}{frame}")
     assert BROWSER is not None
-    flags = ["--headless=new", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-sync"]
-    flags += ["--disable-background-networking", "--disable-component-update", "--disable-quic"]
-    flags += ["--allow-file-access-from-files", f"--user-data-dir={tmp_path / 'profile'}", "--dump-dom"]
+    flags = [*QUIET, "--no-sandbox", "--allow-file-access-from-files", "--dump-dom"]
+    flags.append(f"--user-data-dir={tmp_path / 'profile'}")
     address = (tmp_path / "probe.html").as_uri()
     done = subprocess.run([BROWSER, *flags, address], capture_output=True, text=True, timeout=120, check=True)
     wide = re.search(r'data-wide="(\d+)"', done.stdout)

@@ -14,17 +14,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
-FLAGS: Final = (
-    "--headless=new",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--remote-debugging-pipe",
-)
+from pmjoint_codegen.dossier.browser import QUIET
+
+FLAGS: Final = (*QUIET, "--no-sandbox", "--remote-debugging-pipe")
 HIGH: Final = 10  # file descriptors below it may be those that the shell moves
 PATIENCE_S: Final = 30.0
 KEYS: Final = {  # key -> its code for Windows, by which Chromium knows keys without text
