@@ -10,8 +10,11 @@ from pmjoint_codegen.dossier.markup import chapter, code, paragraph, picture, pl
 from pmjoint_codegen.dossier.page import definitions, document
 from pmjoint_codegen.emit.changes import Change, Content, changes, content_of
 from pmjoint_codegen.report.mathml import displayed
+from pmjoint_codegen.simulate.compare import compare
+from pmjoint_codegen.simulate.figures import look_of
+from pmjoint_codegen.simulate.page import page_of
 from pmjoint_codegen.simulate.run import Run
-from pmjoint_codegen.simulate.style import BLACK, RED, rendered, styled
+from pmjoint_codegen.simulate.style import rendered
 
 
 def comparison_page(before: Facts, after: Facts) -> str:
@@ -73,18 +76,9 @@ def _overlay(names: tuple[str, str], before: Run | Absent, after: Run | Absent) 
     """Output, error and input of both runs, over each other."""
     if isinstance(before, Absent) or isinstance(after, Absent):
         return paragraph("One of the runs failed, so there is no figure.")
-    from matplotlib.figure import Figure
-
-    with styled({}):
-        figure = Figure(figsize=(6.3, 5.2), layout="constrained")
-        panels = figure.subplots(3, 1, sharex=True)
-        for panel, column in zip(panels, ("y", "e", "u"), strict=True):
-            for name, run, colour, dash in zip(
-                names, (before, after), (BLACK, RED), ("-", "--"), strict=True
-            ):
-                panel.plot(run.t, run[column], dash, color=colour, label=name, linewidth=0.9)
-            panel.set_ylabel(f"${column}$")
-        panels[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
-        panels[-1].set_xlabel("$t$ (s)")
+    page = page_of(caption=False)
+    figure = compare(before, after, names=names).plot(("y", "e", "u"), page=page)
     alt = f"output, error and input over time, {names[0]} as a solid and {names[1]} as a dashed line"
-    return picture(rendered(figure, {}, "svg"), alt, plain(f"Solid: {names[0]}. Dashed: {names[1]}."))
+    return picture(
+        rendered(figure, look_of(page), "svg"), alt, plain(f"Solid: {names[0]}. Dashed: {names[1]}.")
+    )
