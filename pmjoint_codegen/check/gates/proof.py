@@ -9,6 +9,7 @@ import numpy as np
 from pmjoint_codegen.check.oracles.certificate import certify, numeric
 from pmjoint_codegen.check.result import Difference, GateResult, failed, passed
 from pmjoint_codegen.check.subject import Subject
+from pmjoint_codegen.poles import poles_text
 from pmjoint_codegen.values import INPUT_SCALE, positive_gains
 from pmjoint_derive import Derivation
 from pmjoint_derive.consistency import consistency_identities
@@ -66,7 +67,7 @@ def unfit_gains(derivation: Derivation, values: Mapping[str, float]) -> list[str
     ]
     poles = np.linalg.eigvals(numeric(filter_matrix(derivation.signals), values))
     if not np.all(poles.real < 0):
-        faults.append(f"A0 is not Hurwitz: poles {', '.join(f'{pole:.4g}' for pole in poles)}")
+        faults.append(f"A0 is not Hurwitz: poles {poles_text(poles, 4)}")
     return faults
 
 
