@@ -6,7 +6,7 @@ import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
@@ -25,6 +25,7 @@ from pmjoint_codegen.simulate.settings import RunOptions, Settings
 
 if TYPE_CHECKING:
     from pmjoint_codegen.controller import Controller
+    from pmjoint_codegen.margins import Margins
     from pmjoint_codegen.provision import Provided
     from pmjoint_codegen.systems import ControlSystems
 
@@ -266,19 +267,44 @@ class ClosedLoop:
         """
         from pmjoint_codegen.systems import make_systems
 
-        def prepare(params: Mapping[str, float]) -> Settings:
-            return self._simulator.settings(
-                controller="continuous",
-                parameters={**(parameters or {}), **params},
-                compensator=compensator,
-                start=start,
-                x0=x0,
-            )
-
+        prepare = self._continuous(parameters, compensator=compensator, start=start, x0=x0)
         systems = make_systems(self.evaluator, prepare)
         if systems.left_out:
             notify(f"{self.manifest.name}: a continuous loop leaves out {', '.join(systems.left_out)}")
         return systems
+
+    def margins(
+        self,
+        t: float = 0.0,
+        *,
+        y_r: float | None = None,
+        parameters: Mapping[str, float] | None = None,
+        compensator: bool | None = None,
+    ) -> Margins:
+        """Gain, phase and delay margin of the continuous loop, cut at the plant's input.
+
+        The same as `to_control().margins()`, without python-control.
+
+        Args:
+            t: the instant at which the model's reference is taken and a disturbance is frozen, s.
+            y_r: another constant reference, in the kernels' unit.
+            parameters: as for `simulate`.
+            compensator: as for `simulate`.
+
+        Raises:
+            UsageError: a setting is unknown, or there are no margins: see `ControlSystems.margins`.
+        """
+        from pmjoint_codegen.systems import make_open_loop
+
+        prepare = self._continuous(parameters, compensator=compensator)
+        return make_open_loop(self.evaluator, prepare).margins(t, y_r, None)
+
+    def _continuous(
+        self, parameters: Mapping[str, float] | None, **asked: Any
+    ) -> Callable[[Mapping[str, float]], Settings]:
+        """What completes settings of a continuous run, with more parameters."""
+        settings = partial(self._simulator.settings, controller="continuous", **asked)
+        return lambda more: settings(parameters={**(parameters or {}), **more})
 
     def _vector(self, parameters: Mapping[str, float] | None) -> Array:
         return self._simulator.settings(parameters=parameters).p

@@ -20,6 +20,7 @@ from pmjoint_codegen.brief import brief
 from pmjoint_codegen.errors import MissingToolError, UsageError, installing
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator
 from pmjoint_codegen.loops.chain import make_chain
+from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.margins import Margins, equilibrium, jacobian, margins_of
 from pmjoint_codegen.simulate.settings import Settings, left_out
 from pmjoint_codegen.simulate.start import initial_state
@@ -54,7 +55,7 @@ class ControlSystems:
     reference: Callable[[npt.ArrayLike], Array]
     X0: Array
     left_out: tuple[str, ...]
-    _functions: _Functions = field(repr=False)
+    _cut: OpenLoop = field(repr=False)
 
     __repr__ = brief
 
@@ -76,7 +77,7 @@ class ControlSystems:
         """
         import control
 
-        A, B, C, _ = self._linear(t, y_r, params)
+        A, B, C, _ = self._cut.linear(t, y_r, params)
         states = self.loop.state_labels
         names = {"inputs": ["u"], "outputs": ["-u"], "states": states, "name": "open_loop"}
         return control.StateSpace(A, B, C, np.zeros((1, 1)), **names)
@@ -94,19 +95,34 @@ class ControlSystems:
         Raises:
             UsageError: as for `open_loop`, or the closed loop is unstable there.
         """
-        A, B, C, z = self._linear(t, y_r, params)
-        held = self._held(t, y_r)
-        return margins_of(A, B, C, z[: self.plant.nstates], float(z[-1]), held)
+        return self._cut.margins(t, y_r, params)
 
-    def _held(self, t: float, y_r: float | None) -> float:
-        return float(self.reference(t)[0, 0]) if y_r is None else float(y_r)
 
-    def _linear(
+@dataclass(frozen=True)
+class OpenLoop:
+    """The loop cut at the plant's input, linearised about equilibria; it needs no python-control.
+
+    Attributes:
+        manifest: of the model.
+        functions: its right-hand sides and outputs.
+        reference: the model's reference and its derivatives at instants, s.
+    """
+
+    manifest: Manifest
+    functions: _Functions
+    reference: Callable[[npt.ArrayLike], Array]
+
+    def margins(self, t: float, y_r: float | None, params: Mapping[str, float] | None) -> Margins:
+        """Margins; arguments and errors are those of `ControlSystems.margins`."""
+        A, B, C, z = self.linear(t, y_r, params)
+        return margins_of(A, B, C, z[: self.manifest.nx], float(z[-1]), self._held(t, y_r))
+
+    def linear(
         self, t: float, y_r: float | None, params: Mapping[str, float] | None
     ) -> tuple[Array, Array, Array, Array]:
         """A, B, C of L, and the operating point: all states, and u."""
-        free, nx, held = self._functions.unlimited(), self.plant.nstates, self._held(t, y_r)
-        commands = [held, *np.zeros(self.loop.ninputs - 1)]
+        free, nx, held = self.functions.unlimited(), self.manifest.nx, self._held(t, y_r)
+        commands = [held, *np.zeros(self.manifest.rho)]
 
         def open_loop(z: Array) -> Array:
             x, s, u = z[:nx], z[nx:-1], z[-1:]
@@ -119,10 +135,20 @@ class ControlSystems:
             found[-1] += z[-1]
             return found
 
-        z = equilibrium(closed, np.array([held, *np.zeros(self.loop.nstates)]))
-        self._functions.require_room(float(z[-1]), params)
+        z = equilibrium(closed, np.array([held, *np.zeros(self.manifest.nX)]))
+        self.functions.require_room(float(z[-1]), params)
         J = jacobian(open_loop, z)
         return J[:-1, :-1], J[:-1, -1:], J[-1:, :-1], z
+
+    def _held(self, t: float, y_r: float | None) -> float:
+        return float(self.reference(t)[0, 0]) if y_r is None else float(y_r)
+
+
+def make_open_loop(evaluator: Evaluator, prepare: Prepare) -> OpenLoop:
+    """Cut the loop of a model; arguments are those of `make_systems`."""
+    own = prepare({})
+    functions = _Functions(evaluator, prepare)
+    return OpenLoop(evaluator.manifest, functions, lambda t: _reference(evaluator, own, t))
 
 
 def make_systems(evaluator: Evaluator, prepare: Prepare) -> ControlSystems:
@@ -143,7 +169,8 @@ def make_systems(evaluator: Evaluator, prepare: Prepare) -> ControlSystems:
             remedy=f"install it: {installing('pmjoint-codegen[control]')}",
         ) from None
     manifest, own = evaluator.manifest, prepare({})
-    functions = _Functions(evaluator, prepare)
+    cut = make_open_loop(evaluator, prepare)
+    functions = cut.functions
     states = [item.name for item in manifest.states]
     commands = reference_names(manifest.rho)
     controller = control.nlsys(
@@ -173,10 +200,10 @@ def make_systems(evaluator: Evaluator, prepare: Prepare) -> ControlSystems:
         controller,
         plant,
         loop,
-        lambda t: _reference(evaluator, own, t),
+        cut.reference,
         initial_state(evaluator, own),
         left_out(manifest, "continuous"),
-        functions,
+        cut,
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -211,3 +212,9 @@ def test_an_unstable_loop_has_no_margins() -> None:
     A, B, C = by_hand(15.0, 15.0, 0.2, 0.0)
     with pytest.raises(UsageError, match=r"^margins: the closed loop is unstable"):
         margins_of(A, B, 0.01 * C, np.zeros(2), 0.0, 0.0)
+
+
+def test_a_loop_has_its_margins_without_python_control(monkeypatch: pytest.MonkeyPatch) -> None:
+    expected = systems_of("joint").margins(0.4, params={"c1": 25.0})
+    monkeypatch.setitem(sys.modules, "control", None)  # an import of it fails
+    assert ClosedLoop.load("joint").margins(0.4, parameters={"c1": 25.0}) == expected

@@ -18,7 +18,7 @@ from pmjoint_codegen.check.subject import Subject, load_subject
 from pmjoint_codegen.closed_loop import ClosedLoop
 from pmjoint_codegen.dossier.gates import Checked, checked
 from pmjoint_codegen.dossier.region import Map, draw_region
-from pmjoint_codegen.errors import PmjointError, SimulationError
+from pmjoint_codegen.errors import PmjointError
 from pmjoint_codegen.export.package import TRACE, export_c
 from pmjoint_codegen.export.source import Identity as Exported
 from pmjoint_codegen.manifest import Manifest
@@ -209,8 +209,6 @@ def _certificate(derivation: Derivation) -> Certificate | Absent:
 def _run(loop: ClosedLoop, **asked: Any) -> Run | Absent:
     try:
         return loop.simulate(**asked)
-    except SimulationError as error:
-        return Absent(str(error))
     except PmjointError as error:
         return Absent(str(error))
 
@@ -233,7 +231,7 @@ def _pace(manifest: Manifest) -> Pace:
 
 def _margins(loop: ClosedLoop) -> Margins | Absent:
     try:
-        return loop.to_control().margins()
+        return loop.margins()
     except PmjointError as error:
         return Absent(str(error))
 
