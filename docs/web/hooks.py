@@ -53,9 +53,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     for name, text in pages.reference_pages():
         add(name, text)
     add(pages.EXPLORER, pages.explorer())
-    report = pages.report()
-    if report is not None:
-        add(pages.REPORT, report)
+    add(pages.REPORT, pages.report())
     for file in added:
         files.append(file)
     config.nav = _expanded(config.nav, files)
@@ -70,7 +68,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     origin = {_address(path): path for path, _ in pages.outside_pages()}.get(here, f"{pages.DOCS}{here}")
     known = {path: pages.address(path) for path in links.linked(origin, markdown)}
     held = {path: name for path, name in known.items() if name is not None and files.get_file_from_path(name)}
-    if here == _REPORT_PAGE and files.get_file_from_path(pages.REPORT):
+    if here == _REPORT_PAGE:
         markdown += f"\n[The report of the paper's model]({pages.REPORT}){{ target=_blank }}\n"
     return links.rewritten(markdown, origin, here, held).replace(_MARK, _FRAME.format(src=pages.EXPLORER))
 
@@ -82,14 +80,11 @@ def _address(path: str) -> str:
 
 
 def _expanded(nav: Any, files: Files) -> Any:
-    """The navigation with its patterns resolved: ``folder/*`` is its pages, ``page.md?`` may be absent."""
+    """The navigation with its patterns resolved: ``folder/*`` stands for the pages in it."""
     if isinstance(nav, list):
-        return [item for item in (_expanded(each, files) for each in nav) if item is not None]
+        return [_expanded(each, files) for each in nav]
     if isinstance(nav, dict):
-        resolved = {title: _expanded(item, files) for title, item in nav.items()}
-        return {title: item for title, item in resolved.items() if item is not None} or None
+        return {title: _expanded(item, files) for title, item in nav.items()}
     if isinstance(nav, str) and nav.endswith("/*"):
         return [file.src_uri for file in files.documentation_pages() if file.src_uri.startswith(nav[:-1])]
-    if isinstance(nav, str) and nav.endswith("?"):
-        return nav[:-1] if files.get_file_from_path(nav[:-1]) else None
     return nav

@@ -134,11 +134,9 @@ def explorer() -> str:
     return _written("explorer", "paper")
 
 
-def report() -> str | None:
-    """Make the page of `pmjoint report paper`, where there is such a command."""
-    from pmjoint_codegen.cli.commands import COMMANDS
-
-    return _written("report", "paper") if any(entry.name == "report" for entry in COMMANDS) else None
+def report() -> str:
+    """Make the page of `pmjoint report paper`."""
+    return _written("report", "paper")
 
 
 def _written(*command: str) -> str:

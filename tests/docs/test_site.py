@@ -32,7 +32,7 @@ def site(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(root)
         patch.setattr(pages, "explorer", lambda: STUB)
-        patch.setattr(pages, "report", lambda: None)
+        patch.setattr(pages, "report", lambda: STUB)
         patch.setattr(notebook, "executed", lambda script: (f"# {script.stem}\n", {}))
         config = load_config(str(root / "mkdocs.yml"), site_dir=str(folder))
         config.plugins.on_startup(command="build", dirty=False)
@@ -88,6 +88,7 @@ def test_formulas_are_drawn_and_none_is_left_as_text(site: Path) -> None:
 def test_the_front_page_holds_the_explorer(site: Path) -> None:
     assert '<iframe class="explorer"' in (site / "index.html").read_text(encoding="utf-8")
     assert (site / pages.EXPLORER).read_text(encoding="utf-8") == STUB
+    assert f'href="{pages.REPORT}"' in (site / "report.html").read_text(encoding="utf-8")
 
 
 def test_the_reference_documents_every_public_name(site: Path) -> None:
