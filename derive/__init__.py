@@ -2,16 +2,8 @@
 
 from pmjoint_derive.derivation import derive
 from pmjoint_derive.design import Derivation, Design
-from pmjoint_derive.equation import Equation, Equations
-from pmjoint_derive.model import (
-    Gains,
-    Model,
-    OutsideClassError,
-    Parameter,
-    Plant,
-    Simulation,
-    real_symbol,
-)
+from pmjoint_derive.equation import Equation, Equations, real_symbol
+from pmjoint_derive.model import Gains, Model, OutsideClassError, Parameter, Plant, Simulation
 from pmjoint_derive.signals import Signals
 
 __all__ = [

@@ -28,7 +28,7 @@ from pmjoint_derive.certificate import certificate_equations
 from pmjoint_derive.closed_loop import disturbance_symbols, unknown_output_rate
 from pmjoint_derive.compensator import compensator_equations, compensator_rates
 from pmjoint_derive.design import Design
-from pmjoint_derive.equation import Equation
+from pmjoint_derive.equation import Equation, real_symbol
 from pmjoint_derive.filters import (
     estimate,
     filter_equations,
@@ -37,7 +37,6 @@ from pmjoint_derive.filters import (
     input_filters,
 )
 from pmjoint_derive.lyapunov import prove
-from pmjoint_derive.model import real_symbol
 from pmjoint_derive.partials import ChainRule
 from pmjoint_derive.progress import Stage, unwatched
 from pmjoint_derive.shield import multiplied_out, shielded

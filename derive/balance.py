@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 
 import sympy as sp
 
-from pmjoint_derive.model import real_symbol
+from pmjoint_derive.equation import real_symbol
 from pmjoint_derive.muscle import ANGLE, Pair, paper_pair
 
 THETA = ANGLE

@@ -19,8 +19,7 @@ from typing import Any
 import sympy as sp
 
 from pmjoint_derive.design import Derivation, Design
-from pmjoint_derive.equation import Equation, Equations, Identity
-from pmjoint_derive.model import real_symbol
+from pmjoint_derive.equation import Equation, Equations, Identity, real_symbol
 from pmjoint_derive.signals import Signals, derivative_name
 from pmjoint_derive.units import SECOND
 

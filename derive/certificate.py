@@ -8,7 +8,7 @@ import sympy as sp
 
 from pmjoint_derive.closed_loop import disturbance_symbols, output_disturbance
 from pmjoint_derive.design import Derivation
-from pmjoint_derive.equation import Equation
+from pmjoint_derive.equation import Equation, real_symbol
 from pmjoint_derive.lyapunov import (
     certified_rate,
     error_function,
@@ -18,7 +18,6 @@ from pmjoint_derive.lyapunov import (
     projected_symbols,
 )
 from pmjoint_derive.lyapunov_matrix import lyapunov_matrix, symmetric_matrix
-from pmjoint_derive.model import real_symbol
 from pmjoint_derive.signals import Signals
 
 _READABLE = 4  # order up to which P is written in the gains: its entries grow threefold with each order

@@ -5,9 +5,9 @@ from __future__ import annotations
 import sympy as sp
 
 from pmjoint_derive.design import Design
-from pmjoint_derive.equation import Equation
+from pmjoint_derive.equation import Equation, real_symbol
 from pmjoint_derive.filters import shift_matrix
-from pmjoint_derive.model import Model, Plant, real_symbol
+from pmjoint_derive.model import Model, Plant
 from pmjoint_derive.segment import segment_reference, segment_sizes
 from pmjoint_derive.signals import Signals, derivative_name
 from pmjoint_derive.units import SECOND, parse_unit

@@ -11,8 +11,7 @@ from dataclasses import replace
 import sympy as sp
 
 from pmjoint_derive.design import Design
-from pmjoint_derive.equation import Equation
-from pmjoint_derive.model import real_symbol
+from pmjoint_derive.equation import Equation, real_symbol
 from pmjoint_derive.units import SECOND, Unit
 
 SECTION = "Plant"

@@ -33,8 +33,8 @@ from pmjoint_derive.closed_loop import (
 )
 from pmjoint_derive.constants import name_constants
 from pmjoint_derive.design import Derivation, Design
-from pmjoint_derive.equation import Equation, Equations
-from pmjoint_derive.model import Model, OutsideClassError, real_symbol
+from pmjoint_derive.equation import Equation, Equations, real_symbol
+from pmjoint_derive.model import Model, OutsideClassError
 from pmjoint_derive.progress import Stage, unwatched
 from pmjoint_derive.sampling import sampling_equations
 from pmjoint_derive.signals import Units

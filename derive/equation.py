@@ -16,6 +16,11 @@ import sympy as sp
 from pmjoint_derive.units import Unit
 
 
+def real_symbol(name: str) -> sp.Symbol:
+    """The one SymPy symbol that stands for a parameter, a signal or a state of that name (real-valued)."""
+    return sp.Symbol(name, real=True)
+
+
 @dataclass(frozen=True)
 class Equation:
     """``symbol = expression``.

@@ -10,8 +10,7 @@ from __future__ import annotations
 import sympy as sp
 
 from pmjoint_derive.design import Design
-from pmjoint_derive.equation import Equation
-from pmjoint_derive.model import real_symbol
+from pmjoint_derive.equation import Equation, real_symbol
 from pmjoint_derive.signals import Signals, derivative_name
 from pmjoint_derive.units import SECOND
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import sympy as sp
 
 from pmjoint_derive.arm import travel
-from pmjoint_derive.equation import Equation
-from pmjoint_derive.model import OutsideClassError, real_symbol
+from pmjoint_derive.equation import Equation, real_symbol
+from pmjoint_derive.model import OutsideClassError
 from pmjoint_derive.muscle import Pull
 from pmjoint_derive.units import parse_unit
 

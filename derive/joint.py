@@ -25,7 +25,7 @@ from dataclasses import dataclass
 import sympy as sp
 
 from pmjoint_derive.balance import K_U, OMEGA, THETA, Balance, U, base_pressure
-from pmjoint_derive.equation import Equation
+from pmjoint_derive.equation import Equation, real_symbol
 from pmjoint_derive.kept import (
     B0,
     KAPPA,
@@ -44,7 +44,7 @@ from pmjoint_derive.kept import (
     keep_of,
     left_out,
 )
-from pmjoint_derive.model import Channel, Demand, ExtraState, Plant, Start, real_symbol
+from pmjoint_derive.model import Channel, Demand, ExtraState, Plant, Start
 from pmjoint_derive.shield import multiplied_out
 from pmjoint_derive.units import parse_unit
 

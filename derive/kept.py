@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import sympy as sp
 
 from pmjoint_derive.balance import B_V, K_U, OMEGA, THETA, Balance, J, U, coefficients, varies
-from pmjoint_derive.model import OutsideClassError, real_symbol
+from pmjoint_derive.equation import real_symbol
+from pmjoint_derive.model import OutsideClassError
 from pmjoint_derive.shield import multiplied_out, shielded
 
 GAIN = ("gain", "quadratic_gain")  # two names of one thing: that of the paper's pair is quadratic

@@ -35,10 +35,9 @@ from pmjoint_derive.closed_loop import (
     unknown_output_rate,
 )
 from pmjoint_derive.design import Derivation
-from pmjoint_derive.equation import Identity
+from pmjoint_derive.equation import Identity, real_symbol
 from pmjoint_derive.filters import filter_matrix
 from pmjoint_derive.lyapunov_matrix import lyapunov_matrix, lyapunov_residual, symmetric_matrix
-from pmjoint_derive.model import real_symbol
 from pmjoint_derive.signals import Signals, derivative_name, partial_name
 from pmjoint_derive.vanishing import expand_to_zero
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import sympy as sp
 
+from pmjoint_derive.equation import real_symbol
 from pmjoint_derive.filters import filter_matrix
-from pmjoint_derive.model import real_symbol
 from pmjoint_derive.signals import Signals
 
 

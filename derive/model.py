@@ -12,7 +12,8 @@ from dataclasses import dataclass, field
 
 import sympy as sp
 
-from pmjoint_derive.equation import Equation
+from pmjoint_derive.adaptation import Adaptation
+from pmjoint_derive.equation import Equation, real_symbol
 from pmjoint_derive.units import Measures
 
 
@@ -31,11 +32,6 @@ class OutsideClassError(ValueError):
         self.key = key
         self.what = what
         self.remedy = remedy
-
-
-def real_symbol(name: str) -> sp.Symbol:
-    """The one SymPy symbol that stands for a parameter, a signal or a state of that name (real-valued)."""
-    return sp.Symbol(name, real=True)
 
 
 @dataclass(frozen=True)
@@ -340,6 +336,7 @@ class Model:
         transformation: rates of physical states and the design's coordinates in them, for the reader.
         chain: key of the actuator, the sensor or the clock -> its parameter, such as ``lower``, ``upper``,
             ``dead_zone`` and ``lag``, on which equations depend.
+        adaptation: what the controller does not know; None: nothing.
     """
 
     name: str
@@ -367,6 +364,7 @@ class Model:
     segment: tuple[sp.Symbol, ...] = ()
     chain: Mapping[str, sp.Symbol] = field(default_factory=dict)
     transformation: tuple[Equation, ...] = ()
+    adaptation: Adaptation | None = None
 
     @property
     def least_limit(self) -> sp.Expr:

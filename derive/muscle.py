@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import sympy as sp
 
-from pmjoint_derive.model import real_symbol
+from pmjoint_derive.equation import real_symbol
 
 ANGLE = real_symbol("theta")
 

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import sympy as sp
 
 from pmjoint_derive.dependence import settled
-from pmjoint_derive.model import real_symbol
+from pmjoint_derive.equation import real_symbol
 from pmjoint_derive.physics import Physics, Y
 from pmjoint_derive.shield import shielded
 

@@ -13,8 +13,7 @@ from collections.abc import Iterable, Sequence
 
 import sympy as sp
 
-from pmjoint_derive.equation import Equation
-from pmjoint_derive.model import real_symbol
+from pmjoint_derive.equation import Equation, real_symbol
 from pmjoint_derive.shield import multiplied_out, shielded
 from pmjoint_derive.signals import Signals, Units, partial_name
 

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import sympy as sp
 
 from pmjoint_derive.dependence import settled
-from pmjoint_derive.model import OutsideClassError, real_symbol
+from pmjoint_derive.equation import real_symbol
+from pmjoint_derive.model import OutsideClassError
 from pmjoint_derive.shield import shielded
 
 U, Y = real_symbol("u"), real_symbol("y")

@@ -23,8 +23,8 @@ from typing import Any, Final
 
 import sympy as sp
 
-from pmjoint_derive.equation import Equation
-from pmjoint_derive.model import Channel, Demand, ExtraState, Plant, Start, real_symbol
+from pmjoint_derive.equation import Equation, real_symbol
+from pmjoint_derive.model import Channel, Demand, ExtraState, Plant, Start
 from pmjoint_derive.physics import U, Y
 from pmjoint_derive.units import Unit
 

@@ -16,8 +16,7 @@ import sympy as sp
 from pmjoint_derive.braking import braking_update
 from pmjoint_derive.compensator import compensator_matrix
 from pmjoint_derive.design import Design
-from pmjoint_derive.equation import Equation, Equations
-from pmjoint_derive.model import real_symbol
+from pmjoint_derive.equation import Equation, Equations, real_symbol
 from pmjoint_derive.signals import Signals, derivative_name
 
 SECTION = "Sampled"

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import sympy as sp
 
-from pmjoint_derive.model import real_symbol
+from pmjoint_derive.equation import real_symbol
 
 
 def segment_symbols(p: int, q: int) -> tuple[sp.Symbol, ...]:

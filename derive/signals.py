@@ -11,7 +11,8 @@ from itertools import chain
 
 import sympy as sp
 
-from pmjoint_derive.model import Model, Plant, real_symbol
+from pmjoint_derive.equation import real_symbol
+from pmjoint_derive.model import Model, Plant
 from pmjoint_derive.units import SECOND, Unit, parse_unit
 
 

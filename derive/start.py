@@ -14,8 +14,7 @@ from collections.abc import Iterable
 import sympy as sp
 
 from pmjoint_derive.design import Design
-from pmjoint_derive.equation import Equation, Equations
-from pmjoint_derive.model import real_symbol
+from pmjoint_derive.equation import Equation, Equations, real_symbol
 from pmjoint_derive.shield import multiplied_out
 
 SECTION = "Start"

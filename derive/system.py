@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import sympy as sp
 
 from pmjoint_derive.elimination import eliminate
-from pmjoint_derive.equation import Equation
-from pmjoint_derive.model import OutsideClassError, Plant, Start, real_symbol
+from pmjoint_derive.equation import Equation, real_symbol
+from pmjoint_derive.model import OutsideClassError, Plant, Start
 from pmjoint_derive.observer_form import coordinates
 from pmjoint_derive.physics import Y
 from pmjoint_derive.start import start_symbol

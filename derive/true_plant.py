@@ -18,8 +18,8 @@ import sympy as sp
 
 from pmjoint_derive.closed_loop import disturbance_symbols
 from pmjoint_derive.design import Design
-from pmjoint_derive.equation import Equation, Equations
-from pmjoint_derive.model import Model, real_symbol
+from pmjoint_derive.equation import Equation, Equations, real_symbol
+from pmjoint_derive.model import Model
 from pmjoint_derive.signals import Signals, derivative_name, free
 from pmjoint_derive.units import SECOND
 from pmjoint_derive.valve import COMMAND, drive

@@ -12,8 +12,8 @@ from dataclasses import replace
 
 import sympy as sp
 
-from pmjoint_derive.equation import Equation
-from pmjoint_derive.model import Channel, ExtraState, Model, Start, real_symbol
+from pmjoint_derive.equation import Equation, real_symbol
+from pmjoint_derive.model import Channel, ExtraState, Model, Start
 from pmjoint_derive.units import parse_unit
 
 COMMAND, VALVE = map(real_symbol, ("u_command", "u_valve"))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sympy as sp
 
-from pmjoint_derive.model import real_symbol
+from pmjoint_derive.equation import real_symbol
 
 _SIGMA = real_symbol("sigma(y)")  # with brackets: a parameter may be called sigma
 

@@ -9,7 +9,7 @@ import pytest
 import sympy as sp
 
 from pmjoint_codegen import ClosedLoop
-from pmjoint_derive.model import real_symbol
+from pmjoint_derive.equation import real_symbol
 from pmjoint_derive.shield import multiplied_out, shielded
 
 y, a, b = (real_symbol(name) for name in "yab")

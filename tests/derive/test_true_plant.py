@@ -14,8 +14,9 @@ from pmjoint_codegen.modelfile import model_of
 from pmjoint_codegen.values import OWN_SUFFIX
 from pmjoint_derive import Derivation, Model, Parameter, derive
 from pmjoint_derive.closed_loop import disturbance_symbols
+from pmjoint_derive.equation import real_symbol
 from pmjoint_derive.filters import estimate, filter_matrix, filter_rates
-from pmjoint_derive.model import Channel, real_symbol
+from pmjoint_derive.model import Channel
 from pmjoint_derive.signals import derivative_name
 from pmjoint_derive.true_plant import SUFFIX, effective_symbol, own_symbol
 

@@ -15,10 +15,9 @@ from pmjoint_codegen import ClosedLoop, modelfile
 from pmjoint_codegen.identity import Document
 from pmjoint_derive import Derivation, Design, Equation, Model, Plant, Signals, derivation, derive
 from pmjoint_derive.compensator import compensator_equations
-from pmjoint_derive.equation import Identity
+from pmjoint_derive.equation import Identity, real_symbol
 from pmjoint_derive.filters import filter_equations
 from pmjoint_derive.lyapunov import estimation_identities
-from pmjoint_derive.model import real_symbol
 from pmjoint_derive.progress import Stage
 from pmjoint_derive.signals import named
 
