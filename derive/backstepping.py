@@ -18,17 +18,18 @@ stands for e_i. So the couplings cancel in ``z_1^2 + kappa^2 (z_2^2 + ... + z_rh
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import sympy as sp
 
-from pmjoint_derive.braking import braking_equations
+from pmjoint_derive.braking import braking_equations, braking_update
 from pmjoint_derive.certificate import certificate_equations
 from pmjoint_derive.closed_loop import disturbance_symbols, unknown_output_rate
 from pmjoint_derive.compensator import compensator_equations, compensator_rates
-from pmjoint_derive.design import Design
-from pmjoint_derive.equation import Equation, real_symbol
+from pmjoint_derive.design import Design, Sampled
+from pmjoint_derive.equation import Equation, Equations, real_symbol
 from pmjoint_derive.filters import (
     estimate,
     filter_equations,
@@ -36,6 +37,7 @@ from pmjoint_derive.filters import (
     input_filter_rates,
     input_filters,
 )
+from pmjoint_derive.hold import Hold
 from pmjoint_derive.lyapunov import prove
 from pmjoint_derive.partials import ChainRule
 from pmjoint_derive.progress import Stage, unwatched
@@ -45,6 +47,8 @@ from pmjoint_derive.units import SECOND
 
 SECTION = "Backstepping"
 OMEGA = "Omega"
+
+Partials = Mapping[sp.Symbol, sp.Symbol]  # signal -> name of a virtual control's derivative by it
 
 
 @dataclass(frozen=True)
@@ -67,7 +71,23 @@ class Backstepping(Design):
         s = self.signals
         drive = self.b_m * self.v_m[1] if self.plant.rho > 1 else self.b_m * self.plant.sigma * s.u
         following = dict(zip(s.y_r, s.y_r[1:], strict=False))
-        return {s.y: drive + self.omega, **filter_rates(self), **compensator_rates(self), **following}
+        return {
+            s.y: drive + self.omega,
+            **filter_rates(self),
+            **self.compensator_rates,
+            **following,
+            **self.inverse_rate,
+        }
+
+    @property
+    def inverse_rate(self) -> dict[sp.Symbol, sp.Expr]:
+        """Rate of an estimate of 1/b_m; this design has none."""
+        return {}
+
+    @cached_property
+    def compensator_rates(self) -> dict[sp.Symbol, sp.Expr]:
+        """Rates of the compensator's states (23)."""
+        return compensator_rates(self)
 
     @cached_property
     def v_m_rates(self) -> tuple[sp.Expr, ...]:
@@ -84,6 +104,12 @@ class Backstepping(Design):
         """The unknown part of y' (21)."""
         return unknown_output_rate(self)
 
+    def sampled(self, equations: Equations, hold: Hold) -> Sampled:
+        """R: exact for (23), one step of Runge and Kutta for a braking compensator's r_1."""
+        if not self.signals.braking:
+            return super().sampled(equations, hold)
+        return braking_update(self, equations, hold.Fr, hold.Gr)
+
     filters = filter_equations
     compensator = compensator_equations
     prove = staticmethod(prove)
@@ -92,6 +118,36 @@ class Backstepping(Design):
     def law(self, stage: Stage = unwatched) -> list[Equation]:
         """(24)-(29)."""
         return backstep(self, stage)
+
+    def prepared(self) -> list[Equation]:
+        """What the errors and virtual controls are made of, by name."""
+        equations = [*filtered_input_equations(self), omega_equation(self)]
+        return equations + (braking_equations(self) if self.signals.braking else [])
+
+    def held(self, i: int) -> sp.Expr:
+        """What error i >= 2 holds besides ``v_{m,i} - alpha_{i-1}``, with reversed sign (24)."""
+        s = self.signals
+        return (s.y_r[i - 1] + s.r[i - 1]) / self.b_m
+
+    def held_rate(self, i: int) -> sp.Expr:
+        """Its rate."""
+        s = self.signals
+        return (s.y_r[i] + self.rates[s.r[i - 1]]) / self.b_m
+
+    def step(self, i: int, known: Sequence[Partials]) -> list[Equation]:
+        """Virtual control i (25), or v (29) at the last step, as the last of some named equations.
+
+        Args:
+            i: step number, 1..rho.
+            known: partial derivatives of the virtual controls before it, by signal.
+        """
+        s, partials = self.signals, known[-1] if known else {}
+        slope, rest = solve_step(self, i, total_rate(self, partials), list(partials.values()))
+        if i == self.plant.rho:
+            return [Equation(s.v, rest / slope, SECTION, "(29)", "control law", self.units.of(s.v))]
+        alpha = s.alpha[i - 1]
+        number = "(25)" if i == 1 else ""
+        return [Equation(alpha, rest / slope, SECTION, number, f"virtual control {i}", self.units.of(alpha))]
 
     def error_rates(self) -> list[Equation]:
         """The error dynamics that the law achieves, exact for any saturation; the basis of (31)."""
@@ -116,7 +172,7 @@ def omega_expression(design: Design) -> sp.Expr:
     plant, signals = design.plant, design.signals
     if plant.order == 1:
         return plant.drift[0]
-    known = estimate(design)[1]
+    known = estimate(plant, signals)[1]
     if plant.rho > 1:
         known -= plant.b[0] * input_filters(signals, plant.m)[1]
     return multiplied_out(plant.drift[0] + known, (signals.y,))
@@ -127,7 +183,7 @@ def error_definition(step: Backstepping, i: int) -> sp.Expr:
     s = step.signals
     if i == 1:
         return s.y - s.y_r[0] - s.r[0]
-    return step.v_m[i - 1] - s.alpha[i - 2] - s.y_r[i - 1] / step.b_m - s.r[i - 1] / step.b_m
+    return multiplied_out(step.v_m[i - 1] - s.alpha[i - 2] - step.held(i), (s.y,))
 
 
 def sensitivity(step: Backstepping, i: int) -> sp.Expr:
@@ -162,17 +218,17 @@ def actual_rate(step: Backstepping, i: int, alpha_rate: sp.Expr) -> sp.Expr:
         rate = step.rates[s.y] + step.eta - s.y_r[1] - step.rates[s.r[0]]
     else:
         rate = step.v_m_rates[i - 1] - alpha_rate - sensitivity(step, i) * step.eta
-        rate -= (s.y_r[i] + step.rates[s.r[i - 1]]) / step.b_m
+        rate -= step.held_rate(i)
     if i == rho:
         return rate.xreplace({s.du: s.u - s.v})
-    following = (
-        s.z[i] + s.alpha[i - 1] + (s.y_r[i] + s.r[i]) / step.b_m
-    )  # z_{i+1} of (24), solved for v_{m,i+1}
+    following = s.z[i] + s.alpha[i - 1] + step.held(i + 1)  # z_{i+1} of (24), solved for v_{m,i+1}
     return rate.xreplace({step.v_m[i]: following})
 
 
-def solve_step(step: Backstepping, i: int, alpha_rate: sp.Expr, partials: list[sp.Symbol]) -> sp.Expr:
-    """The virtual control alpha_i (25), or v (29) at the last step.
+def solve_step(
+    step: Backstepping, i: int, alpha_rate: sp.Expr, partials: list[sp.Symbol]
+) -> tuple[sp.Expr, sp.Expr]:
+    """Slope and value of ``slope alpha_i = value`` (25), or of ``slope v = value`` (29) at the last step.
 
     Raises:
         ArithmeticError: if the solution would need u, an estimation error or a disturbance, that is, when
@@ -187,22 +243,22 @@ def solve_step(step: Backstepping, i: int, alpha_rate: sp.Expr, partials: list[s
     hidden = rest.free_symbols & {unknown, s.u, s.du, *s.epsilon, *disturbance_symbols(step.plant)}
     if hidden:
         raise ArithmeticError(f"step {i}: {unknown} would depend on {free(hidden)}")
-    return shielded(lambda value: sp.collect(value, partials), -rest, moving) / slope
+    return slope, shielded(lambda value: sp.collect(value, partials), -rest, moving)
 
 
-def total_rate(step: Backstepping, partials: dict[sp.Symbol, sp.Symbol]) -> sp.Expr:
+def total_rate(step: Backstepping, partials: Partials) -> sp.Expr:
     """``alpha'`` for eta = 0: the sum of partial derivatives times rates in (29), by name."""
-    return sum((name * step.rates[by] for by, name in partials.items()), sp.Integer(0))
+    moving = ((name, step.rates[by]) for by, name in partials.items() if by in step.rates)
+    return sum((name * rate for name, rate in moving), sp.Integer(0))
 
 
 def backstep(step: Backstepping, stage: Stage = unwatched) -> list[Equation]:
     """All named steps of (24)-(29), in the order in which they can be evaluated; each step is reported."""
     plant, signals, units = step.plant, step.signals, step.units
-    equations = [*filtered_input_equations(step), omega_equation(step)]
-    equations += braking_equations(step) if signals.braking else []
+    equations = step.prepared()
     chain = ChainRule(signals, units, SECTION)
     chain.add(equations)
-    partials: dict[sp.Symbol, sp.Symbol] = {}
+    known: list[Partials] = []
     for i in range(1, plant.rho + 1):
         z_i = Equation(
             signals.z[i - 1],
@@ -214,19 +270,16 @@ def backstep(step: Backstepping, stage: Stage = unwatched) -> list[Equation]:
         )
         place = f"step {i} of {plant.rho}"
         stage(f"deriving {f'alpha_{i}' if i < plant.rho else 'v'}, {place}", 0.0)
-        law = solve_step(step, i, total_rate(step, partials), list(partials.values()))
-        equations.append(z_i)
-        chain.add([z_i])
+        law = step.step(i, known)
+        equations += [z_i, *law]
+        chain.add([z_i, *law])
         if i == plant.rho:
-            equations.append(Equation(signals.v, law, SECTION, "(29)", "control law", units.of(signals.v)))
             break
         alpha = signals.alpha[i - 1]
-        number = "(25)" if i == 1 else ""
-        equations.append(Equation(alpha, law, SECTION, number, f"virtual control {i}", units.of(alpha)))
-        chain.add(equations[-1:])
         stage(f"deriving partial derivatives of alpha_{i}, {place}", 0.0)
         derivatives, helpers = chain.partials(alpha)
         partials = {by: real_symbol(partial_name(alpha, by)) for by in derivatives}
+        known.append(partials)
         named = partial_equations(alpha, partials, derivatives, units)
         for by, item in zip(partials, named, strict=True):
             chain.add_partial(alpha, by, item)

@@ -20,7 +20,7 @@ import sympy as sp
 
 from pmjoint_derive.design import Derivation, Design
 from pmjoint_derive.equation import Equation, Equations, Identity, real_symbol
-from pmjoint_derive.signals import Signals, derivative_name
+from pmjoint_derive.signals import derivative_name
 from pmjoint_derive.units import SECOND
 
 RANGE = real_symbol("braking_range")
@@ -45,11 +45,6 @@ def braking_equations(design: Design) -> list[Equation]:
     ]
 
 
-def braking_matrix(signals: Signals) -> sp.ImmutableMatrix:
-    """``diag(0, -ck_2/2, -ck_2)``, 3 x 3: its hold gives T, and the hold of r_2 over half of T and over T."""
-    return sp.ImmutableMatrix(sp.diag(0, -signals.ck[1] / 2, -signals.ck[1]))
-
-
 def braking_update(
     design: Design, equations: Equations, F: sp.MatrixBase, G: sp.MatrixBase
 ) -> tuple[list[Equation], dict[sp.Symbol, sp.Expr]]:
@@ -58,7 +53,7 @@ def braking_update(
     Args:
         design: the design.
         equations: the continuous loop.
-        F: ``expm`` of `braking_matrix` times T.
+        F: ``expm`` of `compensator_matrix` times T.
         G: its integral over the hold.
     """
     s, units = design.signals, design.units

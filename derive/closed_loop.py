@@ -6,7 +6,7 @@ import sympy as sp
 
 from pmjoint_derive.design import Design
 from pmjoint_derive.equation import Equation, real_symbol
-from pmjoint_derive.filters import shift_matrix
+from pmjoint_derive.filters import estimate, shift_matrix
 from pmjoint_derive.model import Model, Plant
 from pmjoint_derive.segment import segment_reference, segment_sizes
 from pmjoint_derive.signals import Signals, derivative_name
@@ -32,9 +32,8 @@ def unknown_output_rate(design: Design) -> sp.Expr:
     return error + output_disturbance(design.plant)
 
 
-def plant_rates(design: Design) -> dict[sp.Symbol, sp.Expr]:
+def plant_rates(plant: Plant, signals: Signals) -> dict[sp.Symbol, sp.Expr]:
     """Right-hand sides of ``x' = A x + phi + Phi theta + b sigma u + D`` (11), (12), keyed by state."""
-    plant, signals = design.plant, design.signals
     rates = (
         shift_matrix(plant.order) * sp.Matrix(signals.x)
         + sp.Matrix(plant.known_rates(signals.u))
@@ -45,7 +44,7 @@ def plant_rates(design: Design) -> dict[sp.Symbol, sp.Expr]:
 
 def plant_equations(design: Design) -> list[Equation]:
     """Output, disturbance and state equations of the simulated plant."""
-    plant, signals, units = design.plant, design.signals, design.units
+    plant, signals, units = design.truth, design.signals, design.units
     output = Equation(signals.y, signals.x[0], "Plant", "(7)", "measured output", units.of(signals.y))
     disturbances = [
         Equation(
@@ -67,7 +66,7 @@ def plant_equations(design: Design) -> list[Equation]:
             f"rate of {state}",
             units.of(state) / SECOND,
         )
-        for state, rate in plant_rates(design).items()
+        for state, rate in plant_rates(plant, signals).items()
     ]
     return [output, *disturbances, *rates]
 
@@ -140,23 +139,29 @@ def column_name(model: Model, signal: sp.Symbol) -> str:
 def error_equations(model: Model, design: Design) -> list[Equation]:
     """Tracking error and estimation errors (17)."""
     signals, units = design.signals, design.units
+    exact = design.certified == design.plant
+    x_hat = (
+        [real_symbol(f"x_hat{i}") for i in range(1, design.plant.order + 1)]
+        if exact
+        else estimate(design.certified, signals)
+    )
     tracking = Equation(
         tracking_error(model),
         signals.y - signals.y_r[0],
         "Closed loop",
         "",
-        "tracking error, e = z1 + r1",
+        f"tracking error, e = z1 + {signals.r[0]}",
         units.of(signals.y),
     )
     estimation = [
         Equation(
             symbol,
-            state - real_symbol(f"x_hat{i}"),
+            state - known,
             "Estimate",
             "(17)",
-            f"estimation error of x{i}",
+            f"estimation error of x{i}" + ("" if exact else ", with the true values of what is estimated"),
             units.of(symbol),
         )
-        for i, (symbol, state) in enumerate(zip(signals.epsilon, signals.x, strict=True), start=1)
+        for i, (symbol, state, known) in enumerate(zip(signals.epsilon, signals.x, x_hat, strict=True), 1)
     ]
     return [tracking, *estimation]

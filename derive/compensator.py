@@ -7,23 +7,18 @@ plainly clipped. `braking` has another r_1, for two states.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import sympy as sp
 
-from pmjoint_derive.braking import RATE, braking_matrix
+from pmjoint_derive.braking import RATE
+from pmjoint_derive.compensator_matrix import compensator_matrix
 from pmjoint_derive.design import Design
 from pmjoint_derive.equation import Equation, real_symbol
-from pmjoint_derive.signals import Signals, derivative_name
+from pmjoint_derive.signals import derivative_name
 from pmjoint_derive.units import SECOND
 
 SECTION = "Compensator"
-
-
-def compensator_matrix(signals: Signals) -> sp.ImmutableMatrix:
-    """The matrix of (23), rho x rho: ``-ck_i`` on the diagonal, 1 above it; with braking, its hold's."""
-    if signals.braking:
-        return braking_matrix(signals)
-    rho = len(signals.r)
-    return sp.ImmutableMatrix(rho, rho, lambda i, j: -signals.ck[i] if i == j else int(j == i + 1))
 
 
 def compensator_rates(design: Design) -> dict[sp.Symbol, sp.Expr]:
@@ -38,7 +33,17 @@ def compensator_rates(design: Design) -> dict[sp.Symbol, sp.Expr]:
 
 
 def compensator_equations(design: Design) -> list[Equation]:
-    """(23) as named equations, with the switch ``compensator`` (1 or 0) on its drive."""
+    """(23) as named equations."""
+    return switched(design, compensator_rates(design))
+
+
+def switched(design: Design, found: Mapping[sp.Symbol, sp.Expr]) -> list[Equation]:
+    """A compensator's rates as named equations, with the switch ``compensator`` (1 or 0) on its drive.
+
+    Args:
+        design: the design.
+        found: rate of each of its states.
+    """
     signals, units = design.signals, design.units
     lost = Equation(
         symbol=signals.du,
@@ -57,6 +62,6 @@ def compensator_equations(design: Design) -> list[Equation]:
             meaning="compensator state" if i < design.plant.rho else "compensator state, driven by du",
             unit=units.of(state) / SECOND,
         )
-        for i, (state, rate) in enumerate(compensator_rates(design).items(), start=1)
+        for i, (state, rate) in enumerate(found.items(), start=1)
     ]
     return [lost, *rates]

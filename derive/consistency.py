@@ -10,11 +10,11 @@ import sympy as sp
 
 from pmjoint_derive.braking import braking_identities
 from pmjoint_derive.closed_loop import disturbance_symbols
-from pmjoint_derive.compensator import compensator_matrix
+from pmjoint_derive.compensator_matrix import compensator_matrix
 from pmjoint_derive.design import Derivation
 from pmjoint_derive.equation import Equation, Equations, Identity
 from pmjoint_derive.filters import filter_matrix
-from pmjoint_derive.sampling import Hold
+from pmjoint_derive.hold import Hold
 from pmjoint_derive.signals import derivative_name
 from pmjoint_derive.start import start_symbol
 from pmjoint_derive.vanishing import expand_to_zero
@@ -50,7 +50,7 @@ def sampling_identities(derivation: Derivation) -> list[Identity]:
     columns = [sp.Matrix([row[j] for row in s.Xi]) for j in range(derivation.plant.p)]
     A0 = filter_matrix(s)
     systems = [(sp.Matrix(states), A0, hold.F0, hold.G0) for states in (s.xi, *columns, s.lambda_)]
-    if not s.braking:
+    if not s.braking and not s.estimates:
         systems.append((sp.Matrix(s.r), compensator_matrix(s), hold.Fr, hold.Gr))
     held = [identity for system in systems for identity in _held(derivation, *system)]
     return [*held, *(braking_identities(derivation, hold.Fr, hold.Gr) if s.braking else [])]
@@ -88,7 +88,10 @@ def start_identities(derivation: Derivation) -> list[Identity]:
     errors = [
         Identity(f"{z}(0)", f"{z} = 0 at the matched start", vanishes(known[z.name].expression)) for z in s.z
     ]
-    rest = (sp.Integer(0), *(x + drift for x, drift in zip(s.x[1:], plant.drift, strict=False)))
+    rest = (
+        sp.Integer(0),
+        *(x + drift for x, drift in zip(s.x[1:], derivation.design.certified.drift, strict=False)),
+    )
     matched = [
         Identity(
             f"{epsilon}(0)",

@@ -27,22 +27,28 @@ def name_constants(design: Design) -> tuple[Design, list[Equation]]:
         the design with symbols in place of composite ``b`` and ``theta`` of its plant, and what they stand
         for.
     """
-    plant, signals, units = design.plant, design.signals, design.units
+    truth, signals, units = design.truth, design.signals, design.units
     equations: list[Equation] = []
+    named: dict[sp.Expr, sp.Expr] = {}
 
     def name(value: sp.Expr, stem: str, meaning: str, unit: Unit | None) -> sp.Expr:
         if value.is_Symbol or value.is_number:
             return value
-        symbol = real_symbol(stem)
+        symbol = named[value] = real_symbol(stem)
         equations.append(Equation(symbol, value, SECTION, "", meaning, unit))
         return symbol
 
-    driven = signals.x[plant.rho - 1 :]
+    driven = signals.x[truth.rho - 1 :]
     b = tuple(
-        name(value, f"b_{plant.m - i}", "input coefficient", units.of(state) / SECOND / units.of(signals.u))
-        for i, (value, state) in enumerate(zip(plant.b, driven, strict=True))
+        name(value, f"b_{truth.m - i}", "input coefficient", units.of(state) / SECOND / units.of(signals.u))
+        for i, (value, state) in enumerate(zip(truth.b, driven, strict=True))
     )
     theta = tuple(
-        name(value, f"theta_{i}", "known coefficient", None) for i, value in enumerate(plant.theta, start=1)
+        name(value, f"theta_{i}", "known coefficient", None) for i, value in enumerate(truth.theta, start=1)
     )
-    return replace(design, plant=replace(plant, b=b, theta=theta)), equations
+    believed = replace(
+        design.plant,
+        b=tuple(named.get(value, value) for value in design.plant.b),
+        theta=tuple(named.get(value, value) for value in design.plant.theta),
+    )
+    return replace(design, plant=believed, truth=replace(truth, b=b, theta=theta)), equations

@@ -9,9 +9,11 @@ Stages in order, each a pure function of what comes before it:
     design.filters         design                -> xi', Xi', lambda', x_hat                     (14), (15)
     reference_equations    model, design         -> y_r and its derivatives
     design.law             design                -> z_i, alpha_i, partial derivatives, v   (24), (25), (29)
+    design.estimation      design                -> rates of what it estimates of the plant
     design.compensator     design                -> du, r'                                             (23)
     design.error_rates     design                -> z_i' under the law                           (27), (28)
     error_equations        model, design         -> e, epsilon                                         (17)
+    design.lyapunov        design                -> V, where a run reports it
     sampling_equations     design, equations     -> xi, Xi, lambda, r one sample later
     start_equations        design, law           -> xi, Xi, lambda, r at the matched start
     true_plant             physics, equations    -> the plant in its own parameters
@@ -23,7 +25,10 @@ from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType
 
+from pmjoint_derive.adaptation import settings_of
+from pmjoint_derive.adaptive import Adaptive
 from pmjoint_derive.backstepping import Backstepping
+from pmjoint_derive.believed import believed_plant
 from pmjoint_derive.closed_loop import (
     actuator_equations,
     error_equations,
@@ -40,9 +45,10 @@ from pmjoint_derive.sampling import sampling_equations
 from pmjoint_derive.signals import Units
 from pmjoint_derive.start import start_equations
 from pmjoint_derive.true_plant import true_plant
+from pmjoint_derive.units import parse_unit
 from pmjoint_derive.valve import sensor_equations, valve_equations, with_valve
 
-DESIGNS: Mapping[str, type[Design]] = MappingProxyType({"backstepping": Backstepping})
+DESIGNS: Mapping[str, type[Design]] = MappingProxyType({"backstepping": Backstepping, "adaptive": Adaptive})
 
 
 def derive(model: Model, stage: Stage = unwatched) -> Derivation:
@@ -58,11 +64,15 @@ def derive(model: Model, stage: Stage = unwatched) -> Derivation:
     """
     model = with_valve(model)
     made_by = DESIGNS[model.design]
-    signals = made_by.signals_for(model.plant)
+    signals = made_by.signals_for(model.plant, model.adaptation)
+    settings = settings_of(model.adaptation, parse_unit(model.y_unit))
+    signals = replace(signals, adaptation=tuple(item.symbol for item in settings))
     if model.gains.braking is not None:
         signals = replace(signals, braking=(real_symbol("braking"),))
     units = Units(model, signals)
-    design, constants = name_constants(made_by(model.plant, signals, units, model.least_limit))
+    believed = believed_plant(model.plant, model.adaptation)
+    made = made_by(believed, model.plant, signals, units, model.least_limit, model.adaptation)
+    design, constants = name_constants(made)
     constants = [*model.constants, *constants]
     physics = [*plant_equations(design), *extra_equations(model)]
     delivered = actuator_equations(model, design)
@@ -74,6 +84,7 @@ def derive(model: Model, stage: Stage = unwatched) -> Derivation:
         *design.filters(),
         *reference_equations(model, design),
         *law,
+        *design.estimation(),
         *design.compensator(),
         *design.error_rates(),
         *valve_equations(model),
@@ -81,11 +92,16 @@ def derive(model: Model, stage: Stage = unwatched) -> Derivation:
         *delivered,
         *error_equations(model, design),
     ]
+    energy = design.lyapunov()
+    continuous += energy
     stage("deriving the sampled controller", 0.0)
     held = sampling_equations(design, Equations(continuous))
     started = start_equations(design, law)
     stage("deriving the true plant", 0.0)
-    own, true = true_plant(model, design, [*constants, *physics, *delivered[1:]], continuous)
+    estimated = [item for item in continuous if item.symbol in signals.epsilon] if energy else []
+    own, true = true_plant(
+        model, design, [*constants, *physics, *delivered[1:], *estimated, *energy], continuous
+    )
     equations = Equations([*continuous, *held, *started, *true])
     _check_names(model, equations)
     return Derivation(model, design, equations, own)

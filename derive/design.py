@@ -8,14 +8,19 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import sympy as sp
 
+from pmjoint_derive.adaptation import Adaptation
 from pmjoint_derive.equation import Equation, Equations, Identity
+from pmjoint_derive.hold import Hold, held_update
 from pmjoint_derive.model import Model, Plant
 from pmjoint_derive.progress import Stage
 from pmjoint_derive.signals import Signals, Units
+
+Sampled = tuple[list[Equation], dict[sp.Symbol, sp.Expr]]  # named steps; state -> its next value
 
 
 @dataclass(frozen=True)
@@ -23,21 +28,45 @@ class Design(ABC):
     """A controller for one plant.
 
     Attributes:
-        plant: the plant with named constants.
+        plant: the plant as the controller takes it, with named constants: guesses and estimates in their
+            places.
+        truth: the plant that is simulated, likewise with named constants.
         signals: symbols of the closed loop, with the errors and virtual controls of this design.
         units: physical units of the signals.
         limit: the least |u| of the actuator's limits; only a braking compensator needs it.
+        adaptation: what the controller does not know of the plant; None: nothing.
     """
 
     plant: Plant
+    truth: Plant
     signals: Signals
     units: Units
     limit: sp.Expr = sp.oo
+    adaptation: Adaptation | None = None
 
     @classmethod
-    def signals_for(cls, plant: Plant) -> Signals:
-        """The symbols of this design; one with other errors or virtual controls than (24), (25) says so."""
+    def signals_for(cls, plant: Plant, adaptation: Adaptation | None) -> Signals:
+        """The symbols of this design; one with other errors or virtual controls than (24), (25) says so.
+
+        Args:
+            plant: of the model.
+            adaptation: of the model.
+        """
         return Signals.of(plant)
+
+    @cached_property
+    def certified(self) -> Plant:
+        """The plant that the design's claims are about: true values of what is estimated, else `plant`.
+
+        What the controller takes wrong without estimating it is part of the disturbance (12).
+        """
+        if self.adaptation is None:
+            return self.plant
+        Theta, own = [*self.plant.b, *self.plant.theta], [*self.truth.b, *self.truth.theta]
+        for entry in self.adaptation.unknown:
+            Theta[entry.place] = own[entry.place]
+        count = len(self.plant.b)
+        return replace(self.plant, b=tuple(Theta[:count]), theta=tuple(Theta[count:]))
 
     @abstractmethod
     def filters(self) -> list[Equation]:
@@ -57,6 +86,24 @@ class Design(ABC):
         Args:
             stage: called with the name of what is derived and the fraction completed.
         """
+
+    def estimation(self) -> list[Equation]:
+        """Rates of estimates of the plant, and what they are made of; none unless the design has any."""
+        return []
+
+    def sampled(self, equations: Equations, hold: Hold) -> Sampled:
+        """The compensator and estimates one sample later, and steps on the way as named equations.
+
+        Args:
+            equations: the continuous loop.
+            hold: matrices of the exact hold.
+        """
+        r = self.signals.r
+        return [], dict(zip(r, held_update(equations, r, hold.Fr, hold.Gr), strict=True))
+
+    def lyapunov(self) -> list[Equation]:
+        """V as a signal that a run reports, and what it is made of; none unless the design has any."""
+        return []
 
     @abstractmethod
     def error_rates(self) -> list[Equation]:

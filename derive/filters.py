@@ -11,6 +11,7 @@ import sympy as sp
 
 from pmjoint_derive.design import Design
 from pmjoint_derive.equation import Equation, real_symbol
+from pmjoint_derive.model import Plant
 from pmjoint_derive.signals import Signals, derivative_name
 from pmjoint_derive.units import SECOND
 
@@ -42,9 +43,8 @@ def input_filter_rates(design: Design, j: int, v_j: sp.Matrix) -> sp.ImmutableMa
     return sp.ImmutableMatrix(A0 * v_j + A0**j * e_n * plant.sigma * signals.u)
 
 
-def estimate(design: Design) -> sp.ImmutableMatrix:
-    """``x_hat = xi + Xi theta + sum_j b_j v_j`` (15), a column of length n."""
-    plant, signals = design.plant, design.signals
+def estimate(plant: Plant, signals: Signals) -> sp.ImmutableMatrix:
+    """``x_hat = xi + Xi theta + sum_j b_j v_j`` (15) with a plant's b and theta, a column of length n."""
     regressor = sp.Matrix(plant.order, plant.p, lambda i, j: signals.Xi[i][j]) * sp.Matrix(
         plant.p, 1, plant.theta
     )
@@ -96,6 +96,6 @@ def filter_equations(design: Design) -> list[Equation]:
             meaning=f"estimate of x{i}",
             unit=design.units.of(design.signals.x[i - 1]),
         )
-        for i, value in enumerate(estimate(design), start=1)
+        for i, value in enumerate(estimate(design.plant, design.signals), start=1)
     ]
     return rates + estimates

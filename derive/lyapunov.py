@@ -136,7 +136,7 @@ def estimation_identities(derivation: Derivation) -> list[Identity]:
     """``epsilon' = A0 epsilon + D`` for ``epsilon = x - x_hat`` along plant and filters, for any u (17)."""
     s, plant = derivation.signals, derivation.plant
     n, D = plant.order, sp.Matrix(disturbance_symbols(plant))
-    x_dot = sp.Matrix(list(plant_rates(derivation.design).values())).xreplace({s.y: s.x[0]})
+    x_dot = sp.Matrix(list(plant_rates(plant, s).values())).xreplace({s.y: s.x[0]})
     x_hat = sp.Matrix([unfold(derivation, f"x_hat{i}") for i in range(1, n + 1)])
     rates = {symbol: rate.xreplace({s.y: s.x[0]}) for symbol, rate in true_rates(derivation).items()}
     error_dot = x_dot - sp.Matrix([rate_along(entry, rates) for entry in x_hat])

@@ -8,65 +8,21 @@ equations as symbols. A braking compensator is not linear in r_1: see `braking`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-
 import sympy as sp
 
-from pmjoint_derive.braking import braking_update
-from pmjoint_derive.compensator import compensator_matrix
 from pmjoint_derive.design import Design
 from pmjoint_derive.equation import Equation, Equations, real_symbol
-from pmjoint_derive.signals import Signals, derivative_name
+from pmjoint_derive.hold import Hold, held_update
+from pmjoint_derive.signals import Signals
 
 SECTION = "Sampled"
 
 
-@dataclass(frozen=True)
-class Hold:
-    """Symbols of the held dynamics.
-
-    Attributes:
-        F0: ``expm(A0 T)``, n x n.
-        G0: ``int_0^T expm(A0 tau) dtau``, n x n.
-        Fr: ``expm(Ar T)`` of the compensator's matrix, rho x rho; 3 x 3 with braking.
-        Gr: ``int_0^T expm(Ar tau) dtau``, of the same size.
-    """
-
-    F0: sp.ImmutableMatrix
-    G0: sp.ImmutableMatrix
-    Fr: sp.ImmutableMatrix
-    Gr: sp.ImmutableMatrix
-
-    @classmethod
-    def of(cls, signals: Signals) -> Hold:
-        """The symbols for one design."""
-        n, size = len(signals.k), compensator_matrix(signals).rows
-        return cls(_matrix("F0", n), _matrix("G0", n), _matrix("Fr", size), _matrix("Gr", size))
-
-    @property
-    def symbols(self) -> tuple[sp.Symbol, ...]:
-        """All symbols, each matrix row by row, in the order F0, G0, Fr, Gr."""
-        return tuple(entry for matrix in (self.F0, self.G0, self.Fr, self.Gr) for entry in matrix)
-
-
 def _number(signals: Signals, state: sp.Symbol) -> str:
-    if state not in signals.r:
-        return "(14)"
-    return "" if signals.braking and state == signals.r[0] else "(23)"
-
-
-def _matrix(stem: str, size: int) -> sp.ImmutableMatrix:
-    return sp.ImmutableMatrix(size, size, lambda i, j: real_symbol(f"{stem}_{i + 1}{j + 1}"))
-
-
-def held_update(
-    equations: Equations, states: Sequence[sp.Symbol], F: sp.ImmutableMatrix, G: sp.ImmutableMatrix
-) -> list[sp.Expr]:
-    """``F s + G drive`` for one linear system, its drive read off the continuous rates at s = 0."""
-    at_rest = dict.fromkeys(states, sp.Integer(0))
-    drive = sp.Matrix([equations[derivative_name(state)].expression.xreplace(at_rest) for state in states])
-    return list(F * sp.Matrix(states) + G * drive)
+    if state in signals.r:
+        known = not signals.estimates and not (signals.braking and state == signals.r[0])
+        return "(23)" if known else ""
+    return "" if state in (*signals.estimates, *signals.inverse, *signals.covariance) else "(14)"
 
 
 def sampling_equations(design: Design, equations: Equations) -> list[Equation]:
@@ -77,12 +33,8 @@ def sampling_equations(design: Design, equations: Equations) -> list[Equation]:
     update: dict[sp.Symbol, sp.Expr] = {}
     for states in ([*signals.xi], *columns, [*signals.lambda_]):
         update |= dict(zip(states, held_update(equations, states, hold.F0, hold.G0), strict=True))
-    steps: list[Equation] = []
-    if signals.braking:
-        steps, found = braking_update(design, equations, hold.Fr, hold.Gr)
-        update |= found
-    else:
-        update |= dict(zip(signals.r, held_update(equations, signals.r, hold.Fr, hold.Gr), strict=True))
+    steps, found = design.sampled(equations, hold)
+    update |= found
     return steps + [
         Equation(
             real_symbol(f"{state.name}_next"),

@@ -1,6 +1,7 @@
 """The signals of the closed loop and the symbols that stand for them, with the paper's names and units.
 
-Order of the loop's state: plant x, then the controller's own state s = (xi, Xi row by row, lambda, r).
+Order of the loop's state: plant x, then the controller's own state s = (xi, Xi row by row, lambda, r) and,
+of an adaptive design, its estimates.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from itertools import chain
 
 import sympy as sp
 
+from pmjoint_derive.adaptation import adaptation_units
 from pmjoint_derive.equation import real_symbol
 from pmjoint_derive.model import Model, Plant
 from pmjoint_derive.units import SECOND, Unit, parse_unit
@@ -49,6 +51,10 @@ class Signals:
         compensator: 1 when (23) is driven, 0 for plain clipping.
         input_scale: kappa > 0, the weight of z_2 ... z_rho in V (30): the law is that of the input kappa u.
         braking: the share of the limit that a braking compensator reckons with, alone; else empty.
+        estimates: estimates of the unknown entries of Theta; empty where all are known.
+        inverse: the estimate of 1/b_m, alone; else empty.
+        covariance: upper triangle of the gain matrix of least squares, row by row; else empty.
+        adaptation: run-time parameters of guesses and estimates.
     """
 
     t: sp.Symbol
@@ -72,6 +78,10 @@ class Signals:
     compensator: sp.Symbol
     input_scale: sp.Symbol
     braking: tuple[sp.Symbol, ...] = ()
+    estimates: tuple[sp.Symbol, ...] = ()
+    inverse: tuple[sp.Symbol, ...] = ()
+    covariance: tuple[sp.Symbol, ...] = ()
+    adaptation: tuple[sp.Symbol, ...] = ()
 
     @classmethod
     def of(cls, plant: Plant) -> Signals:
@@ -102,13 +112,16 @@ class Signals:
 
     @property
     def controller_state(self) -> tuple[sp.Symbol, ...]:
-        """What the controller integrates: xi, Xi row by row, lambda, r."""
+        """What the controller integrates: xi, Xi row by row, lambda, r, estimates."""
         return tuple(chain.from_iterable(self.controller_blocks.values()))
 
     @property
     def controller_blocks(self) -> dict[str, tuple[sp.Symbol, ...]]:
         """The same by block."""
-        return {"xi": self.xi, "Xi": tuple(chain.from_iterable(self.Xi)), "lambda": self.lambda_, "r": self.r}
+        Xi = tuple(chain.from_iterable(self.Xi))
+        found = {"xi": self.xi, "Xi": Xi, "lambda": self.lambda_, "r": self.r}
+        learnt = {"Theta": self.estimates, "rho": self.inverse, "Gamma": self.covariance}
+        return found | {block: symbols for block, symbols in learnt.items() if symbols}
 
     @property
     def measurable(self) -> tuple[sp.Symbol, ...]:
@@ -117,8 +130,8 @@ class Signals:
 
     @property
     def gains(self) -> tuple[sp.Symbol, ...]:
-        """All gains as in the parameter vector, then the compensator's switch, input scale and braking."""
-        design = (self.compensator, self.input_scale, *self.braking)
+        """All gains as in the parameter vector, then switch, input scale, braking and adaptation."""
+        design = (self.compensator, self.input_scale, *self.braking, *self.adaptation)
         return (*chain.from_iterable(self.gains_by_kind.values()), *design)
 
     @property
@@ -184,7 +197,7 @@ class Units:
             for i, symbol in enumerate(s.e)
         }
         table |= {symbol: SECOND**-i for i, symbol in enumerate(s.k, start=1)}
-        self._table = table
+        self._table = table | adaptation_units(model.adaptation, parse_unit(model.y_unit))
 
     def of(self, symbol: sp.Symbol) -> Unit:
         """Unit of a signal, gain or parameter.

@@ -13,6 +13,7 @@ from collections.abc import Iterable
 
 import sympy as sp
 
+from pmjoint_derive.adaptation import LS_P0, RHO_GUESS, RHO_HAT
 from pmjoint_derive.design import Design
 from pmjoint_derive.equation import Equation, Equations, real_symbol
 from pmjoint_derive.shield import multiplied_out
@@ -34,6 +35,19 @@ def filter_starts(design: Design) -> dict[sp.Symbol, sp.Expr]:
     for states, row in zip(s.Xi, rows, strict=False):
         found |= dict(zip(states, row, strict=True))
     return found | dict.fromkeys(s.lambda_, zero)
+
+
+def estimate_starts(design: Design) -> dict[sp.Symbol, sp.Expr]:
+    """Where the estimates start, whatever the rest of the controller does: at their guesses."""
+    adaptation = design.adaptation
+    if adaptation is None:
+        return {}
+    found: dict[sp.Symbol, sp.Expr] = {entry.estimate: entry.guess_symbol for entry in adaptation.unknown}
+    if adaptation.inverse is not None:
+        found[RHO_HAT] = RHO_GUESS
+    for i, row in enumerate(adaptation.covariance):
+        found |= {symbol: LS_P0 if i == j else sp.Integer(0) for j, symbol in enumerate(row) if j >= i}
+    return found
 
 
 def start_equations(design: Design, law: Iterable[Equation]) -> list[Equation]:
@@ -62,6 +76,8 @@ class _Start:
         s = self._design.signals
         for state, value in filter_starts(self._design).items():
             self._values[state] = self._name(state, value, f"matched start of {state}")
+        for state, value in estimate_starts(self._design).items():
+            self._values[state] = self._name(state, value, f"start of {state}")
         for z, r in zip(s.z, s.r, strict=False):
             meaning = f"matched start of {r}: {z} = 0 there; 0 without compensator"
             self._values[r] = self._name(r, self._solved(z, r), meaning)

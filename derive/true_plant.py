@@ -19,7 +19,7 @@ import sympy as sp
 from pmjoint_derive.closed_loop import disturbance_symbols
 from pmjoint_derive.design import Design
 from pmjoint_derive.equation import Equation, Equations, real_symbol
-from pmjoint_derive.model import Model
+from pmjoint_derive.model import Model, Plant
 from pmjoint_derive.signals import Signals, derivative_name, free
 from pmjoint_derive.units import SECOND
 from pmjoint_derive.valve import COMMAND, drive
@@ -55,12 +55,14 @@ def true_plant(
     Returns:
         shared parameter -> the plant's own, in the model's order; the twins and the effective disturbance.
     """
-    known = _known_rates(design)
+    known = _known_rates(design, design.certified)
+    really = _known_rates(design, design.truth)
     table = Equations([*derived, *known])
     shared = _shared(model, design.signals, table, physics)
     own = {symbol: own_symbol(symbol) for symbol in shared}
     driven = drive(model)
-    changed = _depending([*physics, *known], {**own, **driven})
+    changed = _depending([*physics, *really], {**own, **driven})
+    changed |= {item.symbol for item, true in zip(known, really, strict=True) if item != true}
     disturbances = disturbance_symbols(design.plant)
     differing = [i for i, item in enumerate(known) if item.symbol in changed]
     changed |= {disturbances[i] for i in differing}  # D_i keeps its name; x_i' has changed with known_i
@@ -70,15 +72,15 @@ def true_plant(
         own,
         (
             *(known[i] for i in differing),
-            *(_twin(item, twins) for item in (*physics, *known) if item.symbol in changed),
+            *(_twin(item, twins) for item in (*physics, *really) if item.symbol in changed),
             *(entry for i in differing for entry in _effective(disturbances[i], known[i])),
         ),
     )
 
 
-def _known_rates(design: Design) -> list[Equation]:
-    """``known_i``: the design's model of x_i', beyond x_{i+1}."""
-    x, known = design.signals.x, design.plant.known_rates(design.signals.u)
+def _known_rates(design: Design, plant: Plant) -> list[Equation]:
+    """``known_i``: a plant's x_i', beyond x_{i+1}; the design's model of it, or the truth."""
+    x, known = design.signals.x, plant.known_rates(design.signals.u)
     return [
         Equation(
             real_symbol(f"known{i}"),

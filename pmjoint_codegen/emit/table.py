@@ -19,7 +19,7 @@ from pmjoint_codegen.emit.stick import Stick, stick
 from pmjoint_codegen.emit.vocabulary import Block, Vocabulary, rate_block, reported, twins, vocabulary
 from pmjoint_derive import Derivation, real_symbol
 from pmjoint_derive.closed_loop import disturbance_symbols, tracking_error
-from pmjoint_derive.compensator import compensator_matrix
+from pmjoint_derive.compensator_matrix import compensator_matrix
 from pmjoint_derive.filters import filter_matrix
 from pmjoint_derive.signals import named
 from pmjoint_derive.start import start_symbol

@@ -21,7 +21,7 @@ from pmjoint_codegen.emit.affine import Entry
 from pmjoint_codegen.emit.kinks import kink_arguments
 from pmjoint_derive import Derivation, Equation, real_symbol
 from pmjoint_derive.closed_loop import disturbance_symbols, tracking_error
-from pmjoint_derive.sampling import Hold
+from pmjoint_derive.hold import Hold
 from pmjoint_derive.signals import derivative_name, named, partial_name
 from pmjoint_derive.true_plant import own_symbol
 from pmjoint_derive.valve import COMMAND, VALVE

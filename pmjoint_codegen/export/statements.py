@@ -18,10 +18,10 @@ import sympy as sp
 from pmjoint_codegen.export.tree import Tree, joined, tree_of
 from pmjoint_codegen.report.notation import scaled_sum
 from pmjoint_derive import Derivation, real_symbol
-from pmjoint_derive.compensator import compensator_matrix
+from pmjoint_derive.compensator_matrix import compensator_matrix
 from pmjoint_derive.equation import Equation
 from pmjoint_derive.filters import filter_matrix
-from pmjoint_derive.sampling import Hold
+from pmjoint_derive.hold import Hold
 from pmjoint_derive.signals import derivative_name, named
 from pmjoint_derive.start import SECTION as START
 from pmjoint_derive.start import start_symbol

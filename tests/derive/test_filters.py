@@ -11,12 +11,12 @@ from pmjoint_derive.filters import estimate, filter_matrix, filter_rates, input_
 
 def test_estimation_error_dynamics(derivation: Derivation) -> None:
     s, plant = derivation.signals, derivation.plant
-    x_hat = estimate(derivation.design)
+    x_hat = estimate(derivation.plant, derivation.signals)
     rates = filter_rates(derivation.design)
     x_hat_dot = sp.Matrix(
         [sum(sp.diff(entry, state) * rate for state, rate in rates.items()) for entry in x_hat]
     )
-    x_dot = sp.Matrix(list(plant_rates(derivation.design).values()))
+    x_dot = sp.Matrix(list(plant_rates(derivation.plant, derivation.signals).values()))
     epsilon = sp.Matrix(s.x) - x_hat
     wanted = filter_matrix(s) * epsilon + sp.Matrix(disturbance_symbols(plant))
     difference = (x_dot - x_hat_dot - wanted).xreplace({s.y: s.x[0]})

@@ -5,9 +5,9 @@ from __future__ import annotations
 import sympy as sp
 
 from pmjoint_derive import Derivation
-from pmjoint_derive.compensator import compensator_matrix
+from pmjoint_derive.compensator_matrix import compensator_matrix
 from pmjoint_derive.filters import filter_matrix
-from pmjoint_derive.sampling import Hold
+from pmjoint_derive.hold import Hold
 
 
 def test_first_order_in_period_is_the_continuous_rate(derivation: Derivation) -> None:

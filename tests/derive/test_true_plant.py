@@ -123,7 +123,7 @@ def test_the_estimation_error_obeys_17_with_the_effective_disturbance(shipped: D
     s, plant, equations = shipped.signals, shipped.plant, shipped.equations
     keep = frozenset({s.y, s.u, *(channel.symbol for channel in shipped.model.actuator)})
     keep |= {own_symbol(symbol) for symbol in keep}
-    x_hat = estimate(shipped.design)
+    x_hat = estimate(shipped.plant, shipped.signals)
     filtered = filter_rates(shipped.design).items()
     x_hat_dot = sp.Matrix([
         sum(sp.diff(entry, state) * rate for state, rate in filtered) for entry in x_hat

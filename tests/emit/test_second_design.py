@@ -14,6 +14,7 @@ from scipy.integrate import solve_ivp
 from pmjoint_codegen import ClosedLoop, modelfile
 from pmjoint_codegen.identity import Document
 from pmjoint_derive import Derivation, Design, Equation, Model, Plant, Signals, derivation, derive
+from pmjoint_derive.adaptation import Adaptation
 from pmjoint_derive.compensator import compensator_equations
 from pmjoint_derive.equation import Identity, real_symbol
 from pmjoint_derive.filters import filter_equations
@@ -29,7 +30,7 @@ class PlainFeedback(Design):
     """``v = -c_1 z_1 - sum c_i (x_hat_i - y_r^(i-1))`` with the filters (14), and no claim about it."""
 
     @classmethod
-    def signals_for(cls, plant: Plant) -> Signals:
+    def signals_for(cls, plant: Plant, adaptation: Adaptation | None) -> Signals:
         """One error, and no virtual control."""
         return replace(Signals.of(plant), z=named("z", 1), alpha=())
 
