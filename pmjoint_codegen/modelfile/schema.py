@@ -11,9 +11,11 @@ from typing import Any, Literal
 from pydantic import Field, ValidationError
 
 from pmjoint_codegen.errors import ModelError, quoted
+from pmjoint_codegen.modelfile.adaptation import AdaptationSpec
 from pmjoint_codegen.modelfile.bench import ActuatorSpec, SensorSpec, Setting, chain_numbers, check_bench
 from pmjoint_codegen.modelfile.complaints import first_complaint
 from pmjoint_codegen.modelfile.joint import JointSpec, check_kept, joint_names
+from pmjoint_codegen.modelfile.load import load_lines
 from pmjoint_codegen.modelfile.muscle import check_muscles, law_lines, own_names
 from pmjoint_codegen.modelfile.names import MODEL_NAME, key_path, why_not
 from pmjoint_codegen.modelfile.start import in_order, named_start
@@ -138,6 +140,7 @@ class ModelSpec(Table):
     design: DesignSpec = Field(description="the table [design] with c, e, ck and k")
     simulation: SimulationSpec = Field(description="the table [simulation] with reference, x0 and horizon")
     units: UnitsSpec = Field(default=UnitsSpec(), description="the table [units] with y and u")
+    adaptation: AdaptationSpec | None = Field(default=None, description="the table [adaptation]")
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
@@ -148,9 +151,9 @@ class ModelSpec(Table):
 
     @property
     def lines(self) -> dict[str, ParameterSpec]:
-        """Lines of ``[parameters]``, those that a law of force adds, and numbers of the bench."""
+        """Lines of ``[parameters]``, those of a law of force and of a load, and numbers of the bench."""
         of_law = law_lines(self.joint, self.parameters) if self.joint else {}
-        return {**self.parameters, **of_law, **chain_numbers(self)}
+        return {**self.parameters, **of_law, **chain_numbers(self), **load_lines(self)}
 
     @property
     def y_range(self) -> tuple[float, float] | None:
