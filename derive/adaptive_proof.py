@@ -163,7 +163,7 @@ def estimate_identities(derivation: Derivation) -> list[Identity]:
         found = moving_gains(sp.diff(V_Theta, hat)) * rate
         rest = derivation.equations.expand(found - claim, _constants(derivation) | {own})
         claimed = f"{hat} adds -(its error) {own} to V_Theta'"
-        identities.append(Identity(f"V_Theta {hat}", claimed, remainder(rest)))
+        identities.append(Identity(f"V_Theta {hat}", claimed, remainder(rest, derivation.plant.sigma)))
     return identities
 
 
@@ -275,7 +275,7 @@ def identifier_identities(derivation: Derivation) -> list[Identity]:
     wanted = sum((omega_1(item) * missed(derivation, item) for item in unknown), epsilon_1)
     rest = equations.expand(ERROR - wanted, _constants(derivation) | {s.y})
     claimed = "the prediction error is Omega_1' Theta~ + epsilon_1"
-    found = [Identity("prediction_error", claimed, remainder(rest))]
+    found = [Identity("prediction_error", claimed, remainder(rest, derivation.plant.sigma))]
     if any(entry.range is not None for entry in unknown):
         return found
     G = sp.Matrix(adaptation.covariance)
@@ -289,4 +289,4 @@ def identifier_identities(derivation: Derivation) -> list[Identity]:
     claim = LS_KAPPA * (s.epsilon[0] ** 2 - error**2) / (2 * NORM) - beta / 2 * (q.T * G * q)[0]
     rest = (V_dot - claim).xreplace({ERROR: error})
     claimed = "V' of the identifier, Theta~' Gamma^-1 Theta~/2, is kappa epsilon_1^2/(2 N) less squares"
-    return [*found, Identity("identifier", claimed, remainder(rest))]
+    return [*found, Identity("identifier", claimed, remainder(rest, derivation.plant.sigma))]

@@ -19,7 +19,7 @@ from pmjoint_derive.vanishing import expand_to_zero
 SHOWN = 20  # terms of a remainder that are turned back into an expression; a proof has none
 
 
-def remainder(expression: sp.Expr, sigma: sp.Expr = sp.Integer(1)) -> sp.Expr:
+def remainder(expression: sp.Expr, sigma: sp.Expr) -> sp.Expr:
     """0 exactly when the expression vanishes identically, else (some terms of) what is left.
 
     Args:
