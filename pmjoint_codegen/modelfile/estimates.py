@@ -15,7 +15,6 @@ from pmjoint_codegen.modelfile.adaptation import (
     InverseSpec,
     LeastSquaresSpec,
 )
-from pmjoint_codegen.modelfile.columns import Columns
 from pmjoint_codegen.modelfile.entries import slots_of
 from pmjoint_codegen.modelfile.schema import DesignSpec, ModelSpec
 from pmjoint_codegen.modelfile.stated import SHARE, Stated, entry_of, stated_of
@@ -27,13 +26,12 @@ from pmjoint_derive.units import parse_unit
 ADAPTIVE: Final = "adaptive"  # row of `pmjoint_derive.derivation.DESIGNS`
 
 
-def with_adaptation(model: Model, spec: ModelSpec, columns: Columns | None, where: str) -> Model:
+def with_adaptation(model: Model, spec: ModelSpec, where: str) -> Model:
     """The model with what its controller does not know.
 
     Args:
         model: with numbers that have been checked.
         spec: the validated model file.
-        columns: units of y and u; None beside ``[plant]``.
         where: file at the start of a message.
 
     Raises:
@@ -48,7 +46,7 @@ def with_adaptation(model: Model, spec: ModelSpec, columns: Columns | None, wher
             where=f"{where}: adaptation",
             remedy='give unknown = ["b0"], guess = { b0 = 1.0 } or load = true, or leave the table out',
         )
-    stated = stated_of(table, slots_of(model, columns), where)
+    stated = stated_of(table, slots_of(model), where)
     if not stated:
         return model  # a load that the controller knows
     adaptation = _adaptation(table, stated, model.plant.rho, where)
