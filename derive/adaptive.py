@@ -54,6 +54,8 @@ from pmjoint_derive.units import SECOND
 class Adaptive(Backstepping):
     """The design with estimates."""
 
+    decays = False  # V_Theta need not
+
     @classmethod
     def signals_for(cls, plant: Plant, adaptation: Adaptation | None) -> Signals:
         """Those of the known design, with chi for r, and the estimates."""

@@ -10,6 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import ClassVar
 
 import sympy as sp
 
@@ -36,6 +37,8 @@ class Design(ABC):
         limit: the least |u| of the actuator's limits; only a braking compensator needs it.
         adaptation: what the controller does not know of the plant; None: nothing.
     """
+
+    decays: ClassVar[bool] = False  # whether V falls at the rate of (35), and not only does not rise
 
     plant: Plant
     truth: Plant
