@@ -235,7 +235,7 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
             "(23)",
             "rates of the compensator",
         ),
-        Kernel("estimate", (state, p), (("x_hat", named("x_hat", len(s.xi))),), "(15)", "state estimate"),
+        Kernel("estimate", (state, p), (("x_hat", named("x_hat", derivation.plant.order)),), "(15)", "state estimate"),
         Kernel(
             "disturbance",
             (t, x, w, p),
