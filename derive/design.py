@@ -175,12 +175,16 @@ class Derivation:
     @property
     def gain_values(self) -> dict[sp.Symbol, float]:
         """The model's value of every gain and of the input's scale, in the order of the parameter vector."""
-        values = self.model.gains.by_kind
+        gains = self.model.gains
+        values, bandwidth = gains.by_kind, () if gains.observer is None else (gains.observer,)
         return {
             symbol: value
             for kind, symbols in self.signals.gains_by_kind.items()
             for symbol, value in zip(symbols, values[kind], strict=True)
-        } | {self.signals.input_scale: self.model.gains.input_scale}
+        } | {
+            self.signals.input_scale: gains.input_scale,
+            **dict(zip(self.signals.observer, bandwidth, strict=True)),
+        }
 
     def expanded(self, name: str) -> sp.Expr:
         """An equation's right-hand side in y, u, states, the reference, epsilon and parameters only.

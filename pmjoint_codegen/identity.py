@@ -65,10 +65,39 @@ def structure(document: Document) -> dict[str, Any]:
             joint.get("disturbance"),
         ],
         **({"system": system} if system else {}),
+        **({"adaptation": _adaptation(document)} if "adaptation" in document else {}),
         "limit": document.get("actuator", {}).get("limit"),
+        **({"law": design["law"]} if design.get("law", "backstepping") != "backstepping" else {}),
         "gains": {key: len(value) for key, value in design.items() if isinstance(value, (list, tuple))},
         "reference": _DATA if isinstance(reference, Mapping) else reference,
     }
+
+
+def _adaptation(document: Document) -> dict[str, Any]:
+    """The part of ``[adaptation]`` that shapes kernels: what is estimated and how, not the numbers.
+
+    The law contains the sign of b_m, which its guess or its range states.
+    """
+    table = document["adaptation"]
+    ends = {name: ends[0] for name, ends in table.get("range", {}).items() if ends}
+    return {
+        **{key: table.get(key) for key in ("unknown", "load", "form", "estimator", "force")},
+        "guess": sorted({*table.get("guess", {})} - {*(table.get("unknown") or ())}),
+        "range": sorted(ends),
+        "negative": sorted(
+            name
+            for name, number in {**ends, **table.get("guess", {})}.items()
+            if number < 0 and _may_lead(name, document)
+        ),
+    }
+
+
+def _may_lead(name: str, document: Document) -> bool:
+    """Whether an entry may be b_m; of a system, only the derivation knows."""
+    b = document.get("plant", {}).get("b")
+    if "joint" in document:
+        return name == "b0"
+    return name in (f"b{len(b) - 1}", str(b[0]).strip()) if b else True
 
 
 def structure_hash(document: Document) -> str:

@@ -38,11 +38,14 @@ class Start:
         required: how many of them must be given; the others start at 0.
         terms: the plant's states, each an expression of the variables and of parameters, in Python's
             notation. They use the plant's own parameters, so x0 means the same for all of their values.
+        guesses: for each state of the controller the parameter that it starts from, or nothing: it starts at
+            0. Estimates start from their guesses.
     """
 
     variables: tuple[Variable, ...]
     required: int
     terms: tuple[str, ...]
+    guesses: tuple[str, ...]
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -52,6 +55,19 @@ class Start:
     @cached_property
     def _trees(self) -> tuple[ast.expr, ...]:
         return tuple(ast.parse(term, mode="eval").body for term in self.terms)
+
+    def at_rest(self, parameters: Mapping[str, Numbers], runs: int) -> Numbers:
+        """The controller's states at t = 0 where it is not matched to anything, shape (runs, ns).
+
+        Args:
+            parameters: name -> values, shape (runs,).
+            runs: how many.
+        """
+        found = np.zeros((runs, len(self.guesses)))
+        for i, name in enumerate(self.guesses):
+            if name:
+                found[:, i] = parameters[name]
+        return found
 
     def states(self, x0: Numbers, parameters: Mapping[str, Numbers]) -> Numbers:
         """The plant's states at t = 0, shape (runs, nx).

@@ -24,6 +24,7 @@ from pmjoint_codegen.values import OWN_SUFFIX, SI, Rule, from_si
 FILE_NAME: Final = "model.json"
 LANES: Final = "lanes.c"
 SCHEMA: Final = 3
+ADAPTATION: Final = "adaptation"  # kind of guesses and of what estimates depend on
 SEGMENT: Final = "reference"  # kind of the parameters of a reference's present segment, at the end of p
 _REMEDY: Final = "run pmjoint regenerate"
 
@@ -37,7 +38,7 @@ class Parameter:
         value: default, as the kernels take it: in SI units for a joint.
         unit: physical unit, as in the model file.
         about: one line for the reader.
-        kind: ``plant``, ``gain``, ``switch`` or ``own``: the simulated plant's own value, such as
+        kind: ``plant``, ``gain``, ``switch``, `ADAPTATION` or ``own``: the plant's own value, such as
             ``J_plant``, of a parameter that the controller uses too. It equals that one unless set.
             `SEGMENT`: a coefficient of a reference that is data; a run has these from its reference alone.
         scale: how many SI units `unit` is, as a decimal; "1" if kernels take values as given.
@@ -350,9 +351,8 @@ class Manifest:
         for key, record in records.items():
             contents[key] = tuple(record(**item) for item in contents[key])
         contents["rules"] = tuple(Rule(**_with_tuples(item, "terms")) for item in contents["rules"])
-        start = contents["start"]
-        variables = tuple(Variable(**item) for item in start["variables"])
-        contents["start"] = Start(variables, start["required"], tuple(start["terms"]))
+        variables = tuple(Variable(**item) for item in contents["start"].pop("variables"))
+        contents["start"] = Start(variables, **_with_tuples(contents["start"], "terms", "guesses"))
         contents["functions"] = tuple(_function(item) for item in contents["functions"])
         contents["blocks"] = {key: tuple(value) for key, value in contents["blocks"].items()}
         contents = _with_tuples(contents, "partials", "kinks", "chosen", "linear")

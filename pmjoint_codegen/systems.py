@@ -135,7 +135,9 @@ class OpenLoop:
             found[-1] += z[-1]
             return found
 
-        z = equilibrium(closed, np.array([held, *np.zeros(self.manifest.nX)]))
+        guess = np.append(self.functions.at_rest(params), 0.0)
+        guess[0] = held
+        z = equilibrium(closed, guess)
         self.functions.require_room(float(z[-1]), params)
         J = jacobian(open_loop, z)
         return J[:-1, :-1], J[:-1, -1:], J[-1:, :-1], z
@@ -220,6 +222,8 @@ class _Functions:
         self._law, self._filters, self._compensator, self._plant, self._actuation = map(
             evaluator.kernel, names
         )
+        learns = any(item.name == "estimation" for item in evaluator.manifest.functions)
+        self._estimation = evaluator.kernel("estimation") if learns else None
         self._manifest, self._prepare = evaluator.manifest, prepare
         self._evaluator, self._limited = evaluator, limited
         self._present: tuple[dict[str, float], Settings, Any, Array] | None = None
@@ -257,11 +261,20 @@ class _Functions:
         )
 
     def controller_rates(self, _t: float, s: Array, u: Array, params: Mapping[str, float] | None) -> Array:
-        """Rates of xi, Xi, lambda and r: (14), (23)."""
+        """Rates of xi, Xi, lambda and r: (14), (23); of the estimates."""
         p, chain, _ = self._values(params)
         y, s, v = _vector(u[:1]), _vector(s), self._control(s, u, p)
         acting = np.array([chain.u_of(self._command(chain, float(v[0])))])
-        return np.concatenate([*self._filters(y, s, acting, p), *self._compensator(y, s, acting - v, p)])
+        rates = [*self._filters(y, s, acting, p), *self._compensator(y, s, acting - v, p)]
+        if self._estimation is not None:
+            rates += self._estimation(y, s, _vector(u[1:]), acting, v, p)
+        return np.concatenate(rates)
+
+    def at_rest(self, params: Mapping[str, float] | None) -> Array:
+        """X with the plant's states at 0 and the controller where it starts."""
+        p, _, _ = self._values(params)
+        named = {name: p[i : i + 1] for i, name in enumerate(self._manifest.parameter_names)}
+        return np.concatenate([np.zeros(self._manifest.nx), self._manifest.start.at_rest(named, 1)[0]])
 
     def controller_outputs(self, _t: float, s: Array, u: Array, params: Mapping[str, float] | None) -> Array:
         """The command and v."""

@@ -6,6 +6,7 @@
 
 #include <math.h>
 
+#define PMJ_RHO 2
 #define PMJ_NX 2
 #define PMJ_NS 10
 #define PMJ_NW 3

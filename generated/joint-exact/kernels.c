@@ -2265,43 +2265,43 @@ CASADI_SYMBOL_EXPORT int pmjoint_compensator_matrix_work_bytes(casadi_int *sz_ar
   return 0;
 }
 
-/* pmjoint_sampled_update:(y,s[8],u,v,h[16],p[35])->(s_next[8]) */
+/* pmjoint_sampled_update:(y,s[8],y_r[3],u,v,h[16],p[35])->(s_next[8]) */
 static int casadi_f13(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a00, a01, a02, a03, a04, a05, a06, a07, a08, a09, a10, a11;
   casadi_real a12, a13, a14, a15;
-  a00=arg[4]? arg[4][0] : 0;
+  a00=arg[5]? arg[5][0] : 0;
   a01=arg[1]? arg[1][0] : 0;
   a02=(a00*a01);
-  a03=arg[4]? arg[4][1] : 0;
+  a03=arg[5]? arg[5][1] : 0;
   a04=arg[1]? arg[1][1] : 0;
   a05=(a03*a04);
   a02=(a02+a05);
-  a05=arg[4]? arg[4][4] : 0;
-  a06=arg[5]? arg[5][20] : 0;
+  a05=arg[5]? arg[5][4] : 0;
+  a06=arg[6]? arg[6][20] : 0;
   a07=arg[0]? arg[0][0] : 0;
   a06=(a06*a07);
-  a08=arg[5]? arg[5][1] : 0;
-  a09=arg[5]? arg[5][0] : 0;
+  a08=arg[6]? arg[6][1] : 0;
+  a09=arg[6]? arg[6][0] : 0;
   a08=(a08/a09);
   a08=(a08*a07);
   a06=(a06-a08);
   a05=(a05*a06);
   a02=(a02+a05);
-  a05=arg[4]? arg[4][5] : 0;
-  a08=arg[5]? arg[5][21] : 0;
+  a05=arg[5]? arg[5][5] : 0;
+  a08=arg[6]? arg[6][21] : 0;
   a10=(a05*a08);
   a10=(a10*a07);
   a02=(a02+a10);
   if (res[0]!=0) res[0][0]=a02;
-  a02=arg[4]? arg[4][2] : 0;
+  a02=arg[5]? arg[5][2] : 0;
   a01=(a02*a01);
-  a10=arg[4]? arg[4][3] : 0;
+  a10=arg[5]? arg[5][3] : 0;
   a04=(a10*a04);
   a01=(a01+a04);
-  a04=arg[4]? arg[4][6] : 0;
+  a04=arg[5]? arg[5][6] : 0;
   a04=(a04*a06);
   a01=(a01+a04);
-  a04=arg[4]? arg[4][7] : 0;
+  a04=arg[5]? arg[5][7] : 0;
   a08=(a04*a08);
   a08=(a08*a07);
   a01=(a01+a08);
@@ -2325,21 +2325,21 @@ static int casadi_f13(const casadi_real** arg, casadi_real** res, casadi_int* iw
   a06=arg[1]? arg[1][5] : 0;
   a03=(a03*a06);
   a00=(a00+a03);
-  a03=arg[2]? arg[2][0] : 0;
+  a03=arg[3]? arg[3][0] : 0;
   a05=(a05*a03);
-  a08=arg[5]? arg[5][5] : 0;
-  a11=arg[5]? arg[5][2] : 0;
+  a08=arg[6]? arg[6][5] : 0;
+  a11=arg[6]? arg[6][2] : 0;
   a12=casadi_sq(a11);
   a12=(a08*a12);
-  a13=arg[5]? arg[5][3] : 0;
+  a13=arg[6]? arg[6][3] : 0;
   a13=casadi_sq(a13);
-  a14=arg[5]? arg[5][4] : 0;
+  a14=arg[6]? arg[6][4] : 0;
   a15=casadi_sq(a14);
   a08=(a08*a15);
-  a15=arg[5]? arg[5][6] : 0;
+  a15=arg[6]? arg[6][6] : 0;
   a15=(a15*a14);
   a08=(a08+a15);
-  a15=arg[5]? arg[5][7] : 0;
+  a15=arg[6]? arg[6][7] : 0;
   a08=(a08+a15);
   a13=(a13*a08);
   a12=(a12/a13);
@@ -2357,34 +2357,34 @@ static int casadi_f13(const casadi_real** arg, casadi_real** res, casadi_int* iw
   a04=(a04*a12);
   a02=(a02+a04);
   if (res[0]!=0) res[0][5]=a02;
-  a02=arg[4]? arg[4][8] : 0;
+  a02=arg[5]? arg[5][8] : 0;
   a04=arg[1]? arg[1][6] : 0;
   a02=(a02*a04);
-  a10=arg[4]? arg[4][9] : 0;
+  a10=arg[5]? arg[5][9] : 0;
   a06=arg[1]? arg[1][7] : 0;
   a10=(a10*a06);
   a02=(a02+a10);
-  a10=arg[4]? arg[4][13] : 0;
-  a01=arg[5]? arg[5][11] : 0;
+  a10=arg[5]? arg[5][13] : 0;
+  a01=arg[6]? arg[6][11] : 0;
   a01=(2.*a01);
   a01=(a01*a11);
   a01=(a01*a08);
   a01=(a01/a09);
   a10=(a10*a01);
-  a09=arg[5]? arg[5][22] : 0;
+  a09=arg[6]? arg[6][22] : 0;
   a10=(a10*a09);
-  a08=arg[3]? arg[3][0] : 0;
+  a08=arg[4]? arg[4][0] : 0;
   a03=(a03-a08);
   a10=(a10*a03);
   a10=(a10*a12);
   a02=(a02+a10);
   if (res[0]!=0) res[0][6]=a02;
-  a02=arg[4]? arg[4][10] : 0;
+  a02=arg[5]? arg[5][10] : 0;
   a02=(a02*a04);
-  a04=arg[4]? arg[4][11] : 0;
+  a04=arg[5]? arg[5][11] : 0;
   a04=(a04*a06);
   a02=(a02+a04);
-  a04=arg[4]? arg[4][15] : 0;
+  a04=arg[5]? arg[5][15] : 0;
   a04=(a04*a01);
   a04=(a04*a09);
   a04=(a04*a03);
@@ -2411,7 +2411,7 @@ CASADI_SYMBOL_EXPORT void pmjoint_sampled_update_incref(void) {
 CASADI_SYMBOL_EXPORT void pmjoint_sampled_update_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int pmjoint_sampled_update_n_in(void) { return 6;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_sampled_update_n_in(void) { return 7;}
 
 CASADI_SYMBOL_EXPORT casadi_int pmjoint_sampled_update_n_out(void) { return 1;}
 
@@ -2425,10 +2425,11 @@ CASADI_SYMBOL_EXPORT const char* pmjoint_sampled_update_name_in(casadi_int i) {
   switch (i) {
     case 0: return "y";
     case 1: return "s";
-    case 2: return "u";
-    case 3: return "v";
-    case 4: return "h";
-    case 5: return "p";
+    case 2: return "y_r";
+    case 3: return "u";
+    case 4: return "v";
+    case 5: return "h";
+    case 6: return "p";
     default: return 0;
   }
 }
@@ -2444,10 +2445,11 @@ CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_sampled_update_sparsity_in(casadi
   switch (i) {
     case 0: return casadi_s0;
     case 1: return casadi_s3;
-    case 2: return casadi_s0;
+    case 2: return casadi_s2;
     case 3: return casadi_s0;
-    case 4: return casadi_s10;
-    case 5: return casadi_s1;
+    case 4: return casadi_s0;
+    case 5: return casadi_s10;
+    case 6: return casadi_s1;
     default: return 0;
   }
 }
@@ -2460,7 +2462,7 @@ CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_sampled_update_sparsity_out(casad
 }
 
 CASADI_SYMBOL_EXPORT int pmjoint_sampled_update_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
-  if (sz_arg) *sz_arg = 6;
+  if (sz_arg) *sz_arg = 7;
   if (sz_res) *sz_res = 1;
   if (sz_iw) *sz_iw = 0;
   if (sz_w) *sz_w = 0;
@@ -2468,7 +2470,7 @@ CASADI_SYMBOL_EXPORT int pmjoint_sampled_update_work(casadi_int *sz_arg, casadi_
 }
 
 CASADI_SYMBOL_EXPORT int pmjoint_sampled_update_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
-  if (sz_arg) *sz_arg = 6*sizeof(const casadi_real*);
+  if (sz_arg) *sz_arg = 7*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 1*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);
   if (sz_w) *sz_w = 0*sizeof(casadi_real);

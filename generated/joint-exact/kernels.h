@@ -73,7 +73,7 @@ int pmjoint_compensator_matrix(const double **arg, double **res, long long int *
 int pmjoint_compensator_matrix_work(long long int *sz_arg, long long int *sz_res,
     long long int *sz_iw, long long int *sz_w);
 
-/* the controller's state one sample later, (14), (23): (y[1], s[8], u[1], v[1], h[16], p[35]) -> (s_next[8]); 76 operations */
+/* the controller's state one sample later, (14), (23): (y[1], s[8], y_r[3], u[1], v[1], h[16], p[35]) -> (s_next[8]); 76 operations */
 int pmjoint_sampled_update(const double **arg, double **res, long long int *iw, double *w, int mem);
 int pmjoint_sampled_update_work(long long int *sz_arg, long long int *sz_res,
     long long int *sz_iw, long long int *sz_w);

@@ -2739,53 +2739,53 @@ CASADI_SYMBOL_EXPORT int pmjoint_compensator_matrix_work_bytes(casadi_int *sz_ar
   return 0;
 }
 
-/* pmjoint_sampled_update:(y,s[9],u,v,h[36],p[41])->(s_next[9]) */
+/* pmjoint_sampled_update:(y,s[9],y_r[4],u,v,h[36],p[41])->(s_next[9]) */
 static int casadi_f13(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a00, a01, a02, a03, a04, a05, a06, a07, a08, a09, a10, a11;
   casadi_real a12, a13, a14, a15, a16, a17, a18, a19, a20, a21;
-  a00=arg[4]? arg[4][0] : 0;
+  a00=arg[5]? arg[5][0] : 0;
   a01=arg[1]? arg[1][0] : 0;
   a02=(a00*a01);
-  a03=arg[4]? arg[4][1] : 0;
+  a03=arg[5]? arg[5][1] : 0;
   a04=arg[1]? arg[1][1] : 0;
   a05=(a03*a04);
   a02=(a02+a05);
-  a05=arg[4]? arg[4][2] : 0;
+  a05=arg[5]? arg[5][2] : 0;
   a06=arg[1]? arg[1][2] : 0;
   a07=(a05*a06);
   a02=(a02+a07);
-  a07=arg[4]? arg[4][9] : 0;
-  a08=arg[5]? arg[5][24] : 0;
+  a07=arg[5]? arg[5][9] : 0;
+  a08=arg[6]? arg[6][24] : 0;
   a09=arg[0]? arg[0][0] : 0;
   a08=(a08*a09);
-  a10=arg[5]? arg[5][1] : 0;
-  a11=arg[5]? arg[5][0] : 0;
+  a10=arg[6]? arg[6][1] : 0;
+  a11=arg[6]? arg[6][0] : 0;
   a10=(a10/a11);
-  a12=arg[5]? arg[5][13] : 0;
+  a12=arg[6]? arg[6][13] : 0;
   a13=(1./a12);
   a13=(a10+a13);
   a13=(a09*a13);
   a08=(a08-a13);
   a07=(a07*a08);
   a02=(a02+a07);
-  a07=arg[4]? arg[4][10] : 0;
-  a13=arg[5]? arg[5][25] : 0;
+  a07=arg[5]? arg[5][10] : 0;
+  a13=arg[6]? arg[6][25] : 0;
   a13=(a13*a09);
-  a14=arg[5]? arg[5][9] : 0;
+  a14=arg[6]? arg[6][9] : 0;
   a14=(2.*a14);
-  a15=arg[5]? arg[5][2] : 0;
+  a15=arg[6]? arg[6][2] : 0;
   a16=casadi_sq(a15);
   a14=(a14*a16);
-  a16=arg[5]? arg[5][10] : 0;
+  a16=arg[6]? arg[6][10] : 0;
   a14=(a14*a16);
-  a16=arg[5]? arg[5][5] : 0;
+  a16=arg[6]? arg[6][5] : 0;
   a17=(2.*a16);
-  a18=arg[5]? arg[5][4] : 0;
+  a18=arg[6]? arg[6][4] : 0;
   a17=(a17*a18);
-  a19=arg[5]? arg[5][6] : 0;
+  a19=arg[6]? arg[6][6] : 0;
   a17=(a17+a19);
   a14=(a14*a17);
-  a17=arg[5]? arg[5][3] : 0;
+  a17=arg[6]? arg[6][3] : 0;
   a17=(a11*a17);
   a14=(a14/a17);
   a10=(a10/a12);
@@ -2794,48 +2794,48 @@ static int casadi_f13(const casadi_real** arg, casadi_real** res, casadi_int* iw
   a13=(a13+a10);
   a07=(a07*a13);
   a02=(a02+a07);
-  a07=arg[4]? arg[4][11] : 0;
+  a07=arg[5]? arg[5][11] : 0;
   a14=(a14*a09);
   a14=(a14/a12);
-  a10=arg[5]? arg[5][26] : 0;
+  a10=arg[6]? arg[6][26] : 0;
   a10=(a10*a09);
   a14=(a14+a10);
   a10=(a07*a14);
   a02=(a02+a10);
   if (res[0]!=0) res[0][0]=a02;
-  a02=arg[4]? arg[4][3] : 0;
+  a02=arg[5]? arg[5][3] : 0;
   a10=(a02*a01);
-  a09=arg[4]? arg[4][4] : 0;
+  a09=arg[5]? arg[5][4] : 0;
   a17=(a09*a04);
   a10=(a10+a17);
-  a17=arg[4]? arg[4][5] : 0;
+  a17=arg[5]? arg[5][5] : 0;
   a20=(a17*a06);
   a10=(a10+a20);
-  a20=arg[4]? arg[4][12] : 0;
+  a20=arg[5]? arg[5][12] : 0;
   a20=(a20*a08);
   a10=(a10+a20);
-  a20=arg[4]? arg[4][13] : 0;
+  a20=arg[5]? arg[5][13] : 0;
   a20=(a20*a13);
   a10=(a10+a20);
-  a20=arg[4]? arg[4][14] : 0;
+  a20=arg[5]? arg[5][14] : 0;
   a21=(a20*a14);
   a10=(a10+a21);
   if (res[0]!=0) res[0][1]=a10;
-  a10=arg[4]? arg[4][6] : 0;
+  a10=arg[5]? arg[5][6] : 0;
   a01=(a10*a01);
-  a21=arg[4]? arg[4][7] : 0;
+  a21=arg[5]? arg[5][7] : 0;
   a04=(a21*a04);
   a01=(a01+a04);
-  a04=arg[4]? arg[4][8] : 0;
+  a04=arg[5]? arg[5][8] : 0;
   a06=(a04*a06);
   a01=(a01+a06);
-  a06=arg[4]? arg[4][15] : 0;
+  a06=arg[5]? arg[5][15] : 0;
   a06=(a06*a08);
   a01=(a01+a06);
-  a06=arg[4]? arg[4][16] : 0;
+  a06=arg[5]? arg[5][16] : 0;
   a06=(a06*a13);
   a01=(a01+a06);
-  a06=arg[4]? arg[4][17] : 0;
+  a06=arg[5]? arg[5][17] : 0;
   a14=(a06*a14);
   a01=(a01+a14);
   if (res[0]!=0) res[0][2]=a01;
@@ -2847,7 +2847,7 @@ static int casadi_f13(const casadi_real** arg, casadi_real** res, casadi_int* iw
   a03=arg[1]? arg[1][5] : 0;
   a05=(a05*a03);
   a00=(a00+a05);
-  a05=arg[2]? arg[2][0] : 0;
+  a05=arg[3]? arg[3][0] : 0;
   a07=(a07*a05);
   a00=(a00+a07);
   if (res[0]!=0) res[0][3]=a00;
@@ -2867,61 +2867,61 @@ static int casadi_f13(const casadi_real** arg, casadi_real** res, casadi_int* iw
   a06=(a06*a05);
   a10=(a10+a06);
   if (res[0]!=0) res[0][5]=a10;
-  a10=arg[4]? arg[4][18] : 0;
+  a10=arg[5]? arg[5][18] : 0;
   a06=arg[1]? arg[1][6] : 0;
   a10=(a10*a06);
-  a04=arg[4]? arg[4][19] : 0;
+  a04=arg[5]? arg[5][19] : 0;
   a03=arg[1]? arg[1][7] : 0;
   a04=(a04*a03);
   a10=(a10+a04);
-  a04=arg[4]? arg[4][20] : 0;
+  a04=arg[5]? arg[5][20] : 0;
   a21=arg[1]? arg[1][8] : 0;
   a04=(a04*a21);
   a10=(a10+a04);
-  a04=arg[4]? arg[4][29] : 0;
-  a14=arg[5]? arg[5][11] : 0;
+  a04=arg[5]? arg[5][29] : 0;
+  a14=arg[6]? arg[6][11] : 0;
   a14=(2.*a14);
   a14=(a14*a15);
   a15=casadi_sq(a18);
   a16=(a16*a15);
   a19=(a19*a18);
   a16=(a16+a19);
-  a19=arg[5]? arg[5][7] : 0;
+  a19=arg[6]? arg[6][7] : 0;
   a16=(a16+a19);
   a14=(a14*a16);
   a14=(a14/a11);
   a14=(a14/a12);
   a04=(a04*a14);
-  a12=arg[5]? arg[5][27] : 0;
+  a12=arg[6]? arg[6][27] : 0;
   a04=(a04*a12);
-  a11=arg[3]? arg[3][0] : 0;
+  a11=arg[4]? arg[4][0] : 0;
   a05=(a05-a11);
   a04=(a04*a05);
   a10=(a10+a04);
   if (res[0]!=0) res[0][6]=a10;
-  a10=arg[4]? arg[4][21] : 0;
+  a10=arg[5]? arg[5][21] : 0;
   a10=(a10*a06);
-  a04=arg[4]? arg[4][22] : 0;
+  a04=arg[5]? arg[5][22] : 0;
   a04=(a04*a03);
   a10=(a10+a04);
-  a04=arg[4]? arg[4][23] : 0;
+  a04=arg[5]? arg[5][23] : 0;
   a04=(a04*a21);
   a10=(a10+a04);
-  a04=arg[4]? arg[4][32] : 0;
+  a04=arg[5]? arg[5][32] : 0;
   a04=(a04*a14);
   a04=(a04*a12);
   a04=(a04*a05);
   a10=(a10+a04);
   if (res[0]!=0) res[0][7]=a10;
-  a10=arg[4]? arg[4][24] : 0;
+  a10=arg[5]? arg[5][24] : 0;
   a10=(a10*a06);
-  a06=arg[4]? arg[4][25] : 0;
+  a06=arg[5]? arg[5][25] : 0;
   a06=(a06*a03);
   a10=(a10+a06);
-  a06=arg[4]? arg[4][26] : 0;
+  a06=arg[5]? arg[5][26] : 0;
   a06=(a06*a21);
   a10=(a10+a06);
-  a06=arg[4]? arg[4][35] : 0;
+  a06=arg[5]? arg[5][35] : 0;
   a06=(a06*a14);
   a06=(a06*a12);
   a06=(a06*a05);
@@ -2947,7 +2947,7 @@ CASADI_SYMBOL_EXPORT void pmjoint_sampled_update_incref(void) {
 CASADI_SYMBOL_EXPORT void pmjoint_sampled_update_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int pmjoint_sampled_update_n_in(void) { return 6;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_sampled_update_n_in(void) { return 7;}
 
 CASADI_SYMBOL_EXPORT casadi_int pmjoint_sampled_update_n_out(void) { return 1;}
 
@@ -2961,10 +2961,11 @@ CASADI_SYMBOL_EXPORT const char* pmjoint_sampled_update_name_in(casadi_int i) {
   switch (i) {
     case 0: return "y";
     case 1: return "s";
-    case 2: return "u";
-    case 3: return "v";
-    case 4: return "h";
-    case 5: return "p";
+    case 2: return "y_r";
+    case 3: return "u";
+    case 4: return "v";
+    case 5: return "h";
+    case 6: return "p";
     default: return 0;
   }
 }
@@ -2980,10 +2981,11 @@ CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_sampled_update_sparsity_in(casadi
   switch (i) {
     case 0: return casadi_s0;
     case 1: return casadi_s3;
-    case 2: return casadi_s0;
+    case 2: return casadi_s2;
     case 3: return casadi_s0;
-    case 4: return casadi_s12;
-    case 5: return casadi_s1;
+    case 4: return casadi_s0;
+    case 5: return casadi_s12;
+    case 6: return casadi_s1;
     default: return 0;
   }
 }
@@ -2996,7 +2998,7 @@ CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_sampled_update_sparsity_out(casad
 }
 
 CASADI_SYMBOL_EXPORT int pmjoint_sampled_update_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
-  if (sz_arg) *sz_arg = 6;
+  if (sz_arg) *sz_arg = 7;
   if (sz_res) *sz_res = 1;
   if (sz_iw) *sz_iw = 0;
   if (sz_w) *sz_w = 0;
@@ -3004,7 +3006,7 @@ CASADI_SYMBOL_EXPORT int pmjoint_sampled_update_work(casadi_int *sz_arg, casadi_
 }
 
 CASADI_SYMBOL_EXPORT int pmjoint_sampled_update_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
-  if (sz_arg) *sz_arg = 6*sizeof(const casadi_real*);
+  if (sz_arg) *sz_arg = 7*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 1*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);
   if (sz_w) *sz_w = 0*sizeof(casadi_real);

@@ -6,6 +6,7 @@
 
 #include <math.h>
 
+#define PMJ_RHO 3
 #define PMJ_NX 4
 #define PMJ_NS 13
 #define PMJ_NW 3

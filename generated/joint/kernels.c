@@ -2173,38 +2173,38 @@ CASADI_SYMBOL_EXPORT int pmjoint_compensator_matrix_work_bytes(casadi_int *sz_ar
   return 0;
 }
 
-/* pmjoint_sampled_update:(y,s[8],u,v,h[16],p[34])->(s_next[8]) */
+/* pmjoint_sampled_update:(y,s[8],y_r[3],u,v,h[16],p[34])->(s_next[8]) */
 static int casadi_f13(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a00, a01, a02, a03, a04, a05, a06, a07, a08, a09, a10;
-  a00=arg[4]? arg[4][0] : 0;
+  a00=arg[5]? arg[5][0] : 0;
   a01=arg[1]? arg[1][0] : 0;
   a02=(a00*a01);
-  a03=arg[4]? arg[4][1] : 0;
+  a03=arg[5]? arg[5][1] : 0;
   a04=arg[1]? arg[1][1] : 0;
   a05=(a03*a04);
   a02=(a02+a05);
-  a05=arg[4]? arg[4][4] : 0;
-  a06=arg[5]? arg[5][20] : 0;
+  a05=arg[5]? arg[5][4] : 0;
+  a06=arg[6]? arg[6][20] : 0;
   a05=(a05*a06);
   a07=arg[0]? arg[0][0] : 0;
   a05=(a05*a07);
   a02=(a02+a05);
-  a05=arg[4]? arg[4][5] : 0;
-  a08=arg[5]? arg[5][21] : 0;
+  a05=arg[5]? arg[5][5] : 0;
+  a08=arg[6]? arg[6][21] : 0;
   a09=(a05*a08);
   a09=(a09*a07);
   a02=(a02+a09);
   if (res[0]!=0) res[0][0]=a02;
-  a02=arg[4]? arg[4][2] : 0;
+  a02=arg[5]? arg[5][2] : 0;
   a01=(a02*a01);
-  a09=arg[4]? arg[4][3] : 0;
+  a09=arg[5]? arg[5][3] : 0;
   a04=(a09*a04);
   a01=(a01+a04);
-  a04=arg[4]? arg[4][6] : 0;
+  a04=arg[5]? arg[5][6] : 0;
   a04=(a04*a06);
   a04=(a04*a07);
   a01=(a01+a04);
-  a04=arg[4]? arg[4][7] : 0;
+  a04=arg[5]? arg[5][7] : 0;
   a08=(a04*a08);
   a08=(a08*a07);
   a01=(a01+a08);
@@ -2228,7 +2228,7 @@ static int casadi_f13(const casadi_real** arg, casadi_real** res, casadi_int* iw
   a07=arg[1]? arg[1][5] : 0;
   a03=(a03*a07);
   a00=(a00+a03);
-  a03=arg[2]? arg[2][0] : 0;
+  a03=arg[3]? arg[3][0] : 0;
   a05=(a05*a03);
   a00=(a00+a05);
   if (res[0]!=0) res[0][4]=a00;
@@ -2238,44 +2238,44 @@ static int casadi_f13(const casadi_real** arg, casadi_real** res, casadi_int* iw
   a04=(a04*a03);
   a02=(a02+a04);
   if (res[0]!=0) res[0][5]=a02;
-  a02=arg[4]? arg[4][8] : 0;
+  a02=arg[5]? arg[5][8] : 0;
   a04=arg[1]? arg[1][6] : 0;
   a02=(a02*a04);
-  a09=arg[4]? arg[4][9] : 0;
+  a09=arg[5]? arg[5][9] : 0;
   a07=arg[1]? arg[1][7] : 0;
   a09=(a09*a07);
   a02=(a02+a09);
-  a09=arg[4]? arg[4][13] : 0;
-  a01=arg[5]? arg[5][11] : 0;
+  a09=arg[5]? arg[5][13] : 0;
+  a01=arg[6]? arg[6][11] : 0;
   a01=(2.*a01);
-  a00=arg[5]? arg[5][2] : 0;
+  a00=arg[6]? arg[6][2] : 0;
   a01=(a01*a00);
-  a00=arg[5]? arg[5][5] : 0;
-  a05=arg[5]? arg[5][4] : 0;
+  a00=arg[6]? arg[6][5] : 0;
+  a05=arg[6]? arg[6][4] : 0;
   a06=casadi_sq(a05);
   a00=(a00*a06);
-  a06=arg[5]? arg[5][6] : 0;
+  a06=arg[6]? arg[6][6] : 0;
   a06=(a06*a05);
   a00=(a00+a06);
-  a06=arg[5]? arg[5][7] : 0;
+  a06=arg[6]? arg[6][7] : 0;
   a00=(a00+a06);
   a01=(a01*a00);
-  a00=arg[5]? arg[5][0] : 0;
+  a00=arg[6]? arg[6][0] : 0;
   a01=(a01/a00);
   a09=(a09*a01);
-  a00=arg[5]? arg[5][22] : 0;
+  a00=arg[6]? arg[6][22] : 0;
   a09=(a09*a00);
-  a06=arg[3]? arg[3][0] : 0;
+  a06=arg[4]? arg[4][0] : 0;
   a03=(a03-a06);
   a09=(a09*a03);
   a02=(a02+a09);
   if (res[0]!=0) res[0][6]=a02;
-  a02=arg[4]? arg[4][10] : 0;
+  a02=arg[5]? arg[5][10] : 0;
   a02=(a02*a04);
-  a04=arg[4]? arg[4][11] : 0;
+  a04=arg[5]? arg[5][11] : 0;
   a04=(a04*a07);
   a02=(a02+a04);
-  a04=arg[4]? arg[4][15] : 0;
+  a04=arg[5]? arg[5][15] : 0;
   a04=(a04*a01);
   a04=(a04*a00);
   a04=(a04*a03);
@@ -2301,7 +2301,7 @@ CASADI_SYMBOL_EXPORT void pmjoint_sampled_update_incref(void) {
 CASADI_SYMBOL_EXPORT void pmjoint_sampled_update_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int pmjoint_sampled_update_n_in(void) { return 6;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_sampled_update_n_in(void) { return 7;}
 
 CASADI_SYMBOL_EXPORT casadi_int pmjoint_sampled_update_n_out(void) { return 1;}
 
@@ -2315,10 +2315,11 @@ CASADI_SYMBOL_EXPORT const char* pmjoint_sampled_update_name_in(casadi_int i) {
   switch (i) {
     case 0: return "y";
     case 1: return "s";
-    case 2: return "u";
-    case 3: return "v";
-    case 4: return "h";
-    case 5: return "p";
+    case 2: return "y_r";
+    case 3: return "u";
+    case 4: return "v";
+    case 5: return "h";
+    case 6: return "p";
     default: return 0;
   }
 }
@@ -2334,10 +2335,11 @@ CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_sampled_update_sparsity_in(casadi
   switch (i) {
     case 0: return casadi_s0;
     case 1: return casadi_s3;
-    case 2: return casadi_s0;
+    case 2: return casadi_s2;
     case 3: return casadi_s0;
-    case 4: return casadi_s10;
-    case 5: return casadi_s1;
+    case 4: return casadi_s0;
+    case 5: return casadi_s10;
+    case 6: return casadi_s1;
     default: return 0;
   }
 }
@@ -2350,7 +2352,7 @@ CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_sampled_update_sparsity_out(casad
 }
 
 CASADI_SYMBOL_EXPORT int pmjoint_sampled_update_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
-  if (sz_arg) *sz_arg = 6;
+  if (sz_arg) *sz_arg = 7;
   if (sz_res) *sz_res = 1;
   if (sz_iw) *sz_iw = 0;
   if (sz_w) *sz_w = 0;
@@ -2358,7 +2360,7 @@ CASADI_SYMBOL_EXPORT int pmjoint_sampled_update_work(casadi_int *sz_arg, casadi_
 }
 
 CASADI_SYMBOL_EXPORT int pmjoint_sampled_update_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
-  if (sz_arg) *sz_arg = 6*sizeof(const casadi_real*);
+  if (sz_arg) *sz_arg = 7*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 1*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);
   if (sz_w) *sz_w = 0*sizeof(casadi_real);

@@ -1935,85 +1935,85 @@ CASADI_SYMBOL_EXPORT int pmjoint_compensator_matrix_work_bytes(casadi_int *sz_ar
   return 0;
 }
 
-/* pmjoint_sampled_update:(y,s[8],u,v,h[26],p[22])->(s_next[8]) */
+/* pmjoint_sampled_update:(y,s[8],y_r[3],u,v,h[26],p[22])->(s_next[8]) */
 static int casadi_f13(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a00, a01, a02, a03, a04, a05, a06, a07, a08, a09, a10, a11;
   casadi_real a12, a13, a14, a15, a16;
-  a00=arg[4]? arg[4][0] : 0;
+  a00=arg[5]? arg[5][0] : 0;
   a01=arg[1]? arg[1][0] : 0;
   a02=(a00*a01);
-  a03=arg[4]? arg[4][1] : 0;
+  a03=arg[5]? arg[5][1] : 0;
   a04=arg[1]? arg[1][1] : 0;
   a05=(a03*a04);
   a02=(a02+a05);
-  a05=arg[4]? arg[4][2] : 0;
+  a05=arg[5]? arg[5][2] : 0;
   a06=arg[1]? arg[1][2] : 0;
   a07=(a05*a06);
   a02=(a02+a07);
-  a07=arg[4]? arg[4][9] : 0;
-  a08=arg[5]? arg[5][12] : 0;
+  a07=arg[5]? arg[5][9] : 0;
+  a08=arg[6]? arg[6][12] : 0;
   a09=arg[0]? arg[0][0] : 0;
   a08=(a08*a09);
-  a10=arg[5]? arg[5][2] : 0;
-  a11=arg[5]? arg[5][3] : 0;
+  a10=arg[6]? arg[6][2] : 0;
+  a11=arg[6]? arg[6][3] : 0;
   a12=(1./a11);
   a12=(a10+a12);
   a12=(a09*a12);
   a08=(a08-a12);
   a07=(a07*a08);
   a02=(a02+a07);
-  a07=arg[4]? arg[4][10] : 0;
-  a12=arg[5]? arg[5][13] : 0;
+  a07=arg[5]? arg[5][10] : 0;
+  a12=arg[6]? arg[6][13] : 0;
   a12=(a12*a09);
-  a13=arg[5]? arg[5][0] : 0;
+  a13=arg[6]? arg[6][0] : 0;
   a10=(a10/a11);
   a10=(a13-a10);
   a10=(a09*a10);
   a12=(a12+a10);
   a07=(a07*a12);
   a02=(a02+a07);
-  a07=arg[4]? arg[4][11] : 0;
+  a07=arg[5]? arg[5][11] : 0;
   a13=(a13*a09);
   a13=(a13/a11);
-  a10=arg[5]? arg[5][14] : 0;
+  a10=arg[6]? arg[6][14] : 0;
   a10=(a10*a09);
   a13=(a13+a10);
   a10=(a07*a13);
   a02=(a02+a10);
   if (res[0]!=0) res[0][0]=a02;
-  a02=arg[4]? arg[4][3] : 0;
+  a02=arg[5]? arg[5][3] : 0;
   a10=(a02*a01);
-  a09=arg[4]? arg[4][4] : 0;
+  a09=arg[5]? arg[5][4] : 0;
   a14=(a09*a04);
   a10=(a10+a14);
-  a14=arg[4]? arg[4][5] : 0;
+  a14=arg[5]? arg[5][5] : 0;
   a15=(a14*a06);
   a10=(a10+a15);
-  a15=arg[4]? arg[4][12] : 0;
+  a15=arg[5]? arg[5][12] : 0;
   a15=(a15*a08);
   a10=(a10+a15);
-  a15=arg[4]? arg[4][13] : 0;
+  a15=arg[5]? arg[5][13] : 0;
   a15=(a15*a12);
   a10=(a10+a15);
-  a15=arg[4]? arg[4][14] : 0;
+  a15=arg[5]? arg[5][14] : 0;
   a16=(a15*a13);
   a10=(a10+a16);
   if (res[0]!=0) res[0][1]=a10;
-  a10=arg[4]? arg[4][6] : 0;
+  a10=arg[5]? arg[5][6] : 0;
   a01=(a10*a01);
-  a16=arg[4]? arg[4][7] : 0;
+  a16=arg[5]? arg[5][7] : 0;
   a04=(a16*a04);
   a01=(a01+a04);
-  a04=arg[4]? arg[4][8] : 0;
+  a04=arg[5]? arg[5][8] : 0;
   a06=(a04*a06);
   a01=(a01+a06);
-  a06=arg[4]? arg[4][15] : 0;
+  a06=arg[5]? arg[5][15] : 0;
   a06=(a06*a08);
   a01=(a01+a06);
-  a06=arg[4]? arg[4][16] : 0;
+  a06=arg[5]? arg[5][16] : 0;
   a06=(a06*a12);
   a01=(a01+a06);
-  a06=arg[4]? arg[4][17] : 0;
+  a06=arg[5]? arg[5][17] : 0;
   a13=(a06*a13);
   a01=(a01+a13);
   if (res[0]!=0) res[0][2]=a01;
@@ -2025,7 +2025,7 @@ static int casadi_f13(const casadi_real** arg, casadi_real** res, casadi_int* iw
   a03=arg[1]? arg[1][5] : 0;
   a05=(a05*a03);
   a00=(a00+a05);
-  a05=arg[2]? arg[2][0] : 0;
+  a05=arg[3]? arg[3][0] : 0;
   a07=(a07*a05);
   a00=(a00+a07);
   if (res[0]!=0) res[0][3]=a00;
@@ -2045,32 +2045,32 @@ static int casadi_f13(const casadi_real** arg, casadi_real** res, casadi_int* iw
   a06=(a06*a05);
   a10=(a10+a06);
   if (res[0]!=0) res[0][5]=a10;
-  a10=arg[4]? arg[4][18] : 0;
+  a10=arg[5]? arg[5][18] : 0;
   a06=arg[1]? arg[1][6] : 0;
   a10=(a10*a06);
-  a04=arg[4]? arg[4][19] : 0;
+  a04=arg[5]? arg[5][19] : 0;
   a03=arg[1]? arg[1][7] : 0;
   a04=(a04*a03);
   a10=(a10+a04);
-  a04=arg[4]? arg[4][23] : 0;
-  a16=arg[5]? arg[5][4] : 0;
-  a13=arg[5]? arg[5][1] : 0;
+  a04=arg[5]? arg[5][23] : 0;
+  a16=arg[6]? arg[6][4] : 0;
+  a13=arg[6]? arg[6][1] : 0;
   a16=(a16*a13);
   a16=(a16/a11);
   a04=(a04*a16);
-  a11=arg[5]? arg[5][15] : 0;
+  a11=arg[6]? arg[6][15] : 0;
   a04=(a04*a11);
-  a13=arg[3]? arg[3][0] : 0;
+  a13=arg[4]? arg[4][0] : 0;
   a05=(a05-a13);
   a04=(a04*a05);
   a10=(a10+a04);
   if (res[0]!=0) res[0][6]=a10;
-  a10=arg[4]? arg[4][20] : 0;
+  a10=arg[5]? arg[5][20] : 0;
   a10=(a10*a06);
-  a06=arg[4]? arg[4][21] : 0;
+  a06=arg[5]? arg[5][21] : 0;
   a06=(a06*a03);
   a10=(a10+a06);
-  a06=arg[4]? arg[4][25] : 0;
+  a06=arg[5]? arg[5][25] : 0;
   a06=(a06*a16);
   a06=(a06*a11);
   a06=(a06*a05);
@@ -2096,7 +2096,7 @@ CASADI_SYMBOL_EXPORT void pmjoint_sampled_update_incref(void) {
 CASADI_SYMBOL_EXPORT void pmjoint_sampled_update_decref(void) {
 }
 
-CASADI_SYMBOL_EXPORT casadi_int pmjoint_sampled_update_n_in(void) { return 6;}
+CASADI_SYMBOL_EXPORT casadi_int pmjoint_sampled_update_n_in(void) { return 7;}
 
 CASADI_SYMBOL_EXPORT casadi_int pmjoint_sampled_update_n_out(void) { return 1;}
 
@@ -2110,10 +2110,11 @@ CASADI_SYMBOL_EXPORT const char* pmjoint_sampled_update_name_in(casadi_int i) {
   switch (i) {
     case 0: return "y";
     case 1: return "s";
-    case 2: return "u";
-    case 3: return "v";
-    case 4: return "h";
-    case 5: return "p";
+    case 2: return "y_r";
+    case 3: return "u";
+    case 4: return "v";
+    case 5: return "h";
+    case 6: return "p";
     default: return 0;
   }
 }
@@ -2129,10 +2130,11 @@ CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_sampled_update_sparsity_in(casadi
   switch (i) {
     case 0: return casadi_s0;
     case 1: return casadi_s3;
-    case 2: return casadi_s0;
+    case 2: return casadi_s2;
     case 3: return casadi_s0;
-    case 4: return casadi_s11;
-    case 5: return casadi_s1;
+    case 4: return casadi_s0;
+    case 5: return casadi_s11;
+    case 6: return casadi_s1;
     default: return 0;
   }
 }
@@ -2145,7 +2147,7 @@ CASADI_SYMBOL_EXPORT const casadi_int* pmjoint_sampled_update_sparsity_out(casad
 }
 
 CASADI_SYMBOL_EXPORT int pmjoint_sampled_update_work(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
-  if (sz_arg) *sz_arg = 6;
+  if (sz_arg) *sz_arg = 7;
   if (sz_res) *sz_res = 1;
   if (sz_iw) *sz_iw = 0;
   if (sz_w) *sz_w = 0;
@@ -2153,7 +2155,7 @@ CASADI_SYMBOL_EXPORT int pmjoint_sampled_update_work(casadi_int *sz_arg, casadi_
 }
 
 CASADI_SYMBOL_EXPORT int pmjoint_sampled_update_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casadi_int *sz_iw, casadi_int *sz_w) {
-  if (sz_arg) *sz_arg = 6*sizeof(const casadi_real*);
+  if (sz_arg) *sz_arg = 7*sizeof(const casadi_real*);
   if (sz_res) *sz_res = 1*sizeof(casadi_real*);
   if (sz_iw) *sz_iw = 0*sizeof(casadi_int);
   if (sz_w) *sz_w = 0*sizeof(casadi_real);

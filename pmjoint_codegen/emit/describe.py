@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from itertools import accumulate
 
 import casadi as ca
@@ -17,6 +17,7 @@ from pmjoint_codegen.emit.vocabulary import Vocabulary, vocabulary
 from pmjoint_codegen.identity import Document, model_hash
 from pmjoint_codegen.initial import Start, Variable
 from pmjoint_codegen.manifest import (
+    ADAPTATION,
     SEGMENT,
     Function,
     GuardRule,
@@ -26,9 +27,13 @@ from pmjoint_codegen.manifest import (
 )
 from pmjoint_codegen.reference.command import DATA
 from pmjoint_codegen.report.notation import plain_text
-from pmjoint_codegen.values import GAINS, SI, Rule
+from pmjoint_codegen.values import GAINS, SI, GainKind, Rule
 from pmjoint_derive import Derivation, Model, real_symbol
+from pmjoint_derive.adaptation import settings_of
 from pmjoint_derive.closed_loop import column_name
+from pmjoint_derive.signals import Signals
+from pmjoint_derive.start import estimate_starts
+from pmjoint_derive.units import parse_unit
 
 
 def tool_versions() -> dict[str, str]:
@@ -144,6 +149,8 @@ def _as_written(expression: str) -> str:
 def linear_of(model: Model, words: Vocabulary) -> tuple[str, ...]:
     """The coefficients of a linear plant of two states with one input and a bounded d, `Manifest.linear`."""
     plant, y = model.plant, real_symbol("y")
+    if model.adaptation is not None:
+        return ()
     if (plant.order, plant.rho, len(words.x), len(words.w)) != (2, 2, 2, 1) or model.start is not None:
         return ()
     unbounded = plant.disturbance[1] != 0 and model.disturbance_bound is None
@@ -159,9 +166,16 @@ def linear_of(model: Model, words: Vocabulary) -> tuple[str, ...]:
 
 
 def _states(derivation: Derivation, words: Vocabulary) -> tuple[Variable, ...]:
-    others = {"x": "plant state", "r": "compensator state (23)"}
+    others = {
+        "x": "plant state",
+        "r": "compensator state" if derivation.signals.estimates else "compensator state (23)",
+        "Theta": "estimate",
+        "rho": "estimate of 1/b_m",
+        "Gamma": "gain of least squares",
+    }
+    of_filters = "observer state" if derivation.signals.observer else "filter state (14)"
     return tuple(
-        Variable(symbol.name, str(derivation.units.of(symbol)), others.get(block, "filter state (14)"))
+        Variable(symbol.name, str(derivation.units.of(symbol)), others.get(block, of_filters))
         for block, symbols in words.blocks.items()
         for symbol in symbols
     )
@@ -170,15 +184,18 @@ def _states(derivation: Derivation, words: Vocabulary) -> tuple[Variable, ...]:
 def start_of(derivation: Derivation, words: Vocabulary) -> Start:
     """The states in x0, and the plant's states as functions of them and of the plant's own parameters."""
     model = derivation.model
+    known = estimate_starts(derivation.design)
+    guesses = tuple(known[state].name if known.get(state) else "" for state in words.s)
     if model.start is None:
         own = _states(derivation, words)[: len(words.x)]
-        return Start(own, model.plant.order, tuple(state.name for state in own))
+        return Start(own, model.plant.order, tuple(state.name for state in own), guesses)
     constants = {item.symbol: item.expression for item in model.constants}
     forms = (model.start.states[state].xreplace(constants) for state in words.x)
     return Start(
         tuple(Variable(item.name, str(item.unit), item.meaning) for item in model.start.variables),
         model.start.required,
         tuple(_python(form.xreplace(dict(derivation.own_parameters))) for form in forms),
+        guesses,
     )
 
 
@@ -196,7 +213,7 @@ def _parameters(derivation: Derivation) -> tuple[Parameter, ...]:
         for item in model.parameters
     ]
     design = [
-        Parameter(gain.name, float(values[gain]), str(units.of(gain)), f"{kind.about} {i}", "gain")
+        Parameter(gain.name, float(values[gain]), str(units.of(gain)), f"{_about(kind, s)} {i}", "gain")
         for kind in GAINS
         for i, gain in enumerate(s.gains_by_kind[kind.name], start=1)
     ]
@@ -208,6 +225,10 @@ def _parameters(derivation: Derivation) -> tuple[Parameter, ...]:
     about = "share of the limit of u that the compensator brakes with"
     braking = [
         Parameter(symbol.name, float(model.gains.braking or 0.0), "1", about, "gain") for symbol in s.braking
+    ]
+    observer = [
+        Parameter(symbol.name, float(values[symbol]), "1/s", "all poles of the observer are at -this", "gain")
+        for symbol in s.observer
     ]
     own = [
         Parameter(
@@ -225,7 +246,19 @@ def _parameters(derivation: Derivation) -> tuple[Parameter, ...]:
         Parameter(symbol.name, value, "", "of the reference's present segment", SEGMENT)
         for symbol, value in zip(model.segment, segment_defaults(len(model.segment)), strict=True)
     ]
-    return (*plant, *design, switch, scale, *braking, *own, *reference)
+    return (*plant, *design, switch, scale, *braking, *observer, *_adaptation(derivation), *own, *reference)
+
+
+def _about(kind: GainKind, s: Signals) -> str:
+    """What a gain is; its number follows."""
+    return "controller pole, its sign changed," if s.observer else kind.about
+
+
+def _adaptation(derivation: Derivation) -> Iterator[Parameter]:
+    """Guesses, and what estimates depend on."""
+    for item in settings_of(derivation.model.adaptation, parse_unit(derivation.model.y_unit)):
+        unit = "" if item.unit is None else str(item.unit)
+        yield Parameter(item.symbol.name, item.value, unit, item.about, ADAPTATION)
 
 
 def segment_defaults(count: int) -> tuple[float, ...]:

@@ -99,11 +99,13 @@ def bernstein(name: str) -> ca.Function:
 
 
 def control(name: str, reference: ca.Function, law: ca.Function) -> ca.Function:
-    """V of (29) from a measured y."""
+    """V of (29) from a measured y, and the reference that it is for."""
     t, y, s, p = (
         ca.SX.sym(label, law.size1_in(label) if label != "t" else 1) for label in ("t", "y", "s", "p")
     )
-    return ca.Function(name, [t, y, s, p], [law(y, s, reference(t, p), p)[2]], ["t", "y", "s", "p"], ["v"])
+    y_r = reference(t, p)
+    results = [law(y, s, y_r, p)[2], ca.densify(y_r)]
+    return ca.Function(name, [t, y, s, p], results, ["t", "y", "s", "p"], ["v", "y_r"])
 
 
 def stacked(name: str, function: ca.Function) -> ca.Function:

@@ -40,7 +40,8 @@ def sample(
     t, p = ca.SX.sym("t"), ca.SX.sym("p", law.size1_in("p"))
     X, h = ca.SX.sym("X", nx + law.size1_in("s")), ca.SX.sym("h", update.size1_in("h"))
     x, s = X[:nx], X[nx:]
-    v = law(x[0], s, reference(t, p), p)[2]
+    y_r = reference(t, p)
+    v = law(x[0], s, y_r, p)[2]
     limits = actuation(p)
     w = ca.vertcat(
         *(
@@ -51,7 +52,7 @@ def sample(
     sides = ca.SX.ones(kinks)
     for j in range(kinks):
         sides[j] = ca.sign(plant(t, x, ca.vertcat(w, sides), p)[2][j])
-    results = [v, w, held(t, x, ca.vertcat(w, sides), p), update(x[0], s, w[0], v, h, p)]
+    results = [v, w, held(t, x, ca.vertcat(w, sides), p), update(x[0], s, y_r, w[0], v, h, p)]
     return ca.Function(name, [t, X, h, p], ca.cse(results), ["t", "X", "h", "p"], ["v", "w", "c", "s_next"])
 
 
@@ -61,6 +62,7 @@ def sampled_sizes(words: Vocabulary, functions: Mapping[str, ca.Function]) -> di
     It does if the guard does not depend on the actuator's output, which changes in every hold.
     """
     return {
+        "PMJ_RHO": functions["law"].size1_in("y_r") - 1,
         "PMJ_NX": len(words.x),
         "PMJ_NS": len(words.x) + len(words.s),
         "PMJ_NW": len(words.w),

@@ -235,7 +235,8 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
             "(23)",
             "rates of the compensator",
         ),
-        Kernel("estimate", (state, p), (("x_hat", named("x_hat", derivation.plant.order)),), "(15)", "state estimate"),
+        *_estimation(derivation, (y, state, y_r, u, v, p)),
+        Kernel("estimate", (state, p), (("x_hat", named("x_hat", len(s.x))),), "(15)", "state estimate"),
         Kernel(
             "disturbance",
             (t, x, w, p),
@@ -283,7 +284,7 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
         Kernel("compensator_matrix", (p,), (("Ar", tuple(compensator_matrix(s))),), "(23)", "row by row"),
         Kernel(
             "sampled_update",
-            (y, state, u, v, h, p),
+            (y, state, y_r, u, v, h, p),
             (("s_next", tuple(real_symbol(f"{item.name}_next") for item in words.s)),),
             "(14), (23)",
             "the controller's state one sample later",
@@ -297,6 +298,15 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
         ),
         *([] if held is None else _held_kernels(derivation, words, held, {**own, **delivered}, in_mode)),
     )
+
+
+def _estimation(derivation: Derivation, inputs: tuple[Block, ...]) -> tuple[Kernel, ...]:
+    """The rates of what a controller estimates of its plant, if it does."""
+    s = derivation.signals
+    learnt = (*s.estimates, *s.inverse, *s.covariance)
+    if not learnt:
+        return ()
+    return (Kernel("estimation", inputs, (rate_block("Theta", learnt),), "", "rates of the estimates"),)
 
 
 def _named(derivation: Derivation, symbols: Iterable[sp.Symbol]) -> list[sp.Symbol]:

@@ -1,13 +1,13 @@
 """The words of the table: a derivation's symbols in the blocks that kernels take and give.
 
 Blocks (dense vectors): ``p`` parameters, then gains and the compensator's switch; ``X`` plant states, then
-``s`` the controller's states (xi, Xi row by row, lambda, r); ``y_r`` the reference and its derivatives; ``w``
-what the actuator delivers; ``g`` the actuator inside one saturation mode, ``w_j = g[2j] + g[2j+1] v``; ``h``
-the matrices of the exact zero-order hold. Where the plant has kinks, ``g`` of the closed loop and ``w`` of
-the plant end with the side of each, +1 or -1: ``abs(a)`` is then ``side a`` and ``sign(a)`` is ``side``.
-``p`` continues with the plant's own values of parameters that it shares with the controller: rates of x, the
-actuator and what is reported of the plant follow those. Where the reference is data, ``p`` ends with the
-parameters of its present segment.
+``s`` the controller's states (xi, Xi row by row, lambda, r, estimates); ``y_r`` the reference and its
+derivatives; ``w`` what the actuator delivers; ``g`` the actuator inside one saturation mode, ``w_j = g[2j] +
+g[2j+1] v``; ``h`` the matrices of the exact zero-order hold. Where the plant has kinks, ``g`` of the closed
+loop and ``w`` of the plant end with the side of each, +1 or -1: ``abs(a)`` is then ``side a`` and ``sign(a)``
+is ``side``. ``p`` continues with the plant's own values of parameters that it shares with the controller:
+rates of x, the actuator and what is reported of the plant follow those. Where the reference is data, ``p``
+ends with the parameters of its present segment.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ def vocabulary(derivation: Derivation) -> Vocabulary:
 def reported(derivation: Derivation) -> tuple[Equation, ...]:
     """Further signals that a run reports: those of the physics, a valve's, a sensor's."""
     equations, model = derivation.equations, derivation.model
-    names = ("y_m", "y_f", *((COMMAND.name, VALVE.name) if model.dead_zone is not None else ()))
+    names = ("V", "y_m", "y_f", *((COMMAND.name, VALVE.name) if model.dead_zone is not None else ()))
     return (*model.reported, *(equations[name] for name in names if name in equations))
 
 

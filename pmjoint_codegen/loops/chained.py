@@ -72,7 +72,7 @@ class ChainedLoop(SampledLoop):
         v = self.law.decide(s, y_r, chain.read(float(self.memory.sample[0]), k), k, held)[2]
         sent = chain.channels(self.limits, float(held[COMMAND]))
         self.memory.history[k % problem.n_history] = sent
-        return float(v[0]), self.law.advance(s, held, float(held[U]), v)
+        return float(v[0]), self.law.advance(s, y_r, held, float(held[U]), v)
 
     def follow(self, clock: float) -> Array:
         """y_r at the controller's own time, which may lie in another segment than the plant's."""

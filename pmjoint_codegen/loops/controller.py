@@ -66,12 +66,17 @@ class Layout:
     @property
     def alpha(self) -> slice:
         """Virtual controls of (25), (26)."""
-        return slice(self.z.stop, self.size)
+        return slice(self.z.stop, self.z.stop + self.rho - 1)
+
+    @property
+    def y_r(self) -> slice:
+        """The reference and its derivatives up to order rho."""
+        return slice(self.alpha.stop, self.size)
 
     @property
     def size(self) -> int:
         """Length of a block."""
-        return self.n_s + HELD + 2 * self.rho
+        return self.n_s + HELD + 3 * self.rho + 1
 
 
 @dataclass(frozen=True)
@@ -83,6 +88,7 @@ class Memory:
         chain: its numbers; those of the sensor, of the clock and of delays are not used.
         hold: matrices of `sampled_update`.
         p: parameters; the end is the reference's present segment, where the reference is data.
+        begin: the controller's states before the first sample, shape (n_s,).
         now: values at the last sample, a block.
         y_r: reference and derivatives, shape (rho + 1,), of the last sample, or given for the next.
     """
@@ -91,6 +97,7 @@ class Memory:
     chain: Chain
     hold: Array
     p: Array
+    begin: Array
     now: Array
     y_r: Array
 
@@ -98,13 +105,16 @@ class Memory:
     def make(cls, manifest: Manifest, chain: Chain, hold: Array, p: Array) -> Memory:
         """Allocate the memory of a controller, at rest."""
         layout = Layout.of(manifest)
-        memory = cls(layout, chain, hold, p.copy(), np.zeros(layout.size), np.zeros(manifest.rho + 1))
+        named = {name: p[i : i + 1] for i, name in enumerate(manifest.parameter_names)}
+        begin = manifest.start.at_rest(named, 1)[0]
+        memory = cls(layout, chain, hold, p.copy(), begin, np.zeros(layout.size), np.zeros(manifest.rho + 1))
         memory.rest()
         return memory
 
     def rest(self) -> None:
-        """Put every value where it is before the first sample: 0, or the limit nearest to it."""
+        """Put every value where it is before the first sample: 0, a guess, or the limit nearest to 0."""
         self.now[:] = 0.0
+        self.now[: self.layout.n_s] = self.begin
         self.now[self.layout.held][COMMAND] = self.chain.rest
 
 
@@ -157,10 +167,10 @@ class SampledLaw:
         held[U] = self.chain.u_of(float(held[COMMAND]))
         return z, alpha, v
 
-    def advance(self, s: Array, held: Array, u: float, v: Array) -> Array:
+    def advance(self, s: Array, y_r: Array, held: Array, u: float, v: Array) -> Array:
         """The controller's state at the next sample, if u acts until then."""
         y = held[FILTERED : FILTERED + 1].copy()
-        (s_next,) = self._update(y, s, np.array([u]), v, self.hold, self.p)
+        (s_next,) = self._update(y, s, y_r, np.array([u]), v, self.hold, self.p)
         return s_next
 
 
@@ -190,7 +200,7 @@ class Steps(SampledLaw):
         held = memory.now[layout.held].copy()
         s = self._arrive(y, self.chain.u_of(applied) if told else float(held[U]))
         z, alpha, v = self.decide(s, memory.y_r, y, k, held)
-        then = np.concatenate([s, held, v, z, alpha])
+        then = np.concatenate([s, held, v, z, alpha, memory.y_r])
         if not np.all(np.isfinite(then)):
             return Status.NON_FINITE
         memory.now[:] = then
@@ -202,7 +212,7 @@ class Steps(SampledLaw):
         now, layout = self.memory.now, self.memory.layout
         s = now[: layout.n_s].copy()
         if self.sample > 0:
-            return self.advance(s, now[layout.held], u, now[layout.v])
+            return self.advance(s, now[layout.y_r], now[layout.held], u, now[layout.v])
         if self.matches:
             (s,) = self._start(np.array([y]), self.memory.y_r, self.p)
         return s
@@ -264,5 +274,5 @@ def _places(ffi: Any, layout: Layout, block: Array) -> tuple[dict[str, Any], Any
     """A block's values as pointers, and what keeps its memory."""
     whole = ffi.from_buffer("double[]", block)
     starts = {"s": 0, "held": layout.held.start, "v": layout.v.start, "z": layout.z.start}
-    starts["alpha"] = layout.alpha.start
+    starts |= {"alpha": layout.alpha.start, "y_r": layout.y_r.start}
     return {key: whole + start for key, start in starts.items()}, whole

@@ -4,6 +4,10 @@
     schema       document -> ModelSpec     every key with its type and allowed values (pydantic)
     complaints   pydantic's errors -> one line that names file, key, error and allowed values
     system       [system]: its keys, and what it refuses
+    load         a constant load as one more column of Phi
+    entries      entries of b and theta by the names of [adaptation]
+    stated       what [adaptation] says of each entry, and the numbers that follow
+    estimates    [adaptation] -> what the controller does not know
     names        allowed names of parameters
     expressions  text -> SymPy             a whitelist; nothing in a model file is ever executed
     bounds       limits on powers before SymPy computes them

@@ -20,6 +20,7 @@ import sympy as sp
 from pmjoint_codegen.chain import LINKS
 from pmjoint_codegen.errors import ModelError
 from pmjoint_codegen.modelfile.bench import chain_names
+from pmjoint_codegen.modelfile.load import LOAD, is_loaded
 from pmjoint_codegen.modelfile.schema import ModelSpec
 from pmjoint_codegen.modelfile.units import ANY, Scales, Wanted
 from pmjoint_codegen.values import SI, from_si, to_si
@@ -89,13 +90,18 @@ def columns_of(spec: ModelSpec, scales: Scales) -> Columns:
 def in_column_units(
     parameters: tuple[Parameter, ...], spec: ModelSpec, columns: Columns
 ) -> tuple[Parameter, ...]:
-    """Parameters of the actuator and the sensor in the units of u and y, others in SI units.
+    """Parameters of the actuator, the sensor and the load in the units of u and y, others in SI units.
 
     Raises:
         ModelError: one that stands for a quantity of y and for one of u, whose units differ.
     """
-    scales = _of_links(spec, columns)
+    scales = _in_columns(spec, columns)
     return tuple(_in_unit(item, scales.get(item.name, SI)) for item in parameters)
+
+
+def _in_columns(spec: ModelSpec, columns: Columns) -> dict[str, str]:
+    """Parameters of the actuator, the sensor and the load -> SI units per unit of their column."""
+    return _of_links(spec, columns) | ({LOAD: columns.y_scale} if is_loaded(spec) else {})
 
 
 def _of_links(spec: ModelSpec, columns: Columns) -> dict[str, str]:
@@ -137,7 +143,7 @@ def rescaling_of(spec: ModelSpec, physics: Mapping[str, Any], columns: Columns) 
     Raises:
         ModelError: the unit of a state is none, or has an offset.
     """
-    named = {real_symbol(name): exact(scale) for name, scale in _of_links(spec, columns).items()}
+    named = {real_symbol(name): exact(scale) for name, scale in _in_columns(spec, columns).items()}
     labels: dict[sp.Symbol, Unit] = {}
     if spec.joint is not None:
         angle = parse_unit(columns.y)

@@ -23,6 +23,7 @@ from pmjoint_codegen.modelfile.columns import (
     rescaling_of,
 )
 from pmjoint_codegen.modelfile.design import chosen, gains_of
+from pmjoint_codegen.modelfile.estimates import with_adaptation
 from pmjoint_codegen.modelfile.expressions import parse
 from pmjoint_codegen.modelfile.joint import (
     check_joint,
@@ -31,6 +32,7 @@ from pmjoint_codegen.modelfile.joint import (
     own_parameters,
     to_joint,
 )
+from pmjoint_codegen.modelfile.load import check_alone, check_load, is_loaded, load_wanted, with_load
 from pmjoint_codegen.modelfile.muscle import law_of
 from pmjoint_codegen.modelfile.schema import ModelSpec, PlantSpec, check_degree
 from pmjoint_codegen.modelfile.soundness import check_model
@@ -38,7 +40,15 @@ from pmjoint_codegen.modelfile.system import to_system
 from pmjoint_codegen.modelfile.units import ANY, Scales, Wanted
 from pmjoint_codegen.reference.command import DATA
 from pmjoint_codegen.reference.segments import degrees
-from pmjoint_codegen.values import COMPENSATOR, FILTER_GAINS, GAINS, INPUT_SCALE, check_rules, check_values
+from pmjoint_codegen.values import (
+    COMPENSATOR,
+    FILTER_GAINS,
+    GAINS,
+    INPUT_SCALE,
+    OBSERVER,
+    check_rules,
+    check_values,
+)
 from pmjoint_derive import Gains, Model, OutsideClassError, Parameter, Plant, Simulation, real_symbol
 from pmjoint_derive.rescaling import rescaled
 from pmjoint_derive.segment import segment_reference, segment_symbols
@@ -59,12 +69,15 @@ def to_derive(spec: ModelSpec, where: str = "") -> Model:
         ModelError: a bad expression, a value that breaks a rule of the design, or a plant outside the class.
     """
     where = where or f"model {spec.name}"
+    check_load(spec, where)
     columns = None if spec.plant is not None else columns_of(spec, Scales(where))
     parameters = _parameters(spec, columns, where)
     known = {item.name: item.symbol for item in parameters}
     measures = Measures() if columns is None else columns.measures
     try:
         physics = _physics(spec, parameters, columns, where)
+        if is_loaded(spec):
+            physics["plant"] = with_load(physics["plant"], where)
         rho = physics["plant"].rho
         if spec.relative_degree is None:
             check_degree(spec, rho, where)
@@ -87,12 +100,15 @@ def to_derive(spec: ModelSpec, where: str = "") -> Model:
             u_unit=spec.units.u,
             measures=measures,
             y_range=spec.y_range,
+            design=spec.design.law,
             **physics,
         )
     except OutsideClassError as error:
         raise ModelError(error.what, where=f"{where}: {error.key}", remedy=error.remedy) from error
+    if is_loaded(spec):
+        check_alone(model, where, spec.physics_table)
     check_model(model, where, spec.physics_table)
-    return model
+    return with_adaptation(model, spec, columns, where)
 
 
 def _reference(
@@ -137,7 +153,7 @@ def _of_joint(spec: ModelSpec, scales: Scales) -> tuple[Parameter, ...]:
         names[link.key]: Wanted(_UNITS[link.unit], _UNITS[link.unit].replace("V", "mV"))
         for link in LINKS
         if link.key in names
-    }
+    } | load_wanted(spec)
     others = (
         converted(name, line, scales, f"parameters.{name}", wanted.get(name, ANY))
         for name, line in spec.lines.items()
@@ -154,7 +170,7 @@ def _of_system(spec: ModelSpec, scales: Scales) -> tuple[Parameter, ...]:
         names[link.key]: Wanted(units[link.unit], units[link.unit])
         for link in LINKS
         if link.key in names and link.unit in units
-    }
+    } | load_wanted(spec)
     return tuple(
         converted(name, line, scales, f"parameters.{name}", wanted.get(name, ANY))
         for name, line in spec.lines.items()
@@ -239,9 +255,12 @@ def _check_values(
     keys |= {FILTER_GAINS: "design.k"}
     keys |= {name: f"design.{name}" for name in (COMPENSATOR, INPUT_SCALE)}
     for kind in GAINS:
-        names = kind.names(spec.order, rho)
+        names = kind.names(spec.order, rho) if gains.by_kind[kind.name] else ()
         values |= dict(zip(names, gains.by_kind[kind.name], strict=True))
         keys |= {name: f"design.{kind.name}, entry {i}" for i, name in enumerate(names, start=1)}
+    if gains.observer is not None:
+        values |= {OBSERVER: gains.observer}
+        keys |= {OBSERVER: f"design.{OBSERVER}"}
     values |= {COMPENSATOR: float(gains.compensator), INPUT_SCALE: gains.input_scale}
     leading = spec.plant.b[0].strip() if spec.plant else ""
     scales = {item.name: item.scale for item in parameters}

@@ -11,9 +11,12 @@ from typing import Any, Literal
 from pydantic import Field, ValidationError
 
 from pmjoint_codegen.errors import ModelError, quoted
+from pmjoint_codegen.modelfile.adaptation import AdaptationSpec
 from pmjoint_codegen.modelfile.bench import ActuatorSpec, SensorSpec, Setting, chain_numbers, check_bench
 from pmjoint_codegen.modelfile.complaints import first_complaint
 from pmjoint_codegen.modelfile.joint import JointSpec, check_kept, joint_names
+from pmjoint_codegen.modelfile.load import load_lines
+from pmjoint_codegen.modelfile.law import LawSpec, check_law
 from pmjoint_codegen.modelfile.muscle import check_muscles, law_lines, own_names
 from pmjoint_codegen.modelfile.names import MODEL_NAME, key_path, why_not
 from pmjoint_codegen.modelfile.start import in_order, named_start
@@ -68,7 +71,7 @@ class PlantSpec(Table):
     )
 
 
-class DesignSpec(Table):
+class DesignSpec(LawSpec):
     """``[design]``: gains, checked by `pmjoint_codegen.values`; `gains_of` has those left out."""
 
     c: Numbers | None = Field(default=None, description="a list of finite numbers greater than 0")
@@ -138,6 +141,7 @@ class ModelSpec(Table):
     design: DesignSpec = Field(description="the table [design] with c, e, ck and k")
     simulation: SimulationSpec = Field(description="the table [simulation] with reference, x0 and horizon")
     units: UnitsSpec = Field(default=UnitsSpec(), description="the table [units] with y and u")
+    adaptation: AdaptationSpec | None = Field(default=None, description="the table [adaptation]")
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
@@ -148,9 +152,9 @@ class ModelSpec(Table):
 
     @property
     def lines(self) -> dict[str, ParameterSpec]:
-        """Lines of ``[parameters]``, those that a law of force adds, and numbers of the bench."""
+        """Lines of ``[parameters]``, those of a law of force and of a load, and numbers of the bench."""
         of_law = law_lines(self.joint, self.parameters) if self.joint else {}
-        return {**self.parameters, **of_law, **chain_numbers(self)}
+        return {**self.parameters, **of_law, **chain_numbers(self), **load_lines(self)}
 
     @property
     def y_range(self) -> tuple[float, float] | None:
@@ -213,7 +217,8 @@ def validate(document: Mapping[str, Any], where: str) -> ModelSpec:
             where=f"{where}: {spec.physics_table}.range",
             remedy="allowed: [least y, greatest y]",
         )
-    _check_design(spec.design, where)
+    if check_law(spec, where):
+        _check_design(spec.design, where)
     if named is not None:
         simulation = spec.simulation.model_copy(update={"x0": in_order(spec, named, where)})
         spec = spec.model_copy(update={"simulation": simulation})

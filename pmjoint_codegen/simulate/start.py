@@ -1,4 +1,4 @@
-"""X(0) of a run: the plant's states from x0, and the controller's, zero or matched."""
+"""X(0) of a run: the plant's states from x0, and the controller's, at rest or matched."""
 
 from __future__ import annotations
 
@@ -27,6 +27,7 @@ def make_start(evaluator: Evaluator, settings: Settings, columns: Mapping[str, A
     manifest = evaluator.manifest
     state = np.zeros(manifest.nX)
     state[: manifest.nx] = manifest.start.states(settings.x0[np.newaxis], columns)
+    state[manifest.nx :] = manifest.start.at_rest(columns, 1)
     if settings.start == MATCHED:
         y = state[:1]
         if settings.controller == "sampled" and is_looped(manifest):

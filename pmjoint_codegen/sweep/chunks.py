@@ -80,7 +80,7 @@ def periods_of(request: Request, columns: Mapping[str, Array], count: int) -> Ar
 def fill_in(
     manifest: Manifest, request: Request, columns: Mapping[str, Array], count: int | None = None
 ) -> tuple[Array, Array]:
-    """X(0) with the controller at zero, and p: the fixed values with the varied ones put in.
+    """X(0) with the controller at rest, and p: the fixed values with the varied ones put in.
 
     The plant's own parameters equal the controller's unless they are set or varied.
 
@@ -113,6 +113,7 @@ def fill_in(
     # After every parameter is set: the plant's states at x0 depend on the plant's own values.
     by_name = dict(zip(manifest.parameter_names, p.T, strict=False))
     x0[:, : manifest.nx] = manifest.start.states(given, by_name)
+    x0[:, manifest.nx :] = manifest.start.at_rest(by_name, count)
     return x0, p
 
 

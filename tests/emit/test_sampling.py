@@ -44,7 +44,8 @@ def test_one_sample_is_the_law_the_actuator_the_plant_and_the_update(
 ) -> None:
     t, X, h, p = point(kernels["sample"], seed)
     v, w, c, s_next = (np.array(part).ravel() for part in kernels["sample"](t, X, h, p))
-    wanted = float(kernels["law"](X[0], X[2:], kernels["reference"](t, p), p)[2])
+    y_r = kernels["reference"](t, p)
+    wanted = float(kernels["law"](X[0], X[2:], y_r, p)[2])
     assert close(v, np.array([wanted]), 300)
     assert w[0] == pytest.approx(np.clip(wanted, -p[2], p[2]), rel=300 * EPSILON)
     coefficients = c.reshape(HOLD_ORDER + 1, 3)
@@ -52,7 +53,7 @@ def test_one_sample_is_the_law_the_actuator_the_plant_and_the_update(
     rates, e = (np.array(part).ravel() for part in kernels["plant"](t, X[:2], w, p))
     assert close(coefficients[1, :2], rates, 100)
     assert np.array_equal(coefficients[0, 2:], e)
-    assert close(s_next, np.array(kernels["sampled_update"](X[0], X[2:], w[0], v, h, p)).ravel(), 300)
+    assert close(s_next, np.array(kernels["sampled_update"](X[0], X[2:], y_r, w[0], v, h, p)).ravel(), 300)
     more = np.array(kernels["plant_taylor"](t, X[:2], w, p)).reshape(PLANT_ORDER + 1, 3)
     assert close(more[: HOLD_ORDER + 1], coefficients, 300)
 

@@ -217,7 +217,7 @@ def polynomial_manifest() -> Manifest:
         windows=True,
         guards={"taylor": GuardRule(ORDER, (), 1.0, 0.1)},
         states=(Variable("x1", "", ""),),
-        start=Start((Variable("x1", "", ""),), 1, ("x1",)),
+        start=Start((Variable("x1", "", ""),), 1, ("x1",), ()),
         blocks={"x": (0, 1)},
         parameters=tuple(Parameter(name, 1.0, "", "", "plant") for name in names),
         chosen=(),

@@ -140,7 +140,8 @@ def test_the_sampled_run_is_a_plain_loop(loop: ClosedLoop) -> None:
         y_r = shaped[2]
         dy_r = a * (shaped[1] - shaped[2])
         d2y_r = a * (a * (shaped[0] - shaped[1]) - dy_r)
-        v = float(kernels.call("law", X[:1], X[2:], np.array([y_r, dy_r, d2y_r]), settings.p)[2][0])
+        told = np.array([y_r, dy_r, d2y_r])
+        v = float(kernels.call("law", X[:1], X[2:], told, settings.p)[2][0])
         assert made["v"][k] == pytest.approx(v, abs=1e-12 * max(1.0, abs(v)))
         assert made["y_r"][k] == pytest.approx(y_r, abs=1e-13)
         u = np.array([min(max(v, -10.0), 10.0)])
@@ -152,7 +153,7 @@ def test_the_sampled_run_is_a_plain_loop(loop: ClosedLoop) -> None:
             rtol=1e-12,
             atol=1e-13,
         ).y[:, -1]
-        s = kernels.call("sampled_update", X[:1], X[2:], u, np.array([v]), h, settings.p)[0]
+        s = kernels.call("sampled_update", X[:1], X[2:], told, u, np.array([v]), h, settings.p)[0]
         X = np.array([*moved, *s])
         now = k * T
         for end in (*(t for t, _ in JUMPS["steps"] if k * T + 1e-9 < t < (k + 1) * T - 1e-9), (k + 1) * T):

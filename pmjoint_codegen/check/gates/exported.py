@@ -230,9 +230,8 @@ def _state_errors(
     now = slice(0, rows)
     column = {name: getattr(recorded, name)[now, np.newaxis] for name in ("y", "u", "v")}
     h = np.tile(recorded.hold, (rows, 1))
-    (update,) = walk(
-        tapes["sampled_update"], [column["y"], recorded.s[now], column["u"], column["v"], h, recorded.p[now]]
-    )
+    given = [recorded.y_r[now], column["u"], column["v"], h, recorded.p[now]]
+    (update,) = walk(tapes["sampled_update"], [column["y"], recorded.s[now], *given])
     twin = twin_of(program, bounded_arithmetic(DOUBLE), DOUBLE, matched=matched)
     # Both take the same bits of the hold's matrices, so their own error is no difference.
     twin.fixed |= {symbol: Bounded(twin.fixed[symbol].value, 0.0) for symbol in program.hold.symbols}

@@ -207,7 +207,7 @@ def _map(tapes: Mapping[str, Tape], T: float, manifest: Manifest, pieces: int) -
     v = law(X[0], X[nx:], y_r, p)[2]
     told = limits[0, :] + limits[1, :] * (v + dv)
     w = ca.fmin(ca.fmax(told, limits[2, :]), limits[3, :]).T
-    s_next = update(X[0], X[nx:], w[0] + dw[0], v + dv, h, p)
+    s_next = update(X[0], X[nx:], y_r, w[0] + dw[0], v + dv, h, p)
     x, size = X[:nx], T / pieces
     channels = nx + 1 + len(manifest.kinks)
     for piece in range(pieces):

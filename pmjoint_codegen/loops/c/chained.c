@@ -94,7 +94,7 @@ static int take_sample(const pmj_problem *problem, const pmj_functions *run, con
     double y_r[MOST];
     double z[MOST];
     double alpha[MOST];
-    const pmj_sample_values at = {memory->sample + PMJ_NX, held, v, z, alpha};
+    const pmj_sample_values at = {memory->sample + PMJ_NX, held, v, z, alpha, y_r};
     const pmj_controller controller = {.reference = run->reference,
                                        .law = run->law,
                                        .update = run->update,

@@ -33,7 +33,7 @@ int pmj_decide(const pmj_controller *controller, const pmj_sample_values *at, do
     held[PMJ_FILTERED] = pmj_filtered(chain, read, held[PMJ_FILTERED], k);
     law->arg[0] = held + PMJ_FILTERED;
     law->arg[1] = at->s;
-    law->arg[2] = controller->y_r;
+    law->arg[2] = at->y_r;
     law->arg[3] = controller->p;
     law->res[0] = at->z;
     law->res[1] = at->alpha;
@@ -52,10 +52,11 @@ int pmj_advance(const pmj_controller *controller, const pmj_sample_values *at, d
     const pmj_function *update = controller->update;
     update->arg[0] = at->held + PMJ_FILTERED;
     update->arg[1] = at->s;
-    update->arg[2] = &u;
-    update->arg[3] = at->v;
-    update->arg[4] = controller->hold;
-    update->arg[5] = controller->p;
+    update->arg[2] = at->y_r;
+    update->arg[3] = &u;
+    update->arg[4] = at->v;
+    update->arg[5] = controller->hold;
+    update->arg[6] = controller->p;
     update->res[0] = next;
     return pmj_apply(update);
 }
@@ -104,6 +105,7 @@ int pmj_controller_step(pmj_controller *controller, double y, double applied, in
         return PMJ_KERNEL_FAILED;
     }
     memcpy(then->held, now->held, PMJ_CLOCK * sizeof(double));
+    memcpy(then->y_r, controller->y_r, (size_t)controller->n_reference * sizeof(double));
     if (pmj_decide(controller, then, y, k)) {
         return PMJ_KERNEL_FAILED;
     }

@@ -50,6 +50,7 @@ typedef struct {
     double *v;     /* [1] */
     double *z;     /* [rho] */
     double *alpha; /* [rho - 1] */
+    double *y_r;   /* [rho + 1] */
 } pmj_sample_values;
 
 /* A controller: its kernels, its constants and its memory. */
@@ -61,7 +62,7 @@ typedef struct {
     const double *p;           /* parameters */
     const double *hold;        /* zero-order-hold matrices of `sampled_update` */
     const double *chain;       /* a `pmj_chain` of pmjoint_chain.h */
-    double *y_r;               /* [n_reference] */
+    double *y_r;               /* [n_reference] of the next sample, as given or as `pmj_follow` finds it */
     pmj_sample_values now;     /* at the last sample: one block of memory, which begins with s */
     pmj_sample_values then;    /* at this one, until it is accepted: a block of the same size */
     long long n_values;        /* length of a block */

@@ -69,7 +69,7 @@ void pmj_chained_control(const pmj_sweep *sweep, pmj_sampled_group *all, pmj_mas
     for (int w = 0; sweep->n_breaks > 0 && w < PMJ_WIDTH; ++w) {
         pmj_put_segment_lane(sweep, &all->runs, w, pmj_segment_at_lane(sweep, &all->runs, w, clock[w] + slack));
     }
-    pmj_control_lanes(&clock, &all->y, all->runs.X + PMJ_NX, all->runs.p, &all->v);
+    pmj_control_lanes(&clock, &all->y, all->runs.X + PMJ_NX, all->runs.p, &all->v, all->y_r);
     for (int w = 0; sweep->n_breaks > 0 && w < PMJ_WIDTH; ++w) {
         pmj_put_segment_lane(sweep, &all->runs, w, all->runs.lanes[w].segment);
     }
@@ -91,7 +91,7 @@ static void command(const pmj_sweep *sweep, pmj_sampled_group *all)
             u[w] = sent[0];
         }
     }
-    pmj_update_lanes(&all->y, all->runs.X + PMJ_NX, &u, &all->v, all->h, all->runs.p, all->next);
+    pmj_update_lanes(&all->y, all->runs.X + PMJ_NX, all->y_r, &u, &all->v, all->h, all->runs.p, all->next);
 }
 
 /* Let every command of lane w act that is due at t; return the instant at which the next one is due. */

@@ -23,6 +23,7 @@ typedef struct {
     pmj_lanes v;
     pmj_lanes sample;         /* index of the sample */
     pmj_lanes y;              /* with sensor, actuator and clock: what the law takes for y, */
+    pmj_lanes y_r[PMJ_RHO + 1]; /* the reference and its derivatives, */
     pmj_lanes command;        /* the last command, */
     pmj_lanes limits[4 * PMJ_NW]; /* offset, slope, lower and upper limit of each channel, */
     long long acting[PMJ_WIDTH]; /* and the first sample whose command does not act yet */

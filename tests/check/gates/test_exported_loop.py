@@ -92,16 +92,16 @@ class _Kernels:
     def __init__(self, call: Callable[..., tuple[Array, ...]], settings: Any, hold: Array, n: int) -> None:
         self.call, self.p, self.hold = call, settings.p, hold
         self.states, self.y, self.output = np.zeros(n), 0.0, SimpleNamespace(v=0.0, u=0.0)
-        self.ready = False
+        self.y_r, self.ready = np.zeros(0), False
 
     def step(self, y: float, y_r: Array) -> int:
         if self.ready:
-            held = ([self.y], self.states, [self.output.u], [self.output.v])
+            held = ([self.y], self.states, self.y_r, [self.output.u], [self.output.v])
             (self.states,) = self.call("sampled_update", *held, self.hold, self.p)
         v = float(self.call("law", [y], self.states, y_r, self.p)[2][0])
         lower, upper = self.call("actuation", self.p)[0].reshape(-1, 4)[0, 2:]
         self.output.v, self.output.u = v, min(max(v, lower), upper)
-        self.y, self.ready = y, True
+        self.y, self.y_r, self.ready = y, y_r, True
         return 0
 
 
