@@ -56,7 +56,7 @@ class Adrc(Design):
         if plant.m > 0:
             raise OutsideClassError(
                 "plant.b",
-                f'has {len(plant.b)} entries, so u acts before the last rate, which law = "adrc" does not cover',
+                f'has {len(plant.b)} entries, so u acts before the last rate, where law = "adrc" observes it',
                 'give b = [b_0] alone, or law = "backstepping"',
             )
         if adaptation is not None and adaptation.unknown:

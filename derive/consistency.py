@@ -72,7 +72,10 @@ def _held(
 
 
 def start_identities(derivation: Derivation) -> list[Identity]:
-    """At the matched start z = 0, where there is a compensator; epsilon is what a plant at rest has: 0, then ``x_{i+1} + drift_i(y)``."""
+    """At the matched start a compensator makes z = 0; epsilon is what a plant at rest has.
+
+    That is 0, then ``x_{i+1} + drift_i(y)``.
+    """
     s, plant = derivation.signals, derivation.plant
     known = derivation.equations
     # states as names of their start values: every name then has its value there

@@ -15,8 +15,8 @@ from pmjoint_codegen.modelfile.adaptation import AdaptationSpec
 from pmjoint_codegen.modelfile.bench import ActuatorSpec, SensorSpec, Setting, chain_numbers, check_bench
 from pmjoint_codegen.modelfile.complaints import first_complaint
 from pmjoint_codegen.modelfile.joint import JointSpec, check_kept, joint_names
-from pmjoint_codegen.modelfile.load import load_lines
 from pmjoint_codegen.modelfile.law import LawSpec, check_law
+from pmjoint_codegen.modelfile.load import load_lines
 from pmjoint_codegen.modelfile.muscle import check_muscles, law_lines, own_names
 from pmjoint_codegen.modelfile.names import MODEL_NAME, key_path, why_not
 from pmjoint_codegen.modelfile.start import in_order, named_start
