@@ -44,6 +44,7 @@ class Adrc(Design):
     States of the observer are ``eso1`` to ``eso{n+1}``: estimates of x, then that of f.
     """
 
+    certifies: ClassVar[bool] = False
     exact_hold: ClassVar[bool] = False
 
     @classmethod

@@ -45,6 +45,7 @@ class Design(ABC):
     limit: sp.Expr = sp.oo
     adaptation: Adaptation | None = None
 
+    certifies: ClassVar[bool] = True  # whether a Lyapunov function comes with the law
     exact_hold: ClassVar[bool] = True  # of the sampled filters, while y and u are held
 
     @classmethod
