@@ -25,7 +25,9 @@ _TAKEN = re.compile(rf"{OBSERVER}|eso[1-9]\d*")
 class LawSpec(Table):
     """Keys of ``[design]`` that choose a law."""
 
-    law: Literal["backstepping", "adrc"] = Field(default=BACKSTEPPING, description='"backstepping" or "adrc"')
+    law: Literal["backstepping", "adrc"] = Field(
+        default="backstepping", description='"backstepping" or "adrc"'
+    )
     observer: Positive | None = Field(
         default=None, description='a finite number of 1/s greater than 0, with law = "adrc"'
     )
