@@ -218,8 +218,10 @@ def _parameters(derivation: Derivation) -> tuple[Parameter, ...]:
         for i, gain in enumerate(s.gains_by_kind[kind.name], start=1)
     ]
     about = "1: (23) is driven by u - v; 0: r = 0, plain clipping"
+    about = "no effect: this law is clipped plainly" if s.observer else about
     switch = Parameter(s.compensator.name, float(model.gains.compensator), "1", about, "switch")
     about = "weight of z_2.. in V: the law is that of the input times this; 1: the paper's"
+    about = "no effect on this law" if s.observer else about
     kappa = float(model.gains.input_scale)
     scale = Parameter(s.input_scale.name, kappa, "1", about, "gain", model.measures.input_scale)
     about = "share of the limit of u that the compensator brakes with"

@@ -16,11 +16,11 @@ from pmjoint_codegen.reference.segments import make_segments
 from pmjoint_codegen.report.mathml import equation
 from pmjoint_codegen.simulate.pace import leading_terms
 from pmjoint_codegen.simulate.settings import default_controller
-from pmjoint_codegen.values import OBSERVER, filter_gains, from_si, positive_gains
+from pmjoint_codegen.values import filter_gains, from_si, positive_gains
 
 _OPERATORS: Final = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**"}
 _LAW: Final = re.compile(r"z\d+|alpha\d+|v|u|du|r\d+_dot|Omega")
-_SHOWN: Final = ("Filters", "Estimate", "Backstepping", "ADRC", "Compensator", "Closed loop")
+_SHOWN: Final = ("Filters", "Estimate", "Backstepping", "Compensator", "Closed loop")
 _HIDDEN: Final = re.compile(r"epsilon\d+|e")
 
 Tree = list[Any] | float | str
@@ -53,10 +53,8 @@ def facts_of(manifest: Manifest, folder: Path) -> dict[str, Any]:
             for item in manifest.settable
         ],
         "own": dict(manifest.own),
-        "positive": [
-            name for name in (*positive_gains(manifest.rho), OBSERVER) if name in manifest.parameter_names
-        ],
-        "filters": [name for name in filter_gains(manifest.n) if name in manifest.parameter_names],
+        "positive": [*positive_gains(manifest.rho)],
+        "filters": [*filter_gains(manifest.n)],
         "rules": [
             {
                 "name": rule.name,

@@ -50,6 +50,7 @@ from pmjoint_codegen.values import (
     check_values,
 )
 from pmjoint_derive import Gains, Model, OutsideClassError, Parameter, Plant, Simulation, real_symbol
+from pmjoint_derive.derivation import DESIGNS
 from pmjoint_derive.rescaling import rescaled
 from pmjoint_derive.segment import segment_reference, segment_symbols
 from pmjoint_derive.units import Measures
@@ -79,6 +80,7 @@ def to_derive(spec: ModelSpec, where: str = "") -> Model:
         if is_loaded(spec):
             physics["plant"] = with_load(physics["plant"], where)
         rho = physics["plant"].rho
+        DESIGNS[spec.design.law].signals_for(physics["plant"], None)  # refuses what the law does not cover
         if spec.relative_degree is None:
             check_degree(spec, rho, where)
         gains = gains_of(spec, physics, parameters, measures, where)
