@@ -131,11 +131,11 @@ def _observer(case: Case, y: float, u: float, s: np.ndarray) -> np.ndarray:
     gains = np.array([count * OBSERVER**i for i, count in enumerate(BINOMIAL[n], start=1)])
     known = np.array([*case.drift(y), 0.0])
     known[n - 1] += case.drive(y) * u
-    return np.array([*s[1:], 0.0]) + known + gains * (y - s[0])
+    return np.asarray(np.array([*s[1:], 0.0]) + known + gains * (y - s[0]))
 
 
 def _plant(case: Case, x: np.ndarray, u: float) -> np.ndarray:
-    found = np.array([*x[1:], 0.0]) + np.array(case.drift(x[0]))
+    found = np.asarray(np.array([*x[1:], 0.0]) + np.array(case.drift(x[0])))
     found[-1] += case.drive(x[0]) * u + 0.5
     return found
 
