@@ -38,6 +38,8 @@ class Design(ABC):
         adaptation: what the controller does not know of the plant; None: nothing.
     """
 
+    decays: ClassVar[bool] = False  # whether V falls at the rate of (35), and not only does not rise
+
     plant: Plant
     truth: Plant
     signals: Signals

@@ -110,7 +110,7 @@ def to_derive(spec: ModelSpec, where: str = "") -> Model:
     if is_loaded(spec):
         check_alone(model, where, spec.physics_table)
     check_model(model, where, spec.physics_table)
-    return with_adaptation(model, spec, columns, where)
+    return with_adaptation(model, spec, where)
 
 
 def _reference(

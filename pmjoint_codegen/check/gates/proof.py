@@ -16,6 +16,7 @@ from pmjoint_derive.consistency import consistency_identities
 from pmjoint_derive.equation import Identity
 from pmjoint_derive.filters import filter_matrix
 from pmjoint_derive.lyapunov import given_away
+from pmjoint_derive.lyapunov_matrix import lyapunov_matrix
 
 LONGEST = 300  # characters of a remainder that a report shows
 
@@ -48,6 +49,8 @@ def prove_for(derivation: Derivation, values: Mapping[str, float]) -> GateResult
     if not derivation.design.certifies and not faults:
         detail = f"identities that do not expand to zero, of {len(identities)}; the law has no certificate"
         return passed(detail, 0, 0)
+    if not derivation.design.decays:
+        return _not_rising(derivation, values, faults, len(identities))
     certificate = certify(derivation, values, derivation.model.disturbance_bound) if not faults else None
     if certificate is None or not np.all(np.linalg.eigvalsh(certificate.P) > 0):
         faults = faults or ["P is not positive definite"]
@@ -59,6 +62,19 @@ def prove_for(derivation: Derivation, values: Mapping[str, float]) -> GateResult
         )
     detail = f"identities that do not expand to zero, of {len(identities)}; {certificate.lines()[1]}"
     return passed(detail, 0, 0, *certificate.lines(), remainder_text(derivation))
+
+
+def _not_rising(
+    derivation: Derivation, values: Mapping[str, float], faults: list[str], count: int
+) -> GateResult:
+    """The verdict on a V that does not rise: it is positive definite where P is."""
+    P = numeric(lyapunov_matrix(derivation.signals), values)
+    if not faults and not np.all(np.linalg.eigvalsh(P) > 0):
+        faults = ["P is not positive definite"]
+    if faults:
+        return failed("; ".join(faults), len(faults), 0, Difference("V", faults[0], "", "", "", "", ""))
+    detail = f"identities that do not expand to zero, of {count}; V does not rise where D and leakage are 0"
+    return passed(detail, 0, 0, f"P = {[[float(f'{entry:.5g}') for entry in row] for row in P]}")
 
 
 def unfit_gains(derivation: Derivation, values: Mapping[str, float]) -> list[str]:
