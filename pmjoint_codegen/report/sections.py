@@ -16,6 +16,7 @@ ORDER = (
     "Compensator",
     "Reference",
     "Backstepping",
+    "ADRC",
     "Start",
     "Certificate",
     "Closed loop",

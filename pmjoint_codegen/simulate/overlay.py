@@ -10,6 +10,7 @@ import numpy as np
 
 from pmjoint_codegen.errors import UsageError, did_you_mean, quoted
 from pmjoint_codegen.simulate.assumptions import parts_of
+from pmjoint_codegen.simulate.blocks import compensator_states
 from pmjoint_codegen.simulate.chosen import WHERE, chosen_panels
 from pmjoint_codegen.simulate.figures import (
     TOP,
@@ -96,9 +97,10 @@ def _panels(comparison: Comparison, signals: Sequence[str] | None) -> tuple[Pane
                     remedy=f"{did_you_mean(name, common, str)}columns: {', '.join(common)}",
                 )
         return tuple(_clipped(panel, runs) for panel in chosen_panels(runs[0], signals))
-    n, rho = (min(getattr(run.manifest, key) for run in runs) for key in ("n", "rho"))
+    n = min(run.manifest.n for run in runs)
+    states = compensator_states(runs[0].manifest)
     wanted = ["y+y_r", "e", "v", "u"]
-    wanted += [f"r{i}" for i in range(1, rho + 1) if any(run[f"r{i}"].any() for run in runs)]
+    wanted += [name for name in states if name in common and any(run[name].any() for run in runs)]
     wanted += [f"x{i}-x_hat{i}" for i in range(1, n + 1)]
     pieces = {entry: [part for name in entry.split("+") for part in name.split("-")] for entry in wanted}
     known = [entry for entry in wanted if all(part in common for part in pieces[entry])]

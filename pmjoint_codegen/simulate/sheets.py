@@ -11,6 +11,7 @@ from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.assumptions import sentence
+from pmjoint_codegen.simulate.blocks import compensator_states
 from pmjoint_codegen.simulate.disturbance import disturbance_names, pressures
 from pmjoint_codegen.simulate.record import COMMAND, RATE
 from pmjoint_codegen.simulate.style import BLACK, BLUE, GREY, RED
@@ -101,14 +102,16 @@ class Sheet:
 def sheets(run: Record) -> tuple[Sheet, ...]:
     """Plan the figures of a run: tracking, the states from x2, the compensator, v and u, the estimate."""
     manifest = run.manifest
-    parts = "$e = y - y_r = z_1 + r_1$ and its two parts" if run["r1"].any() else "$e = y - y_r = z_1$"
+    parts = "$e = y - y_r$"
+    if compensator_states(manifest):
+        parts = "$e = y - y_r = z_1 + r_1$ and its two parts" if run["r1"].any() else "$e = y - y_r = z_1$"
     tracking = f"Tracking: output $y$ and reference $y_r$; error {parts}."
     plans: list[tuple[str, tuple[Panel, ...], str]] = [
         ("tracking_error", (output_panel(run), error_panel(run)), tracking)
     ]
     for i in range(2, manifest.n + 1):
         plans.append((f"x{i}", *_state(run, i)))
-    for i in range(1, manifest.rho + 1):
+    for i in range(1, len(compensator_states(manifest)) + 1):
         which = "last state, driven by $u - v$" if i == manifest.rho else f"state {i}"
         panel = _single(manifest, f"r{i}", f"$r_{i}$")
         plans.append((f"r{i}", (panel,), f"Saturation compensator (23), {which}."))
@@ -131,7 +134,11 @@ def overview_panels(run: Record) -> tuple[Panel, ...]:
     v_u = Panel(both, "$v,\\ u$" + unit_text(manifest, "u"), input_clip(run), _limits(run))
     first = min(2, manifest.n)
     states = (_rate(manifest),) if pressures(run) else _family(manifest, "x", range(first, manifest.n + 1))
-    r = (panel for panel in _family(manifest, "r", range(1, manifest.rho + 1)) if not panel.is_zero(run))
+    r = (
+        panel
+        for panel in _family(manifest, "r", range(1, len(compensator_states(manifest)) + 1))
+        if not panel.is_zero(run)
+    )
     return output_panel(run), error_panel(run), *states, *r, v_u, *miss_panels(manifest)
 
 
@@ -188,7 +195,7 @@ def output_panel(run: Record) -> Panel:
 def error_panel(run: Record) -> Panel:
     """Show e and its parts r1 and z1; only e where r1 is 0, and e is z1."""
     parts: tuple[Line, ...] = (Line("r1", "$r_1$", BLUE, "--"), Line("z1", "$z_1$", RED, ":"))
-    if not run["r1"].any():
+    if not compensator_states(run.manifest) or not run["r1"].any():
         parts = ()
     return Panel((*parts, Line("e", "$e$")), "$e$" + unit_text(run.manifest, "y"))
 
