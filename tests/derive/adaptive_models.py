@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection
 from dataclasses import replace
+from pathlib import Path
 
 import sympy as sp
 
+from pmjoint_codegen.modelfile import model_of
+from pmjoint_codegen.modelfile.reader import parse_document
 from pmjoint_derive import Model
 from pmjoint_derive.adaptation import Adaptation, Entry, Inverse, LeastSquares
 
+MODELS = Path(__file__).resolve().parent.parent.parent / "models"
 LEAST_SQUARES = LeastSquares(kappa=1.0, forgetting=0.5, P0=5.0, k_max=100.0)
 RANGE = (0.3, 6.0)  # of b_m, with its sign
 
@@ -74,3 +79,14 @@ def undisturbed_output(model: Model) -> Model:
     """Return the model with ``D_1 = 0``."""
     plant = model.plant
     return replace(model, plant=replace(plant, disturbance=(sp.Integer(0), *plant.disturbance[1:])))
+
+
+def shipped_files() -> list[Path]:
+    """Return every model file of the project."""
+    return sorted([*MODELS.glob("*.toml"), *(MODELS / "gallery").glob("*.toml")])
+
+
+def shipped(path: Path) -> Model:
+    """Read a model file; a parameter V gets another name, since an adaptive design reports V."""
+    text = re.sub(r"\bV(?= +=)|(?<=B/)V\b", "V_oil", path.read_text(encoding="utf-8"))
+    return model_of(parse_document(text, str(path)), str(path))
