@@ -18,6 +18,7 @@ from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.assumptions import changes, sentence
 from pmjoint_codegen.simulate.figures import STYLE, draw, overview, write_figures
+from pmjoint_codegen.simulate.panels import unit_text
 from pmjoint_codegen.simulate.run import Run
 from pmjoint_codegen.simulate.settings import make_settings
 from pmjoint_codegen.simulate.sheets import (
@@ -25,7 +26,6 @@ from pmjoint_codegen.simulate.sheets import (
     saturated_intervals,
     sheets,
     transient_window,
-    unit_text,
 )
 from pmjoint_codegen.simulate.style import png, wrapped
 
