@@ -72,6 +72,7 @@ def third_order(manifest: Manifest) -> Manifest:
         n=3,
         rho=3,
         states=tuple(Variable(name, "rad/s^2", "") for name in names),
+        blocks={"x": (0, 3), "r": (3, 6)},
         signals=tuple(Variable(name, "rad", "") for name in seen),
         parameters=parameters,
     )
