@@ -21,12 +21,15 @@ class Variable:
         unit: physical unit.
         about: one line for the reader.
         scale: how many SI units `unit` is, as a decimal; given for y and u alone.
+        truth: of an estimate, what it estimates: an expression of the plant's own parameters, in Python's
+            notation.
     """
 
     name: str
     unit: str
     about: str
     scale: str = SI
+    truth: str = ""
 
 
 @dataclass(frozen=True)

@@ -265,9 +265,7 @@ class Manifest:
     def stated(self, values: Mapping[str, float]) -> dict[str, float]:
         """Values by name, without the plant's own where they equal the controller's."""
         own = self.own
-        return {
-            name: value for name, value in values.items() if name not in own or value != values[own[name]]
-        }
+        return {name: x for name, x in values.items() if name not in own or x != values[own[name]]}
 
     @property
     def hold_order(self) -> int:
@@ -309,8 +307,9 @@ class Manifest:
         contents = asdict(self)
         del contents["simulation"]["command"]
         for item in _scaled_records(contents):
-            if item["scale"] == SI:  # written only if it says something
-                del item["scale"]
+            for key, usual in (("scale", SI), ("truth", "")):  # written only if they say something
+                if item.get(key) == usual:
+                    del item[key]
         return contents
 
     def without_kernels(self) -> Manifest:

@@ -109,7 +109,14 @@ def _redraw(
     notes = found.origin.notes
     if signals is None:
         return write_figures(
-            found.run, folder, detail=found.detail, notes=notes, log=found.log, page=page, kinds=kinds
+            found.run,
+            folder,
+            detail=found.detail,
+            notes=notes,
+            log=found.log,
+            frozen=found.frozen,
+            page=page,
+            kinds=kinds,
         )
     figure = chosen_figure(found.run, signals, notes=notes, log=found.log, page=page)
     return save_figure(figure, folder / f"signals_{'_'.join(signals)}", page, kinds)

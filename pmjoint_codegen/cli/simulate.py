@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from pmjoint_codegen.closed_loop import ClosedLoop
     from pmjoint_codegen.provision import Reference
     from pmjoint_codegen.simulate.against import Log
+    from pmjoint_codegen.simulate.estimates import FrozenError
     from pmjoint_codegen.simulate.run import Run
     from pmjoint_codegen.simulate.settings import CommandOptions
 
@@ -157,8 +158,9 @@ def command(
     notes = (f"disturbance = ({', '.join(disturbance)})",) if disturbance else ()
     log = _compared(run, against, against_column)
     detail = _transient(loop, run, asked)
+    frozen = None if no_figures else _frozen(loop, run, asked)
     origin = Origin(recorded_command(), model, notes)
-    files = write_run(run, folder, origin, formats=formats, detail=detail, log=log)
+    files = write_run(run, folder, origin, formats=formats, detail=detail, log=log, frozen=frozen)
     try:
         if not no_figures:
             ready_matplotlib()
@@ -169,6 +171,7 @@ def command(
                     detail=detail,
                     notes=notes,
                     log=log,
+                    frozen=frozen,
                     page=page,
                     kinds=kinds_of(formats),
                     progress=progress,
@@ -238,6 +241,16 @@ def _compared(run: Run, against: Path | None, chosen: Sequence[str]) -> Log | No
     log = read_log(against, run, chosen)
     run.summary["against"] = differences(run, log)
     return log
+
+
+def _frozen(loop: ClosedLoop, run: Run, asked: CommandOptions) -> FrozenError | None:
+    """The error of the same run with estimates that stay at their guesses; None if none moves anyway."""
+    from pmjoint_codegen.simulate.estimates import frozen_error, frozen_parameters, is_frozen
+
+    if is_frozen(run):
+        return None
+    parameters = {**(asked.get("parameters") or {}), **frozen_parameters(run.manifest)}
+    return frozen_error(_run(loop, {**asked, "parameters": parameters})[0])
 
 
 def _transient(loop: ClosedLoop, run: Run, asked: CommandOptions) -> Run | None:

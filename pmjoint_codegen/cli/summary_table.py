@@ -27,7 +27,14 @@ def summary_table(run: Run, notes: Sequence[str], files: Sequence[Path]) -> str:
         notes: changes that the run itself cannot recognise as such.
         files: the files written, all in one folder.
     """
-    told = (_head(run, notes), _saturation(run), _peaks(run), _tracking(run), _disturbance(run))
+    told = (
+        _head(run, notes),
+        _saturation(run),
+        _peaks(run),
+        _tracking(run),
+        _adaptation(run),
+        _disturbance(run),
+    )
     rows = [
         *(row for part in told for row in part),
         *_pressures(run),
@@ -99,6 +106,26 @@ def _settling(settled: float | None, initial: float, end: float, unit: str) -> s
     if settled is None:
         return f"not by {end:.6g} s (|e| > {band})"
     return f"{settled:.6g} s (last |e| > {band})"
+
+
+def _adaptation(run: Run) -> Iterator[tuple[str, ...]]:
+    """Give each estimate at the end beside the plant's own value, and V at both ends."""
+    units = {item.name: item.unit for item in (*run.manifest.states, *run.manifest.signals)}
+    found = run.summary.get("estimates", {})
+    for label, (name, item) in zip(["estimates", *[""] * len(found)], found.items(), strict=False):
+        first, final, true = (_number(item[key]) for key in ("first", "final", "true"))
+        ends = "" if item["range"] is None else ", kept within {:.6g} to {:.6g}".format(*item["range"])
+        yield (
+            label,
+            f"{name} = {first} to {final} {units[name]}; the plant's {item['of']} = {true}{ends}".rstrip(),
+        )
+    if "V" in run.summary:
+        first, final = (_number(run.summary["V"][key]) for key in ("first", "final"))
+        yield "V", f"{first} to {final} {units['V']}".rstrip()
+
+
+def _number(value: float | None) -> str:
+    return _BEYOND if value is None else f"{value:.6g}"
 
 
 def _disturbance(run: Run) -> Iterator[tuple[str, ...]]:

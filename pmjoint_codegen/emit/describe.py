@@ -29,7 +29,7 @@ from pmjoint_codegen.reference.command import DATA
 from pmjoint_codegen.report.notation import plain_text
 from pmjoint_codegen.values import GAINS, SI, GainKind, Rule
 from pmjoint_derive import Derivation, Model, real_symbol
-from pmjoint_derive.adaptation import settings_of
+from pmjoint_derive.adaptation import RHO_HAT, settings_of
 from pmjoint_derive.closed_loop import column_name
 from pmjoint_derive.signals import Signals
 from pmjoint_derive.start import estimate_starts
@@ -174,11 +174,31 @@ def _states(derivation: Derivation, words: Vocabulary) -> tuple[Variable, ...]:
         "Gamma": "gain of least squares",
     }
     of_filters = "observer state" if derivation.signals.observer else "filter state (14)"
+    truths = _truths(derivation)
     return tuple(
-        Variable(symbol.name, str(derivation.units.of(symbol)), others.get(block, of_filters))
+        Variable(
+            symbol.name,
+            str(derivation.units.of(symbol)),
+            others.get(block, of_filters),
+            truth=truths.get(symbol, ""),
+        )
         for block, symbols in words.blocks.items()
         for symbol in symbols
     )
+
+
+def _truths(derivation: Derivation) -> dict[sp.Symbol, str]:
+    """Each estimate and what it estimates, as an expression of the plant's own parameters."""
+    model = derivation.model
+    if model.adaptation is None:
+        return {}
+    constants = {item.symbol: item.expression for item in model.constants}
+    Theta = [
+        entry.xreplace(constants).xreplace(dict(derivation.own_parameters))
+        for entry in (*model.plant.b, *model.plant.theta)
+    ]
+    found = {entry.estimate: Theta[entry.place] for entry in model.adaptation.unknown}
+    return {symbol: _python(value) for symbol, value in {**found, RHO_HAT: 1 / Theta[0]}.items()}
 
 
 def start_of(derivation: Derivation, words: Vocabulary) -> Start:

@@ -14,13 +14,14 @@ from pmjoint_codegen.loops.chain import is_looped
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.reference.segments import make_segments
 from pmjoint_codegen.report.mathml import equation
+from pmjoint_codegen.simulate.blocks import compensator_states
 from pmjoint_codegen.simulate.pace import leading_terms
 from pmjoint_codegen.simulate.settings import default_controller
 from pmjoint_codegen.values import filter_gains, from_si, positive_gains
 
 _OPERATORS: Final = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**"}
-_LAW: Final = re.compile(r"z\d+|alpha\d+|v|u|du|r\d+_dot|Omega")
-_SHOWN: Final = ("Filters", "Estimate", "Backstepping", "Compensator", "Closed loop")
+_LAW: Final = re.compile(r"z\d+|alpha\d+|alpha_bar|v|u|du|(r|chi)\d+_dot|Omega|tau_\w+|\w+_hat_dot")
+_SHOWN: Final = ("Filters", "Estimate", "Adaptation", "Backstepping", "Compensator", "Closed loop")
 _HIDDEN: Final = re.compile(r"epsilon\d+|e")
 
 Tree = list[Any] | float | str
@@ -72,7 +73,14 @@ def facts_of(manifest: Manifest, folder: Path) -> dict[str, Any]:
             "names": list(manifest.start.names),
             "variables": [vars(item) for item in manifest.start.variables],
             "terms": [tree(ast.parse(term, mode="eval").body) for term in manifest.start.terms],
+            "guesses": list(manifest.start.guesses),
         },
+        "compensator": list(compensator_states(manifest)),
+        "estimates": [
+            {"name": item.name, "truth": tree(ast.parse(item.truth, mode="eval").body)}
+            for item in manifest.states
+            if item.truth
+        ],
         "simulation": _simulation(manifest),
         "reference": _reference(manifest),
         "derived": derived,

@@ -20,6 +20,7 @@ from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.modelfile.reader import read_document
 from pmjoint_codegen.provision import Notify, Provided, Stage, provide_document
 from pmjoint_codegen.simulate.blocks import compensator_states
+from pmjoint_codegen.simulate.estimates import is_adaptive
 from pmjoint_codegen.values import BRAKING, COMPENSATOR
 from pmjoint_codegen.workspace import cache_dir, find_model
 
@@ -121,7 +122,7 @@ def prepare(
     own = BRAKING if any(item.name == BRAKING for item in base.settable) else COMPENSATOR
     variants = {own: provide(knobbed.document)}
     other = COMPENSATOR if own == BRAKING else BRAKING
-    if base.rho == BRAKING_ORDER:
+    if base.rho == BRAKING_ORDER and not is_adaptive(base):
         try:
             variants[other] = provide(knobbed.document, other)
         except ModelError as error:

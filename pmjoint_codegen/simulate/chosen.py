@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from pmjoint_codegen.errors import UsageError, did_you_mean, quoted
 from pmjoint_codegen.manifest import Manifest
+from pmjoint_codegen.simulate.panels import Line, Panel, unit_text
 from pmjoint_codegen.simulate.record import COMMAND
-from pmjoint_codegen.simulate.sheets import Line, Panel, unit_text
 from pmjoint_codegen.simulate.style import BLACK, BLUE, GREY, RED
 from pmjoint_codegen.simulate.symbols import symbol
 

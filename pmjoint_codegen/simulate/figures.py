@@ -11,11 +11,14 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+import numpy as np
+
 from pmjoint_codegen import storage
+from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.simulate.chosen import chosen_panels
 from pmjoint_codegen.simulate.page import PRINTED, Page
+from pmjoint_codegen.simulate.panels import Panel
 from pmjoint_codegen.simulate.sheets import (
-    Panel,
     Sheet,
     caption,
     limit_name,
@@ -32,6 +35,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from pmjoint_codegen.simulate.against import Log
+    from pmjoint_codegen.simulate.estimates import FrozenError
     from pmjoint_codegen.simulate.record import Record
     from pmjoint_codegen.simulate.style import Look
 
@@ -41,6 +45,7 @@ LABEL = 0.37  # inches from a panel to its vertical label
 CAPTION_LINE = 0.165  # inches
 SHORT_LINE: Final = 0.92  # of the characters that fit on average: wide ones weigh more in a short line
 LONG_LEGEND: Final = 60  # characters of all labels, as Matplotlib's mathematics, above a panel of half a page
+FEW, WIDE = 5.0, 100.0  # ratios of a logarithmic axis' ends: ticks as on a linear axis, at 1, 2, 5, at 1
 SHADE = {-1: "#d9e3ee", 1: "#f3dcd6"}  # saturated below, above
 STYLE: Final = {
     "axes.labelsize": 10.0,
@@ -64,6 +69,7 @@ def write_figures(
     detail: Record | None = None,
     notes: Sequence[str] = (),
     log: Log | None = None,
+    frozen: FrozenError | None = None,
     page: Page = PRINTED,
     kinds: Sequence[str] = ("png",),
     progress: Callable[[float], None] = lambda fraction: None,
@@ -76,6 +82,7 @@ def write_figures(
         detail: the same run up to its `transient_window` at a finer output step, for the transient's panel.
         notes: changes to mention in the captions that the run itself cannot recognise as such.
         log: a recorded run, drawn as dots over the curves of the same names.
+        frozen: the error of the same run without adaptation, for that of an adaptive controller.
         page: that they are drawn for.
         kinds: formats of the files, each one of `style.KINDS`.
         progress: called periodically with the fraction completed.
@@ -83,7 +90,7 @@ def write_figures(
     Raises:
         UsageError: a file cannot be written.
     """
-    plans = sheets(run)
+    plans = sheets(run, frozen)
     paths: list[Path] = []
     for done, sheet in enumerate((None, *plans), start=1):
         figure = (
@@ -129,7 +136,7 @@ def draw(
                 _plot(row[0], run, panel, window, log, page, detail)
             _plot(row[-1], run, panel, None, log, page)
             row[0].set_ylabel(panel.label)
-            _legend(row[-1], panel, page)
+            _head(row[-1], panel, page)
         if window:
             _name_limits(grid[0][0], run, window, page)
         finish(figure, grid, lines, page)
@@ -159,7 +166,7 @@ def draw_onto(axes: Axes, run: Record, panel: Panel) -> None:
     """Draw one panel onto axes of a figure of the caller's own, in whose style it stays."""
     _shade(axes, run)
     for line in panel.lines:
-        axes.plot(run.t, line.values(run), line.dash, color=line.colour, label=line.label)
+        axes.plot(*line.curve(run), line.dash, color=line.colour, label=line.label)
     axes.set_xlabel("$t$ (s)")
     axes.set_ylabel(panel.label)
     if run.t.size and run.t[-1] > 0:
@@ -181,7 +188,7 @@ def _in_columns(
         for axes, panel in zip((axes for row in grid for axes in row), panels, strict=True):
             _plot(axes, run, panel, None, log, page)
             axes.set_ylabel(panel.label)
-            _legend(axes, panel, page)
+            _head(axes, panel, page)
         finish(figure, grid, lines, page)
     return figure
 
@@ -233,33 +240,58 @@ def _plot(
 ) -> None:
     """Draw the curves of a panel, those of `detail` if given, over the time to `until` (None: all of it)."""
     _shade(axes, run)
-    axes.axhline(0.0, color=GREY, linewidth=0.3 * page.scale, zorder=1)
+    if panel.based and not panel.decades:
+        axes.axhline(0.0, color=GREY, linewidth=0.3 * page.scale, zorder=1)
     for mark in (*panel.marks, *panel.levels):
         axes.axhline(mark, color=GREY, linewidth=0.5 * page.scale, linestyle=(0, (1, 2)), zorder=1)
     end = float(run.t[-1]) if until is None else until
-    drawn = detail or run
-    chosen = drawn.t <= end
     for line in panel.lines:
-        axes.plot(drawn.t[chosen], line.values(drawn)[chosen], line.dash, color=line.colour, label=line.label)
+        t, values = line.curve(detail or run)
+        chosen = t <= end
+        shown = magnitudes(values) if panel.decades else values
+        axes.plot(t[chosen], shown[chosen], line.dash, color=line.colour, label=line.label)
         if log is not None and line.column in log.columns:
             seen = (log.t >= 0.0) & (log.t <= end)
             recorded: dict[str, Any] = {"markersize": 1.6 * page.scale, "color": line.colour, "alpha": 0.6}
             axes.plot(log.t[seen], log.columns[line.column][seen] / line.unit, ".", **recorded)
     if end > 0:  # a run may have ended at its start
         axes.set_xlim(0.0, end)
-    set_ticks(axes, page)
+    set_ticks(axes, page, 0 if panel.is_zero(run) else panel.decades)
     if panel.clip is not None and until is None:
         clip_axis(axes, run, panel, page)
     if log is None and panel.is_zero(run):
         say_zero(axes, page)
 
 
-def set_ticks(axes: Axes, page: Page) -> None:
-    """Choose few ticks at round numbers, as many as a panel of its width has room for."""
-    from matplotlib.ticker import MaxNLocator
+def magnitudes(values: Array) -> Array:
+    """Magnitudes for a logarithmic axis, which has no place for 0."""
+    return np.where(values == 0.0, np.nan, np.abs(values))
+
+
+def set_ticks(axes: Axes, page: Page, decades: int = 0) -> None:
+    """Choose few ticks at round numbers, as many as a panel has room for.
+
+    Args:
+        axes: of the panel.
+        page: that it is drawn for.
+        decades: that a logarithmic axis shows; 0: the axis is linear.
+    """
+    from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator, ScalarFormatter
 
     across = axes.get_position().width * page.width / page.scale  # inches, as if the text had its usual size
     axes.xaxis.set_major_locator(MaxNLocator(nbins=max(2, min(5, int(across / 0.35))), steps=[1, 2, 5, 10]))
+    if decades:
+        axes.set_yscale("log")
+        low, high = axes.get_ylim()
+        low = max(low, high * 10.0**-decades)
+        axes.set_ylim(low, high)
+        axes.yaxis.set_minor_locator(NullLocator())
+        if high <= low * WIDE:
+            axes.yaxis.set_major_formatter(ScalarFormatter())
+        if high > low * FEW:
+            subs = (1.0,) if high > low * WIDE else (1.0, 2.0, 5.0)
+            axes.yaxis.set_major_locator(LogLocator(subs=subs, numticks=6))
+            return
     axes.yaxis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 2, 5, 10], min_n_ticks=3))
 
 
@@ -306,6 +338,14 @@ def _name_limits(axes: Axes, run: Record, until: float, page: Page) -> None:
             shift = max(0.0, free - box.x0)
             name.set_x((start + stop) / 2 + shift * until / axes.bbox.width)
             free = box.x1 + shift + 0.2 * box.height
+
+
+def _head(axes: Axes, panel: Panel, page: Page) -> None:
+    """Write what stands above a panel: its remark on the left, the legend on the right."""
+    if panel.remark:
+        place: dict[str, Any] = {"ha": "left", "va": "bottom", "fontsize": 7.5 * page.scale, "color": GREY}
+        axes.text(0.0, 1.01, panel.remark, transform=axes.transAxes, **place)
+    _legend(axes, panel, page)
 
 
 def _legend(axes: Axes, panel: Panel, page: Page) -> None:

@@ -2,8 +2,8 @@
 
 ``trajectory.csv`` and ``summary.json`` are for everyone. ``run.json`` says what made them: the command, all
 settings, versions, hashes of the files beside it. ``transient.csv`` has the saturated transient on a fine
-grid, ``against.csv`` a recorded run that was compared. Only ``summary.json`` differs between two equal runs:
-it has their duration.
+grid, ``against.csv`` a recorded run that was compared, ``frozen.csv`` the error that an adaptive controller
+makes without adaptation. Only ``summary.json`` differs between two equal runs: it has their duration.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from pmjoint_codegen.errors import UsageError
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.logs.formats import FORMATS
 from pmjoint_codegen.simulate.against import Log
+from pmjoint_codegen.simulate.estimates import FrozenError
 from pmjoint_codegen.simulate.recorded import SCHEMA, contents_of, run_from, tables, versions_of
 from pmjoint_codegen.simulate.style import KINDS
 from pmjoint_codegen.simulate.trajectory import csv_columns
@@ -35,6 +36,7 @@ SUMMARY: Final = "summary.json"
 TRAJECTORY: Final = "trajectory.csv"
 TRANSIENT: Final = "transient.csv"
 AGAINST: Final = "against.csv"
+FROZEN: Final = "frozen.csv"
 DRAWN: Final = ("figure[0-9]*_*", "overview", "signals_*", "comparison")  # figures of `simulate` and `plot`
 
 
@@ -62,6 +64,7 @@ class RunFolder:
         run: as it was when it was written.
         detail: its saturated transient on a fine grid; None if there is none.
         log: the recorded run that it was compared with; None if there is none.
+        frozen: the error of the same run without adaptation; None if there is none.
         origin: what made it.
         versions: of the packages that made it.
     """
@@ -70,6 +73,7 @@ class RunFolder:
     run: Run
     detail: Run | None
     log: Log | None
+    frozen: FrozenError | None
     origin: Origin
     versions: Mapping[str, str]
 
@@ -82,6 +86,7 @@ def write_run(
     formats: Sequence[str] = (),
     detail: Record | None = None,
     log: Log | None = None,
+    frozen: FrozenError | None = None,
 ) -> tuple[Path, ...]:
     """Write a run, each file whole or not at all, and return the files for a reader.
 
@@ -96,6 +101,7 @@ def write_run(
         formats: of the trajectory, besides ``csv``.
         detail: its saturated transient on a fine grid.
         log: a recorded run that it was compared with.
+        frozen: the error of the same run without adaptation.
 
     Raises:
         UsageError: a file cannot be written.
@@ -114,7 +120,10 @@ def write_run(
         replace(run, t=detail.t, states=detail.states, signals=detail.signals).to_csv(beside[-1])
     if log is not None:
         beside.append(folder / AGAINST)
-        _write_log(log, beside[-1])
+        _write_columns({"t": log.t, **log.columns}, beside[-1])
+    if frozen is not None:
+        beside.append(folder / FROZEN)
+        _write_columns({"t": frozen.t, "e": frozen.e}, beside[-1])
     contents = {
         "schema": SCHEMA,
         "command": origin.command,
@@ -169,6 +178,7 @@ def read_folder(folder: str | Path) -> RunFolder:
             run,
             replace(run, **tables(run.manifest, read[TRANSIENT])) if TRANSIENT in read else None,
             _log(contents["against"], read[AGAINST]) if AGAINST in read else None,
+            FrozenError(read[FROZEN]["t"], read[FROZEN]["e"]) if FROZEN in read else None,
             Origin(contents["command"], contents["model"]["given"], tuple(contents["notes"])),
             contents["versions"],
         )
@@ -211,7 +221,7 @@ def _no_run(folder: Path) -> UsageError:
 def _leftovers(folder: Path) -> Iterator[Path]:
     """Whatever an earlier run, or a figure drawn of it, may have left."""
     yield from (folder / f"trajectory.{item.name}" for item in FORMATS)
-    yield from (folder / name for name in (TRANSIENT, AGAINST))
+    yield from (folder / name for name in (TRANSIENT, AGAINST, FROZEN))
     for kind in KINDS:
         for stem in DRAWN:
             yield from folder.glob(f"{stem}.{kind}")
@@ -231,12 +241,11 @@ def _columns(path: Path, digest: str, again: str) -> dict[str, Array]:
     return {name: np.ascontiguousarray(values[:, k]) for k, name in enumerate(names)}
 
 
-def _write_log(log: Log, path: Path) -> None:
-    """Write a recorded run in the units of the simulated one."""
-    names = ("t", *log.columns)
-    rows = zip(log.t.tolist(), *(column.tolist() for column in log.columns.values()), strict=True)
+def _write_columns(columns: Mapping[str, Array], path: Path) -> None:
+    """Write columns as a file of numbers below a header, as `_columns` reads it."""
+    rows = zip(*(column.tolist() for column in columns.values()), strict=True)
     with writing(path) as stream:
-        stream.write((",".join(names) + "\n").encode())
+        stream.write((",".join(columns) + "\n").encode())
         for row in rows:
             stream.write((",".join(map(repr, row)) + "\n").encode())
 

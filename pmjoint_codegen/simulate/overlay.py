@@ -12,6 +12,7 @@ from pmjoint_codegen.errors import UsageError, did_you_mean, quoted
 from pmjoint_codegen.simulate.assumptions import parts_of
 from pmjoint_codegen.simulate.blocks import compensator_states
 from pmjoint_codegen.simulate.chosen import WHERE, chosen_panels
+from pmjoint_codegen.simulate.estimates import estimates
 from pmjoint_codegen.simulate.figures import (
     TOP,
     canvas,
@@ -22,7 +23,8 @@ from pmjoint_codegen.simulate.figures import (
     say_zero,
     set_ticks,
 )
-from pmjoint_codegen.simulate.sheets import Panel, input_clip, plain
+from pmjoint_codegen.simulate.panels import Panel
+from pmjoint_codegen.simulate.sheets import input_clip, plain
 from pmjoint_codegen.simulate.style import GREY, styled
 from pmjoint_codegen.simulate.symbols import symbol
 
@@ -98,10 +100,11 @@ def _panels(comparison: Comparison, signals: Sequence[str] | None) -> tuple[Pane
                 )
         return tuple(_clipped(panel, runs) for panel in chosen_panels(runs[0], signals))
     n = min(run.manifest.n for run in runs)
-    states = compensator_states(runs[0].manifest)
     wanted = ["y+y_r", "e", "v", "u"]
-    wanted += [name for name in states if name in common and any(run[name].any() for run in runs)]
+    driven = [name for name in compensator_states(runs[0].manifest) if name in common]
+    wanted += [name for name in driven if any(run[name].any() for run in runs)]
     wanted += [f"x{i}-x_hat{i}" for i in range(1, n + 1)]
+    wanted += [item.name for item in estimates(runs[0])]
     pieces = {entry: [part for name in entry.split("+") for part in name.split("-")] for entry in wanted}
     known = [entry for entry in wanted if all(part in common for part in pieces[entry])]
     return tuple(_clipped(panel, runs) for panel in chosen_panels(runs[0], known))

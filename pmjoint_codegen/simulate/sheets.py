@@ -2,81 +2,35 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.manifest import Manifest
+from pmjoint_codegen.simulate.adaptive_panels import (
+    adaptation_caption,
+    error_caption,
+    error_panels,
+    estimate_panels,
+    lyapunov_panel,
+)
 from pmjoint_codegen.simulate.assumptions import sentence
 from pmjoint_codegen.simulate.blocks import compensator_states
 from pmjoint_codegen.simulate.disturbance import disturbance_names, pressures
+from pmjoint_codegen.simulate.estimates import is_adaptive
+from pmjoint_codegen.simulate.panels import COLOURS, Line, Panel, by_unit, family, single, unit_text
 from pmjoint_codegen.simulate.record import COMMAND, RATE
-from pmjoint_codegen.simulate.style import BLACK, BLUE, GREY, RED
+from pmjoint_codegen.simulate.style import BLUE, GREY, RED
+from pmjoint_codegen.simulate.symbols import symbol
 
 if TYPE_CHECKING:
+    from pmjoint_codegen.simulate.estimates import FrozenError
     from pmjoint_codegen.simulate.record import Record
 
 PASCALS_IN_BAR = 1e5
-_COLOURS = (BLACK, BLUE, RED, GREY)
 _BOUNDS = {-1: "lower limit", 1: "upper limit"}
 _LIMITS = {-1: "$-u_{\\max}$", 1: "$u_{\\max}$"}
-
-
-@dataclass(frozen=True)
-class Line:
-    """One curve.
-
-    Attributes:
-        column: name of the signal in the run; ``a-b`` is a difference of two.
-        label: text in the legend.
-        colour: of the line.
-        dash: matplotlib's line style.
-        unit: what one unit of the axis is in the signal's unit.
-    """
-
-    column: str
-    label: str
-    colour: str = BLACK
-    dash: str = "-"
-    unit: float = 1.0
-
-    def values(self, run: Record) -> Array:
-        """Return the curve at the run's output instants, shape (rows,)."""
-        if self.unit != 1.0:
-            return run[self.column] / self.unit
-        first, _, second = self.column.partition("-")
-        return run[first] - run[second] if second else run[first]
-
-
-@dataclass(frozen=True)
-class Panel:
-    """One pair of axes: curves over time.
-
-    Attributes:
-        lines: its curves, the most important one last, on top.
-        label: what the vertical axis shows.
-        clip: largest magnitude that the whole-run panel shows, or None for all.
-        levels: values to mark by horizontal lines, without moving the axis.
-        marks: values to mark by horizontal lines.
-    """
-
-    lines: tuple[Line, ...]
-    label: str
-    clip: float | None = None
-    levels: tuple[float, ...] = ()
-    marks: tuple[float, ...] = ()
-
-    def is_zero(self, run: Record) -> bool:
-        """Whether every curve is exactly 0 over the whole run, as r is without a compensator."""
-        return all(not line.values(run).any() for line in self.lines)
-
-    @property
-    def needs_legend(self) -> bool:
-        """Whether the curves need a legend besides the vertical label."""
-        return len(self.lines) > 1
 
 
 @dataclass(frozen=True)
@@ -87,41 +41,54 @@ class Sheet:
         stem: file name without ending.
         panels: from top to bottom.
         caption: one or two sentences.
+        compensator: whether it shows a state of the compensator.
     """
 
     stem: str
     panels: tuple[Panel, ...]
     caption: str
-
-    @property
-    def compensator(self) -> bool:
-        """Whether it shows a state of the compensator."""
-        return re.fullmatch(r"figure\d+_r\d+", self.stem) is not None
+    compensator: bool = False
 
 
-def sheets(run: Record) -> tuple[Sheet, ...]:
-    """Plan the figures of a run: tracking, the states from x2, the compensator, v and u, the estimate."""
-    manifest = run.manifest
+def sheets(run: Record, frozen: FrozenError | None = None) -> tuple[Sheet, ...]:
+    """Plan the figures of a run: tracking, the states from x2, the compensator, v and u, the estimate.
+
+    Args:
+        run: what to show.
+        frozen: the error of the same run without adaptation, to draw beside that of an adaptive controller.
+    """
+    manifest, compensator = run.manifest, compensator_states(run.manifest)
     parts = "$e = y - y_r$"
-    if compensator_states(manifest):
-        parts = "$e = y - y_r = z_1 + r_1$ and its two parts" if run["r1"].any() else "$e = y - y_r = z_1$"
+    if compensator:
+        first = compensator[0]
+        parts = (
+            f"$e = y - y_r = z_1 + {bare(first)}$ and its two parts"
+            if run[first].any()
+            else "$e = y - y_r = z_1$"
+        )
     tracking = f"Tracking: output $y$ and reference $y_r$; error {parts}."
     plans: list[tuple[str, tuple[Panel, ...], str]] = [
         ("tracking_error", (output_panel(run), error_panel(run)), tracking)
     ]
     for i in range(2, manifest.n + 1):
         plans.append((f"x{i}", *_state(run, i)))
-    for i in range(1, len(compensator_states(manifest)) + 1):
+    for i, name in enumerate(compensator, start=1):
         which = "last state, driven by $u - v$" if i == manifest.rho else f"state {i}"
-        panel = _single(manifest, f"r{i}", f"$r_{i}$")
-        plans.append((f"r{i}", (panel,), f"Saturation compensator (23), {which}."))
+        panel = single(manifest, name, symbol(name))
+        plans.append((name, (panel,), f"Saturation compensator (23), {which}."))
     law = "Control law $v$ and applied input $u = \\mathrm{sat}(v)$" + _saturation_text(run)
     plans.append(("v_u", _input_panels(run), law))
     estimate = "States, their estimates $\\hat{x}$ (15), and what the estimates miss."
     plans.append(("estimate", (*_estimate_panels(manifest), *miss_panels(manifest)), estimate))
     if pressures(run):
         plans.append(("pressures", _pressure_panels(run), _pressure_text(run)))
-    made = (Sheet(f"figure{k}_{stem}", panels, text) for k, (stem, panels, text) in enumerate(plans, start=1))
+    if is_adaptive(manifest):
+        plans.append(("adaptation", (*estimate_panels(run), *lyapunov_panel(run)), adaptation_caption(run)))
+        plans.append(("adaptive_error", error_panels(run, frozen), error_caption(frozen)))
+    made = (
+        Sheet(f"figure{k}_{stem}", panels, text, stem in compensator)
+        for k, (stem, panels, text) in enumerate(plans, start=1)
+    )
     return tuple(
         sheet for sheet in made if not (sheet.compensator and all(p.is_zero(run) for p in sheet.panels))
     )
@@ -133,13 +100,13 @@ def overview_panels(run: Record) -> tuple[Panel, ...]:
     both = (Line("v", "$v$", BLUE), Line("u", "$u$"))
     v_u = Panel(both, "$v,\\ u$" + unit_text(manifest, "u"), input_clip(run), _limits(run))
     first = min(2, manifest.n)
-    states = (_rate(manifest),) if pressures(run) else _family(manifest, "x", range(first, manifest.n + 1))
-    r = (
-        panel
-        for panel in _family(manifest, "r", range(1, len(compensator_states(manifest)) + 1))
-        if not panel.is_zero(run)
-    )
-    return output_panel(run), error_panel(run), *states, *r, v_u, *miss_panels(manifest)
+    names = [f"x{i}" for i in range(first, manifest.n + 1)]
+    states = (_rate(manifest),) if pressures(run) else family(manifest, names, "x")
+    driven = compensator_states(manifest)
+    stem = bare(driven[0]).partition("_")[0] if driven else ""
+    r = (panel for panel in family(manifest, driven, stem) if not panel.is_zero(run))
+    adaptive = (*estimate_panels(run), *lyapunov_panel(run))
+    return output_panel(run), error_panel(run), *states, *r, v_u, *miss_panels(manifest), *adaptive
 
 
 def caption(run: Record, sheet: Sheet, notes: Sequence[str]) -> str:
@@ -175,14 +142,6 @@ def limit_name(run: Record, mode: int) -> str:
     return _LIMITS[mode] if len(run.manifest.limit_parameters) == 1 else _BOUNDS[mode]
 
 
-def unit_text(manifest: Manifest, name: str) -> str:
-    """Format a signal's unit for an axis: ``(rad/s$^2$)``, or nothing for a pure number."""
-    unit = next((item.unit for item in (*manifest.states, *manifest.signals) if item.name == name), "")
-    first, *powers = unit.split("^")
-    raised = first + "".join(f"$^{{{piece[:1]}}}${piece[1:]}" for piece in powers)
-    return f" ({raised})" if unit not in ("", "1") else ""
-
-
 def output_panel(run: Record) -> Panel:
     """Show y and the reference; and what it was filtered from."""
     lines: tuple[Line, ...] = (Line("y_r", "$y_r$", RED, "--"), Line("y", "$y$"))
@@ -193,9 +152,12 @@ def output_panel(run: Record) -> Panel:
 
 
 def error_panel(run: Record) -> Panel:
-    """Show e and its parts r1 and z1; only e where r1 is 0, and e is z1."""
-    parts: tuple[Line, ...] = (Line("r1", "$r_1$", BLUE, "--"), Line("z1", "$z_1$", RED, ":"))
-    if not compensator_states(run.manifest) or not run["r1"].any():
+    """Show e and its parts r1, or chi1, and z1; only e where that is 0, and e is z1."""
+    driven = compensator_states(run.manifest)
+    parts: tuple[Line, ...] = (Line("z1", "$z_1$", RED, ":"),)
+    if driven:
+        parts = (Line(driven[0], symbol(driven[0]), BLUE, "--"), *parts)
+    if not driven or not run[driven[0]].any():
         parts = ()
     return Panel((*parts, Line("e", "$e$")), "$e$" + unit_text(run.manifest, "y"))
 
@@ -203,44 +165,20 @@ def error_panel(run: Record) -> Panel:
 def miss_panels(manifest: Manifest) -> tuple[Panel, ...]:
     """Show the estimation errors, a panel for each unit."""
     lines = [
-        Line(f"x{i}-x_hat{i}", f"$x_{i} - \\hat{{x}}_{i}$", _COLOURS[(i - 1) % 4])
+        Line(f"x{i}-x_hat{i}", f"$x_{i} - \\hat{{x}}_{i}$", COLOURS[(i - 1) % 4])
         for i in range(1, manifest.n + 1)
     ]
-    return _by_unit(manifest, lines, "$x - \\hat{x}$")
-
-
-def _by_unit(manifest: Manifest, lines: Sequence[Line], label: str) -> tuple[Panel, ...]:
-    """Give the curves of each unit a panel of their own; a single curve labels its axis."""
-    units: dict[str, tuple[Line, ...]] = {}
-    for line in lines:
-        unit = unit_text(manifest, line.column.partition("-")[0])
-        units[unit] = (*units.get(unit, ()), line)
-    return tuple(
-        Panel((replace(own[0], colour=BLACK),), own[0].label + unit)
-        if len(own) == 1
-        else Panel(own, label + unit)
-        for unit, own in units.items()
-    )
-
-
-def _single(manifest: Manifest, name: str, symbol: str) -> Panel:
-    return Panel((Line(name, symbol),), symbol + unit_text(manifest, name))
-
-
-def _family(manifest: Manifest, stem: str, indices: range) -> tuple[Panel, ...]:
-    """Show several states of one kind, a panel for each unit."""
-    lines = [Line(f"{stem}{i}", f"${stem}_{i}$", _COLOURS[k % 4]) for k, i in enumerate(indices)]
-    return _by_unit(manifest, lines, f"${stem}$")
+    return by_unit(manifest, lines, "$x - \\hat{x}$")
 
 
 def _rate(manifest: Manifest) -> Panel:
     """Show a joint's angular velocity."""
-    return _single(manifest, RATE, "$\\dot\\theta$")
+    return single(manifest, RATE, "$\\dot\\theta$")
 
 
 def _state(run: Record, i: int) -> tuple[tuple[Panel, ...], str]:
     """Show one state; a joint's x2 and so on are coordinates of the design: the velocity stands beside x2."""
-    panel = _single(run.manifest, f"x{i}", f"$x_{i}$")
+    panel = single(run.manifest, f"x{i}", f"$x_{i}$")
     if not pressures(run):
         return (panel,), f"State $x_{i}$."
     if i > 2:
@@ -277,7 +215,7 @@ def _pressure_panels(run: Record) -> tuple[Panel, ...]:
         Line("P2", "$P_2$", RED, "--", unit=PASCALS_IN_BAR),
     )
     acting = [name for name in names if run[name].any()] or names[-1:]
-    left_out = (_single(run.manifest, name, f"$D_{name[1:]}$") for name in acting)
+    left_out = (single(run.manifest, name, f"$D_{name[1:]}$") for name in acting)
     return Panel(lines, "$P_1,\\ P_2$ (bar)", marks=(0.0, limit)), *left_out
 
 
@@ -316,6 +254,11 @@ def _settings_caption(run: Record, notes: Sequence[str]) -> str:
     """List what is assumed or changed, and how a failed run ended."""
     failed = "" if run.status == Status.DONE else f" The run {plain(run.message)}."
     return plain(sentence(run, notes)).replace("y_r =", "$y_r$ =") + failed
+
+
+def bare(name: str) -> str:
+    """The symbol of a column, to stand inside of mathematics."""
+    return symbol(name).strip("$")
 
 
 def plain(text: str) -> str:

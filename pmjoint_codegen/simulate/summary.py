@@ -11,6 +11,7 @@ import numpy as np
 from pmjoint_codegen.chain import clocked
 from pmjoint_codegen.loops.status import holds
 from pmjoint_codegen.simulate.disturbance import disturbance_summary
+from pmjoint_codegen.simulate.estimates import LYAPUNOV, estimates
 from pmjoint_codegen.simulate.record import COMMAND
 from pmjoint_codegen.simulate.settings import left_out
 from pmjoint_codegen.values import BRAKING, CLIP, COMPENSATOR
@@ -62,6 +63,7 @@ def summarise(run: Record) -> dict[str, Any]:
         "max_abs_e": finite(run.peaks["e"][0]),
         "settling_s": run.settling_s,
         "final_e": finite(float(run["e"][-1])),
+        **estimation_summary(run),
         **disturbance_summary(run),
         "peaks": {name: [finite(value), t] for name, (value, t) in run.peaks.items()},
     }
@@ -105,6 +107,28 @@ def stick_summary(run: Record) -> dict[str, Any]:
         "stuck_s": sum(end - start for start, end in run.sticks),
         "sticks": [list(interval) for interval in run.sticks],
     }
+
+
+def estimation_summary(run: Record) -> dict[str, Any]:
+    """Where estimates and V began and ended, and the plant's own values; nothing without estimates."""
+    found = estimates(run)
+    if not found:
+        return {}
+    told: dict[str, Any] = {
+        "estimates": {
+            item.name: {
+                "of": item.of,
+                "first": finite(float(run[item.name][0])),
+                "final": finite(float(run[item.name][-1])),
+                "true": finite(item.truth),
+                "range": None if item.range is None else list(item.range),
+            }
+            for item in found
+        }
+    }
+    if LYAPUNOV in run.columns:
+        told["V"] = {"first": finite(float(run[LYAPUNOV][0])), "final": finite(float(run[LYAPUNOV][-1]))}
+    return told
 
 
 def saturated_time(run: Record) -> float:

@@ -5,7 +5,15 @@ from __future__ import annotations
 import re
 from typing import Final
 
-_GREEK: Final = {"lambda": "\\lambda", "xi": "\\xi", "Xi": "\\Xi", "alpha": "\\alpha", "chi": "\\chi"}
+_GREEK: Final = {
+    "lambda": "\\lambda",
+    "xi": "\\xi",
+    "Xi": "\\Xi",
+    "alpha": "\\alpha",
+    "chi": "\\chi",
+    "rho": "\\varrho",
+    "theta": "\\theta",
+}
 _WHOLE: Final = {
     "theta": "$\\theta$",
     "theta_dot": "$\\dot\\theta$",
@@ -35,6 +43,7 @@ _STEMS: Final = (
     "F",
     "d",
     "b",
+    "g",
 )
 
 
@@ -47,6 +56,9 @@ def symbol(name: str) -> str:
         return _WHOLE[name]
     if re.fullmatch(r"[a-zA-Z]", name):
         return f"${name}$"
+    estimated = re.fullmatch(r"([a-zA-Z]+?)_?(\d*)_hat", name)
+    if estimated is not None:
+        return _estimate(*estimated.groups())
     match = re.fullmatch(rf"({'|'.join(_STEMS)})(\d+)", name)
     if match is None:
         return "$\\mathrm{" + name.replace("_", "\\_") + "}$"
@@ -56,3 +68,10 @@ def symbol(name: str) -> str:
     if stem == "ck":
         return f"$c_{{k{index}}}$"
     return f"${_GREEK.get(stem, stem)}_{{{index}}}$"
+
+
+def _estimate(stem: str, index: str) -> str:
+    """An estimate: its hat is over the stem alone, as wide as a word."""
+    letter = _GREEK.get(stem, stem)
+    hat = f"\\hat{{{letter}}}" if letter != stem or len(stem) == 1 else f"\\widehat{{\\mathrm{{{stem}}}}}"
+    return f"${hat}_{{{index}}}$" if index else f"${hat}$"

@@ -13,8 +13,14 @@ from pmjoint_codegen.simulate.summary import summarise
 if TYPE_CHECKING:
     from pmjoint_codegen.simulate.record import Record
 
-_BLOCK_GROUPS = {"x": "plant", "r": "compensator"}  # the other blocks of X are those of the filters
-_SIGNAL_GROUPS = ((r"x_hat\d+", "estimate"), (r"D\d+", "disturbance"))
+_BLOCK_GROUPS = {  # the other blocks of X are those of the filters
+    "x": "plant",
+    "r": "compensator",
+    "Theta": "adaptation",
+    "rho": "adaptation",
+    "Gamma": "adaptation",
+}
+_SIGNAL_GROUPS = ((r"x_hat\d+", "estimate"), (r"D\d+", "disturbance"), ("V", "adaptation"))
 
 
 def csv_columns(manifest: Manifest) -> tuple[str, ...]:

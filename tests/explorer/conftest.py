@@ -1,4 +1,4 @@
-"""One browser, and the pages under test: two shipped models, and one with the whole chain and with data."""
+"""One browser, and the pages under test: three shipped models, and one with the whole chain and with data."""
 
 from __future__ import annotations
 
@@ -112,6 +112,12 @@ def chained(tmp_path_factory: pytest.TempPathFactory) -> Shown:
         text = text.replace(given, wanted)
     (folder / "chained.toml").write_text(text, encoding="utf-8")
     return shown(str(folder / "chained.toml"), folder, only="compensator")
+
+
+@pytest.fixture(scope="session")
+def adaptive(tmp_path_factory: pytest.TempPathFactory) -> Shown:
+    """A controller with estimates."""
+    return shown("paper-adaptive", tmp_path_factory.mktemp("adaptive"))
 
 
 def opened(browser: Browser, address: str, **screen: Any) -> Tab:

@@ -21,7 +21,8 @@ from .devtools import Browser, Tab
 
 TOLERANCE = 1e-9  # of every column, relative to max(1, its largest value): a run's own local error is 1e-10
 EVERY = 20  # rows
-RUNS = {"paper": 10, "lagging": 4, "chained": 6}
+RUNS = {"paper": 10, "lagging": 4, "chained": 6, "adaptive": 4}
+ESTIMATED = {"b0": 2.0, "b0_guess": 1.2, "d1": 0.2, "d1_guess": -0.5, "gamma_b0": 1.0, "gamma_d1": 1.0}
 
 
 def drawn(name: str, seed: int) -> Iterator[dict[str, Any]]:
@@ -44,10 +45,14 @@ def drawn(name: str, seed: int) -> Iterator[dict[str, Any]]:
             values |= {"reference_gain": near(0.7), "reference_rate": near(1.2), "load": draw.uniform(-1, 1)}
         if name == "chained":
             values |= {key: near(value) for key, value in {"noise": 2e-4, "rate": 300, "filter": 250}.items()}
+        if name == "adaptive":
+            values |= {key: near(value) for key, value in ESTIMATED.items()} | {
+                "leakage": draw.uniform(0, 0.01)
+            }
         sampled = i % 2 == 0 if name != "chained" else i != 1
         size = {"lagging": 0.05}.get(name, 1.5)
         yield {
-            "saturation": kinds[i % len(kinds)],
+            "saturation": "compensator" if name == "adaptive" else kinds[i % len(kinds)],
             "controller": "sampled" if sampled else "continuous",
             "sample_time": draw.choice([0.001, 0.002]),
             "start": draw.choice(["zero", "matched"]),
@@ -55,7 +60,7 @@ def drawn(name: str, seed: int) -> Iterator[dict[str, Any]]:
             "x0": [round(draw.uniform(-size, size), 3) for _ in range({"lagging": 2}.get(name, 2))]
             + [0.0] * {"lagging": 2}.get(name, 0),
             "values": values,
-            "factors": {own: near(1.0, 1.2)},
+            "factors": {} if name == "adaptive" else {own: near(1.0, 1.2)},
         }
 
 
@@ -117,6 +122,23 @@ def test_v_is_that_of_the_certificate(tab: Tab) -> None:
     epsilon = np.array([1.5, 0.0])
     weight = 1 / (2 * values["e1"]) + 1 / (2 * values["e2"])
     assert found["V"] == pytest.approx(float(z @ z / 2 + weight * epsilon @ P @ epsilon), rel=1e-12)
+
+
+def test_estimates_start_at_their_guesses_and_have_plots(browser: Browser, adaptive: Shown) -> None:
+    tab = opened(browser, adaptive.address)
+    found = looked(tab, {"values": {"d1_guess": 0.75}})["columns"]
+    assert (found["b0_hat"][0], found["d1_hat"][0]) == (1.2, 0.75)
+    assert found["V"][-1] < found["V"][0]
+    titles = tab.evaluate(
+        "[...document.querySelectorAll('figcaption .title')].map((node) => node.textContent)"
+    )
+    assert {"Estimate of b₀", "Estimate of d₁", "Lyapunov function"} <= set(titles)
+    rows = tab.evaluate(
+        "[...document.querySelectorAll('#controls .row input[type=range]')].map((node) => node.id)"
+    )
+    assert {"row-b0", "row-b0_guess", "row-b0_high", "row-gamma_d1", "row-leakage"} <= set(rows)
+    assert "u at a limit" in tab.evaluate("document.body.textContent")
+    tab.close()
 
 
 def test_the_command_names_what_was_set(tab: Tab) -> None:

@@ -18,6 +18,7 @@ from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.assumptions import changes, sentence
 from pmjoint_codegen.simulate.figures import STYLE, draw, overview, write_figures
+from pmjoint_codegen.simulate.panels import unit_text
 from pmjoint_codegen.simulate.run import Run
 from pmjoint_codegen.simulate.settings import make_settings
 from pmjoint_codegen.simulate.sheets import (
@@ -25,7 +26,6 @@ from pmjoint_codegen.simulate.sheets import (
     saturated_intervals,
     sheets,
     transient_window,
-    unit_text,
 )
 from pmjoint_codegen.simulate.style import png, wrapped
 
@@ -72,6 +72,7 @@ def third_order(manifest: Manifest) -> Manifest:
         n=3,
         rho=3,
         states=tuple(Variable(name, "rad/s^2", "") for name in names),
+        blocks={"x": (0, 3), "r": (3, 6)},
         signals=tuple(Variable(name, "rad", "") for name in seen),
         parameters=parameters,
     )

@@ -1,7 +1,7 @@
 "use strict";
 // The controls: one row for a number, one group of buttons for a choice.
 
-const GREEK = { alpha: "α", eps: "ε", xi: "ξ", lambda: "λ", theta: "θ", tau: "τ", kappa: "κ", mu: "μ", omega: "ω" };
+const GREEK = { alpha: "α", chi: "χ", rho: "ϱ", eps: "ε", xi: "ξ", lambda: "λ", theta: "θ", tau: "τ", kappa: "κ", mu: "μ", omega: "ω" };
 const FACTOR = [0.5, 2]; // of the plant's own parameters
 const NUMBERED = { ck: ["c", "k"] }; // gains whose number belongs to a second letter: ck1 is c with the subscript k1
 const STEPS = 1000; // of a slider
@@ -17,6 +17,12 @@ function element(tag, attributes = {}, ...children) {
 
 // A name as a letter and what stands below it: c1, ck1, u_max, theta_dot; a name of words keeps them.
 function partsOf(name) {
+  const [, known, of] = name.match(/^(.+)_(hat|guess|low|high|prior)$/) ?? [];
+  if (of) {
+    const [letter, below] = partsOf(known);
+    return of === "hat" ? [`${letter}\u0302`, below] : [letter, [below, of].filter(Boolean).join(" ")];
+  }
+  if (name.startsWith("gamma_")) return ["γ", partsOf(name.slice(6)).join("")];
   const [, base, number, word] = name.match(/^([A-Za-z]+)(?:_?(\d+)|_([A-Za-z]+\d*))?$/) ?? [null, name];
   if (word === "dot") return [`${GREEK[base] ?? base}\u0307`, ""];
   if (word && base.length > 2 && !(base in GREEK)) return [name.replaceAll("_", " "), ""];
@@ -73,6 +79,19 @@ function linkSpan(key, value, { sample_time: period }) {
   if (["seed", "delay_samples"].includes(key)) return { low: 0, high: Math.max(10, 2 * value), whole: true };
   if (value !== 0) return spanAround(value);
   return { low: 0, high: { delay: 10 * period, jitter: 0.9 * period }[key] ?? 0.01 };
+}
+
+// Of a value of an estimate or of what it is of: its range if it has one, which it may not leave.
+function spanWithin(name, all) {
+  const [low, high] = ["low", "high"].map((end) => all.get(`${name}_${end}`)?.value);
+  return low === undefined ? spanAround(all.get(name)?.value ?? all.get(`${name}_guess`).value) : { low, high };
+}
+
+// Of what estimates depend on: gains and leakage are not below 0, guesses stay within the range.
+function adaptiveSpan({ name, value }, all) {
+  if (/^gamma_|leakage$/.test(name)) return value ? spanAround(value, { factor: 100 }) : { low: 0, high: 1 };
+  const [, of] = name.match(/^(.+)_(?:guess|prior)$/) ?? [];
+  return of === undefined ? spanAround(value) : spanWithin(of, all);
 }
 
 // One row: item {key, name, about, unit, own, span, get, set}; `changed` is called after a change.
@@ -183,7 +202,9 @@ function makeControls(data, settings, changed) {
   const gains = entries.filter((entry) => entry.kind === "gain" && /^(c|e|ck|k|braking)\d*$/.test(entry.name));
   const links = Object.entries(facts.chain).filter(([, name]) => !facts.limits.includes(name));
   const chain = links.map(([, name]) => name);
-  const used = new Set([...gains.map((entry) => entry.name), ...facts.limits, ...chain, ...knobs.keys()]);
+  const adaptive = entries.filter((entry) => entry.kind === "adaptation");
+  const truths = adaptive.map((entry) => entry.name.match(/^(.+)_guess$/)?.[1]).filter((name) => all.get(name)?.kind === "plant");
+  const used = new Set([...gains, ...adaptive].map((entry) => entry.name).concat(truths, facts.limits, chain, [...knobs.keys()]));
   const others = entries.filter((entry) => !used.has(entry.name) && !["switch", "own"].includes(entry.kind));
   const mismatches = Object.entries(facts.own).filter(([, name]) => (all.get(name)?.value ?? 0) !== 0);
   const reach = (variable, i) => {
@@ -203,6 +224,10 @@ function makeControls(data, settings, changed) {
       choice("start", "Start of the controller", { zero: "Filters at zero", matched: "Matched to y(0)" }),
     ]),
     group("Gains", gains.map((entry) => number(entry))),
+    ...(adaptive.length ? [
+      group("True values, which the controller does not know", truths.map((name) => number(all.get(name), spanWithin(name, all)))),
+      group("Estimates", adaptive.map((entry) => number(entry, adaptiveSpan(entry, all))), true),
+    ] : []),
     group("Load and mismatch", [...knobRows("disturbance"), ...mismatches.slice(0, 2).map(mismatch)]),
     ...(mismatches.length > 2 ? [group("More mismatch", mismatches.slice(2).map(mismatch), true)] : []),
     group("Controller", [

@@ -143,6 +143,7 @@ class Engine {
 
     const state = this.view("state", facts.states.length).fill(0);
     state.set(this.startStates(settings.x0, values));
+    facts.start.guesses.forEach((name, i) => { if (name) state[facts.nx + i] = values[name]; });
     if (settings.start === "matched") wasm.explorer_match(looped ? wasm.explorer_read(state[0]) : state[0]);
     const count = this.putTimes(settings);
     this.view("settings", 7).set([settings.horizon, period, this.divergence(values, settings), count,
@@ -242,9 +243,10 @@ function saturatedTime(run) {
 }
 
 // V of (30) at the output instants: sum w_i z_i^2/2 + sum epsilon' P epsilon/(2 e_i). Where the plant has other states
-// than the design, epsilon is not known and the sum over z is returned.
+// than the design, epsilon is not known and the sum over z is returned. An adaptive controller has a V of its own.
 function lyapunov(engine, values, run) {
   const { n, nx, rho } = engine.facts;
+  if (engine.columns.has("V")) return run.column("V");
   const total = new Float64Array(run.rows);
   const kappa = values.input_scale;
   for (let i = 1; i <= rho; i += 1) {

@@ -91,6 +91,7 @@ class Page {
       panel.canvas.setAttribute("aria-label", panel.title);
       panel.output = element("output", {});
       panel.output.setAttribute("aria-live", "off");
+      if (panel.truth) keys.push(element("span", { className: "key dashed", style: "--of: var(--orange)" }, panel.truth));
       const caption = element("figcaption", {}, element("span", { className: "title" }, panel.title), ...keys, ...shaded);
       place.append(element("figure", {}, caption, element("div", { className: "plot" }, panel.canvas, panel.output)));
       panel.plot = new Plot(panel.canvas);
@@ -199,12 +200,15 @@ class Page {
     try {
       const run = this.simulate(this.settings);
       run.columns = { V: run.V };
+      const { facts } = this.engine(this.settings);
       const { plane } = this.panels.at(-1);
-      for (const name of ["y", "y_r", "e", "v", "u", "r1", ...(plane ?? [])]) run.columns[name] = run.column(name);
-      if (this.engine(this.settings).facts.rho > 1) run.columns.r2 = run.column("r2");
+      const estimates = facts.estimates.map((item) => item.name);
+      const names = ["y", "y_r", "e", "v", "u", ...facts.compensator.slice(0, 2), ...estimates, ...(plane ?? [])];
+      for (const name of names) run.columns[name] = run.column(name);
+      run.truths = Object.fromEntries(facts.estimates.map((item) => [item.name, evaluate(item.truth, run.values)]));
       run.peakV = run.peak("v");
       run.peakE = run.peak("e");
-      run.limits = limitsOf(this.engine(this.settings).facts, run.values);
+      run.limits = limitsOf(facts, run.values);
       this.run = run;
       this.alert(run.status === 1 ? "" : `The run ${run.message}.`);
       document.body.classList.remove("lost");

@@ -1,5 +1,5 @@
 "use strict";
-// What is plotted of a run: six panels, each a specification for a Plot.
+// What is plotted of a run: six panels and one for each estimate, each a specification for a Plot.
 
 const PEAK_ROOM = 1.7; // a plot of v and u shows this multiple of the limits; a larger v is cut, and its peak written
 const DEPTH = 14; // decades of V below its largest value
@@ -11,13 +11,18 @@ function panelsOf(facts) {
   const time = (y, right) => ({ x: "t [s]", y, ...(right ? { right } : {}) });
   const plane = facts.start.names.slice(0, 2);
   const chosen = plane.every(has) ? plane : ["x1", "x2"];
+  const [first, second] = facts.compensator;
+  const lyapunov = has("V") ? "Lyapunov function" : facts.n === facts.nx ? "Lyapunov function (30)" : "Lyapunov function (30), its part in z";
   const list = [
     { id: "output", title: "Output", unit: unit("y"), keys: [["y", "blue"], ["y_r", "orange", true]], labels: time(axis(["y", "y_r"])), build: outputPanel },
     { id: "error", title: "Tracking error", unit: unit("e"), keys: [["e", "blue"]], labels: time(axis(["e"])), build: errorPanel },
     { id: "input", title: "Input", unit: unit("u"), keys: [["v", "orange"], ["u", "blue"]], shaded: true, labels: time(axis(["v", "u"])), build: inputPanel },
-    { id: "compensator", title: "Compensator", unit: "", keys: [["r1", "blue"], ...(facts.rho > 1 ? [["r2", "orange"]] : [])], labels: time(axis(["r1"]), facts.rho > 1 && axis(["r2"])), build: compensatorPanel },
-    { id: "lyapunov", title: facts.n === facts.nx ? "Lyapunov function (30)" : "Lyapunov function (30), its part in z", unit: squared(unit("y")), keys: [["V", "green"]], labels: time(`V${squared(unit("y")) === "1" ? "" : ` [${powers(squared(unit("y")))}]`}, logarithmic`), build: lyapunovPanel },
+    { id: "compensator", title: "Compensator", unit: "", keys: [[first, "blue"], ...(second ? [[second, "orange"]] : [])], labels: time(axis([first]), second && axis([second])), build: compensatorPanel, driven: [first, second] },
+    { id: "lyapunov", title: lyapunov, unit: squared(unit("y")), keys: [["V", "green"]], labels: time(`V${squared(unit("y")) === "1" ? "" : ` [${powers(squared(unit("y")))}]`}, logarithmic`), build: lyapunovPanel },
   ];
+  for (const { name } of facts.estimates) {
+    list.push({ id: `estimate-${name}`, title: `Estimate of ${flat(estimated(name, facts))}`, unit: unit(name), keys: [[name, "blue"]], truth: "the plant's", labels: time(axis([name])), build: estimatePanel });
+  }
   if (facts.nx > 1) {
     list.push({ id: "plane", title: "Phase plane", unit: "", keys: [], plane: chosen, labels: { x: axis([chosen[0]]), y: axis([chosen[1]]) }, build: planePanel });
   }
@@ -72,19 +77,31 @@ function inputPanel(run, kept, colors) {
   return { series, x: timeRange(run), y, lines: zero ? [] : [[low, colors.grey], [high, colors.grey]], note, spans: saturatedSpans(run), zero };
 }
 
-function compensatorPanel(run, kept, colors) {
-  const two = run.columns.r2 !== undefined;
-  const series = [...ghosts(kept, ["r1"], colors), ...inTime(run, [["r1", colors.blue]])];
+function compensatorPanel(run, kept, colors, panel) {
+  const [first, second] = panel.driven;
+  const series = [...ghosts(kept, [first], colors), ...inTime(run, [[first, colors.blue]])];
   const left = rangeOf(series.map((item) => item.y));
   const spec = { series, x: timeRange(run), y: left, spans: saturatedSpans(run) };
-  if (two) {
-    spec.series.unshift({ name: "r2", x: run.t, y: run.columns.r2, color: colors.orange, right: true, width: 1.3 });
-    spec.right = rangeOf([run.columns.r2]);
+  if (second) {
+    spec.series.unshift({ name: second, x: run.t, y: run.columns[second], color: colors.orange, right: true, width: 1.3 });
+    spec.right = rangeOf([run.columns[second]]);
     spec.rightColor = colors.orange;
   }
   const zero = isZero(spec.series);
   const why = run.settings.saturation === "clip" ? "plain clipping" : "nothing was clipped";
-  return { ...spec, zero, note: zero ? `r is exactly 0: ${why}` : "" };
+  return { ...spec, zero, note: zero ? `${first.replace(/\d+$/, "")} is exactly 0: ${why}` : "" };
+}
+
+// What an estimate is of: an entry of b or theta, or 1/b_m.
+function estimated(name, facts) {
+  return name === "rho_hat" ? `1/b${facts.m}` : name.replace(/_hat$/, "");
+}
+
+function estimatePanel(run, kept, colors, panel) {
+  const name = panel.keys[0][0];
+  const truth = run.truths[name];
+  const series = [...ghosts(kept, [name], colors), ...inTime(run, [[name, colors.blue]])];
+  return { series, x: timeRange(run), y: rangeOf([...series.map((item) => item.y), [truth]]), lines: [[truth, colors.orange]], spans: saturatedSpans(run) };
 }
 
 function lyapunovPanel(run, kept, colors) {

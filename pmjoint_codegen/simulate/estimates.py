@@ -1,0 +1,109 @@
+"""An adaptive controller's estimates, what they are of, and the run in which they stand still.
+
+An estimate is no identified parameter: only a reference that excites the loop brings it to the truth.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from pmjoint_codegen.kernels.evaluator import Array
+from pmjoint_codegen.manifest import ADAPTATION, Manifest
+from pmjoint_codegen.values import evaluate
+
+if TYPE_CHECKING:
+    from pmjoint_codegen.simulate.record import Record
+
+LYAPUNOV: Final = "V"  # column
+HAT: Final = "_hat"
+RHO_HAT: Final = f"rho{HAT}"  # of 1/b_m
+GAMMA: Final = "gamma_"
+INITIAL_GAIN: Final = "ls_P0"  # of least squares, whose gain stays 0 if it starts there
+_OF_STATES: Final = ("Theta", "rho")  # blocks of X
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One estimate of a run.
+
+    Attributes:
+        name: of its column, such as ``b0_hat``.
+        of: what it estimates: ``b0``, ``d1``, ``w``, or ``1/b0``, where ``b0`` is b_m.
+        unit: physical unit.
+        guess: where it starts.
+        truth: the plant's own value.
+        range: the open interval that it stays in; None if it has none.
+    """
+
+    name: str
+    of: str
+    unit: str
+    guess: float
+    truth: float
+    range: tuple[float, float] | None
+
+
+@dataclass(frozen=True)
+class FrozenError:
+    """The tracking error of the same run with estimates that stay at their guesses.
+
+    Attributes:
+        t: output instants, s, shape (rows,); fewer than those of the run where this one ended early.
+        e: in the unit of e, shape (rows,).
+    """
+
+    t: Array
+    e: Array
+
+
+def is_adaptive(manifest: Manifest) -> bool:
+    """Whether a controller has estimates."""
+    return any(block in manifest.blocks for block in _OF_STATES)
+
+
+def estimates(run: Record) -> tuple[Estimate, ...]:
+    """The estimates of a run at its parameters, b_m's first; none without an adaptive controller."""
+    return tuple(_estimates(run.manifest, run.settings.parameters))
+
+
+def _estimates(manifest: Manifest, values: Mapping[str, float]) -> Iterator[Estimate]:
+    guesses = dict(
+        zip((item.name for item in manifest.states[manifest.nx :]), manifest.start.guesses, strict=True)
+    )
+    columns = {name: np.array(value) for name, value in values.items()}
+    for block in _OF_STATES:
+        for state in manifest.states[slice(*manifest.blocks.get(block, (0, 0)))]:
+            name = state.name.removesuffix(HAT)
+            ends = f"{name}_low", f"{name}_high"
+            with np.errstate(all="ignore"):  # a truth that is not finite is shown as such
+                truth = float(evaluate(ast.parse(state.truth, mode="eval").body, columns))
+            yield Estimate(
+                name=state.name,
+                of=f"1/b{manifest.m}" if state.name == RHO_HAT else name,
+                unit=state.unit,
+                guess=values[guesses[state.name]],
+                truth=truth,
+                range=(values[ends[0]], values[ends[1]]) if ends[0] in values else None,
+            )
+
+
+def frozen_parameters(manifest: Manifest) -> dict[str, float]:
+    """The parameters with which every estimate stays at its guess: gains of 0."""
+    names = [item.name for item in manifest.settable if item.kind == ADAPTATION]
+    return {name: 0.0 for name in names if name.startswith(GAMMA) or name == INITIAL_GAIN}
+
+
+def is_frozen(run: Record) -> bool:
+    """Whether all estimates of a run stay at their guesses."""
+    values = run.settings.parameters
+    return all(values[name] == 0.0 for name in frozen_parameters(run.manifest))
+
+
+def frozen_error(run: Record) -> FrozenError:
+    """The part of a frozen run that figures show."""
+    return FrozenError(run.t, run["e"])
