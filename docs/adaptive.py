@@ -117,7 +117,7 @@ def cells(row: Row, reference: str | None = None) -> list[str]:
         said(found.summary["ise"], 4),
         "never" if settled is None else said(settled),
         said(found.summary["max_abs_v"], 4),
-        said(float(np.max(np.abs(found["e"][found["t"] >= LATE]))), 2),
+        said(float(np.max(np.abs(found["e"][found["t"] >= LATE]))), 3),
         ", ".join(f"{float(found[name][-1]):.3f}" for name in names) or "–",
     ]
 

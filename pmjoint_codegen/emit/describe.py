@@ -12,7 +12,8 @@ from sympy.printing.pycode import PythonCodePrinter
 
 from pmjoint_codegen import __version__
 from pmjoint_codegen.chain import LOWER, chain_rules
-from pmjoint_codegen.emit.table import Kernel, Made, kernel_table, loop_rows
+from pmjoint_codegen.emit.loop_table import loop_rows
+from pmjoint_codegen.emit.table import Kernel, Made, kernel_table
 from pmjoint_codegen.emit.vocabulary import Vocabulary, vocabulary
 from pmjoint_codegen.identity import Document, model_hash
 from pmjoint_codegen.initial import Start, Variable

@@ -10,16 +10,8 @@ import sympy as sp
 from pmjoint_codegen.emit.affine import Entry
 from pmjoint_codegen.emit.compact import compact_where_long
 from pmjoint_codegen.emit.guard import guard_function
-from pmjoint_codegen.emit.table import (
-    Composed,
-    Guard,
-    Kernel,
-    Made,
-    Taylor,
-    kernel_table,
-    lane_rows,
-    loop_rows,
-)
+from pmjoint_codegen.emit.loop_table import lane_rows, loop_rows
+from pmjoint_codegen.emit.table import Composed, Guard, Kernel, Made, Taylor, kernel_table
 from pmjoint_codegen.emit.taylor import taylor_function
 from pmjoint_codegen.emit.translate import Translator
 from pmjoint_codegen.emit.vocabulary import neutral_entry

@@ -36,11 +36,12 @@ from pmjoint_codegen.emit.functions import build_functions, lane_functions
 from pmjoint_codegen.emit.guard import looks_at_actuator, rule_of
 from pmjoint_codegen.emit.lane_text import lanes_header, lanes_source
 from pmjoint_codegen.emit.lanes import lane_sizes
+from pmjoint_codegen.emit.loop_table import lane_rows, loop_rows
 from pmjoint_codegen.emit.print_c import steps
 from pmjoint_codegen.emit.sampling import SAMPLED, sampled_sizes
 from pmjoint_codegen.emit.scalar_text import HEADER as SAMPLED_HEADER
 from pmjoint_codegen.emit.scalar_text import loops_source, sampled_header
-from pmjoint_codegen.emit.table import Taylor, lane_rows, loop_rows
+from pmjoint_codegen.emit.table import Taylor
 from pmjoint_codegen.emit.tape import tapes_of
 from pmjoint_codegen.emit.vocabulary import neutral_entry, vocabulary
 from pmjoint_codegen.errors import ModelError

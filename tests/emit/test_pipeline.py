@@ -16,8 +16,9 @@ import sympy as sp
 
 from pmjoint_codegen.emit.c_text import banner
 from pmjoint_codegen.emit.functions import build_function, build_functions
+from pmjoint_codegen.emit.loop_table import LOOPS
 from pmjoint_codegen.emit.pipeline import TAYLOR_ORDER, Artifacts
-from pmjoint_codegen.emit.table import LOOPS, kernel_table
+from pmjoint_codegen.emit.table import kernel_table
 from pmjoint_codegen.emit.vocabulary import vocabulary
 from pmjoint_codegen.identity import structure_hash
 from pmjoint_codegen.kernels.tape import read_tapes

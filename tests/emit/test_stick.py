@@ -11,8 +11,9 @@ import pytest
 
 from pmjoint_codegen.emit import compact
 from pmjoint_codegen.emit.functions import build_functions
+from pmjoint_codegen.emit.loop_table import HELD_LOOPS, LOOPS, lane_rows, loop_rows
 from pmjoint_codegen.emit.pipeline import generate
-from pmjoint_codegen.emit.table import HELD_LOOPS, LOOPS, kernel_table, lane_rows, loop_rows
+from pmjoint_codegen.emit.table import kernel_table
 from pmjoint_codegen.modelfile import model_of
 from pmjoint_derive import Derivation, derive
 

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 import sympy as sp
 
-from pmjoint_codegen.emit.table import LANES, LOOPS, kernel_table
+from pmjoint_codegen.emit.loop_table import LANES, LOOPS
+from pmjoint_codegen.emit.table import kernel_table
 from pmjoint_codegen.emit.vocabulary import vocabulary
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.modelfile import model_of

@@ -18,7 +18,8 @@ from pmjoint_codegen.check.oracles.precise import Numbers
 from pmjoint_codegen.check.oracles.reference import Array, Reference, reference_of
 from pmjoint_codegen.check.result import Difference, GateResult, failed, passed
 from pmjoint_codegen.check.subject import Subject
-from pmjoint_codegen.emit.table import Guard, loop_rows
+from pmjoint_codegen.emit.loop_table import loop_rows
+from pmjoint_codegen.emit.table import Guard
 from pmjoint_codegen.manifest import Function
 
 SEED = 20260117

@@ -25,7 +25,8 @@ from pmjoint_codegen.check.oracles.reference import (
 )
 from pmjoint_codegen.check.result import Difference, GateResult, failed, not_run, passed
 from pmjoint_codegen.check.subject import Subject
-from pmjoint_codegen.emit.table import Guard, Taylor, loop_rows
+from pmjoint_codegen.emit.loop_table import loop_rows
+from pmjoint_codegen.emit.table import Guard, Taylor
 from pmjoint_codegen.kernels.tape import Tape
 from pmjoint_codegen.manifest import Function
 from pmjoint_derive.closed_loop import column_name
