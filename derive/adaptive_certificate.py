@@ -23,7 +23,7 @@ from pmjoint_derive.adaptive_proof import (
     true_value,
 )
 from pmjoint_derive.certificate import Row, largest_eigenvalue, matrix_at_gains, named_rows, residual
-from pmjoint_derive.closed_loop import disturbance_symbols
+from pmjoint_derive.closed_loop import acting_disturbances, disturbance_bound
 from pmjoint_derive.design import Derivation
 from pmjoint_derive.equation import Equation, real_symbol
 from pmjoint_derive.lyapunov import certified_rate, given_away, projected_symbols
@@ -72,10 +72,9 @@ def _function(derivation: Derivation) -> list[Row]:
 
 
 def _rate(derivation: Derivation) -> list[Row]:
-    plant, L, V_lost = derivation.plant, real_symbol("L"), real_symbol("V_lost")
-    PD, symbols = projected_symbols(plant.order), disturbance_symbols(plant)
-    acting = [symbol if rate != 0 else rate for symbol, rate in zip(symbols, plant.disturbance, strict=True)]
-    values = symmetric_matrix(plant.order) * sp.Matrix(acting)
+    order, L, V_lost = derivation.plant.order, real_symbol("L"), real_symbol("V_lost")
+    PD = projected_symbols(order)
+    values = symmetric_matrix(order) * sp.Matrix(acting_disturbances(derivation.design))
     lost = sum((*given_away(derivation), *leakage_squares(derivation)), sp.Integer(0))
     return [
         *((name.name, value, "", "entry of P D") for name, value in zip(PD, values, strict=True)),
@@ -90,7 +89,8 @@ def _decay(derivation: Derivation, adaptation: Adaptation) -> list[Row]:
     pulls = [adaptation.leakage] + ([] if adaptation.inverse is None else [adaptation.inverse.leakage])
     if any(entry.range is not None for entry in adaptation.unknown) or not all(pull > 0 for pull in pulls):
         return []
-    largest, bound = real_symbol("lambda_P"), derivation.model.disturbance_bound
+    largest = real_symbol("lambda_P")
+    bound = disturbance_bound(derivation.model, derivation.design)
     rates = [*(2 * c for c in derivation.signals.c), 1 / (2 * largest)]
     rates += [LEAKAGE * entry.gamma for entry in adaptation.unknown]
     rates += [] if adaptation.inverse is None else [RHO_LEAKAGE * RHO_GAMMA]

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import sympy as sp
 
-from pmjoint_derive.closed_loop import disturbance_symbols, output_disturbance
+from pmjoint_derive.closed_loop import acting_disturbances, disturbance_bound, output_disturbance
 from pmjoint_derive.design import Derivation
 from pmjoint_derive.equation import Equation, real_symbol
 from pmjoint_derive.lyapunov import (
@@ -34,11 +34,11 @@ def certificate_equations(derivation: Derivation) -> tuple[Equation, ...]:
     disturbance there is no Y and no bound of V'. The terms of V have different units, so that nothing here
     has one.
     """
-    s, plant, bound = derivation.signals, derivation.plant, derivation.model.disturbance_bound
+    s, plant = derivation.signals, derivation.plant
+    bound = disturbance_bound(derivation.model, derivation.design)
     short = plant.order <= READABLE
     P, solved = symmetric_matrix(plant.order), lyapunov_matrix(s) if short else matrix_at_gains(derivation)
-    symbols, PD = disturbance_symbols(plant), projected_symbols(plant.order)
-    acting = [symbol if rate != 0 else rate for symbol, rate in zip(symbols, plant.disturbance, strict=True)]
+    PD, acting = projected_symbols(plant.order), acting_disturbances(derivation.design)
     V_epsilon, V_lost = real_symbol("V_epsilon"), real_symbol("V_lost")
     rows = [
         (
@@ -114,7 +114,7 @@ def greatest_weight(s: Signals, lambda_P: sp.Symbol) -> sp.Expr:
 def residual(derivation: Derivation, lambda_P: sp.Symbol, D_max: sp.Symbol) -> sp.Expr:
     """``Y`` of (33), given the largest eigenvalue of P and the bound of the disturbance."""
     norm = lambda_P**2
-    factor = norm if output_disturbance(derivation.plant) == 0 else 2 * norm + 1
+    factor = norm if output_disturbance(derivation.design) == 0 else 2 * norm + 1
     return error_weight(derivation.signals) * factor * D_max**2
 
 

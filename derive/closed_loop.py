@@ -21,15 +21,28 @@ def disturbance_symbols(plant: Plant) -> tuple[sp.Symbol, ...]:
     return tuple(real_symbol(f"D{i}") for i in range(1, plant.order + 1))
 
 
-def output_disturbance(plant: Plant) -> sp.Expr:
-    """``D1`` where the model disturbs y' itself, else 0; every equation of the paper has ``D1 = 0`` (13)."""
-    return sp.Integer(0) if plant.disturbance[0] == 0 else disturbance_symbols(plant)[0]
+def acting_disturbances(design: Design) -> tuple[sp.Expr, ...]:
+    """``D1..Dn``, with 0 for one that neither the model has nor a wrong guess of b or theta makes (12)."""
+    believed, true = (plant.known_rates(design.signals.u) for plant in (design.certified, design.truth))
+    symbols = disturbance_symbols(design.truth)
+    rows = zip(symbols, design.truth.disturbance, believed, true, strict=True)
+    return tuple(D if rate != 0 or known != really else sp.Integer(0) for D, rate, known, really in rows)
+
+
+def output_disturbance(design: Design) -> sp.Expr:
+    """``D1`` where something disturbs y' itself, else 0; every equation of the paper has ``D1 = 0`` (13)."""
+    return acting_disturbances(design)[0]
+
+
+def disturbance_bound(model: Model, design: Design) -> float | None:
+    """``D_max`` of (9); None where it is not known, as of what a wrong guess of b or theta adds."""
+    return model.disturbance_bound if design.certified == design.truth else None
 
 
 def unknown_output_rate(design: Design) -> sp.Expr:
     """``eta``, the unknown part of y': epsilon_2, absent in a plant of order one, and a disturbance."""
     error = design.signals.epsilon[1] if design.plant.order > 1 else sp.Integer(0)
-    return error + output_disturbance(design.plant)
+    return error + output_disturbance(design)
 
 
 def plant_rates(plant: Plant, signals: Signals) -> dict[sp.Symbol, sp.Expr]:

@@ -296,7 +296,7 @@ def squares(derivation: Derivation, PD: sp.MatrixBase, s_: tuple[sp.Expr, ...]) 
         s_: the sensitivities.
     """
     s, eta = derivation.signals, unknown_output_rate(derivation.design)
-    D_1 = output_disturbance(derivation.plant)
+    D_1 = output_disturbance(derivation.design)
     weight, share = (1, sp.Rational(1, 2)) if D_1 == 0 else (2, sp.Rational(1, 4))
     terms = zip(s.weights, s.e, s_, s.z, strict=True)
     young = [e * (w * s_i * z + eta / (2 * e)) ** 2 for w, e, s_i, z in terms]
@@ -342,7 +342,7 @@ def certified_rate(derivation: Derivation, PD: sp.MatrixBase) -> sp.Expr:
     """
     s, D_1, epsilon = (
         derivation.signals,
-        output_disturbance(derivation.plant),
+        output_disturbance(derivation.design),
         sp.Matrix(derivation.signals.epsilon),
     )
     residual = PD.dot(PD) if D_1 == 0 else 2 * PD.dot(PD) + D_1**2
@@ -359,7 +359,7 @@ def certificate_identity(derivation: Derivation) -> Identity:
     weight = error_weight(s)
     epsilon_dot = filter_matrix(s) * epsilon + D
     V_dot = error_energy_rate(derivation, s_) + weight * (2 * epsilon.T * P * epsilon_dot)[0]
-    D_1 = output_disturbance(derivation.plant)
+    D_1 = output_disturbance(derivation.design)
     claim = certified_rate(derivation, P * D) - sum(squares(derivation, P * D, s_), sp.Integer(0))
     left = weight * (epsilon.T * lyapunov_residual(P, s) * epsilon)[0]
     constant = "|P D|^2" if D_1 == 0 else "(2 |P D|^2 + D_1^2)"

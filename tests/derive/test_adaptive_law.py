@@ -32,7 +32,8 @@ def test_so_it_is_in_every_form(builder: Callable[..., Model], order: tuple[int,
     if variant == "squares" and order[1] > 2:
         pytest.skip("least squares has no law beyond relative degree 2")
     model = builder(*order)
-    same_law(derive(model), derive(adaptive(model, **{variant: True})))
+    chosen: dict[str, Any] = {variant: True}
+    same_law(derive(model), derive(adaptive(model, **chosen)))
 
 
 def same_law(first: Derivation, second: Derivation) -> None:

@@ -101,7 +101,7 @@ def certify(derivation: Derivation, values: Mapping[str, float], bound: float | 
     known = {**values, "lambda_P": largest, "D_max": bound or 0.0}
     f_minus, f_plus, Y = numeric(sp.Matrix([constants]), known)[0].tolist()
     f, poles = f_minus / f_plus, np.linalg.eigvals(A0 + 0j)
-    disturbed = output_disturbance(derivation.plant) != 0
+    disturbed = output_disturbance(derivation.design) != 0
     name = " + ".join(["epsilon_2"] * (len(A0) > 1) + ["D_1"] * disturbed) or "nothing"
     if bound is None:
         return Certificate(P, V, poles, f_minus, f_plus, f, None, None, name, None, None)
