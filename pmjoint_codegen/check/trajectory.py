@@ -42,7 +42,10 @@ class Trajectory:
 
 
 def default_run(
-    evaluator: Evaluator, parameters: dict[str, float] | None = None, output_step: float | None = None
+    evaluator: Evaluator,
+    parameters: dict[str, float] | None = None,
+    output_step: float | None = None,
+    x0: Array | None = None,
 ) -> Run:
     """The model's own run, as exact as the integrator allows.
 
@@ -50,11 +53,13 @@ def default_run(
         evaluator: of the model's kernels.
         parameters: other values of some parameters, as the kernels take them.
         output_step: an override of the model's, s.
+        x0: other initial states.
     """
     settings = make_settings(
         evaluator.manifest,
         parameters=evaluator.manifest.written(parameters or {}),
         output_step=output_step,
+        x0=x0,
         controller="continuous",  # theory and heyoka have no clock
     )
     return exact_run(evaluator, settings)

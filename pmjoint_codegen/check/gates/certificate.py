@@ -1,6 +1,7 @@
 """The Lyapunov function V along the default run against (35).
 
-From row to row, h apart, ``V <= V_0 exp(-f h) + (Y/f) (1 - exp(-f h))``: (35), integrated.
+From row to row, h apart, ``V <= V_0 exp(-f h) + (Y/f) (1 - exp(-f h))``: (35), integrated. Of a design with
+estimates `learning` judges V.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import sympy as sp
 
+from pmjoint_codegen.check.gates import learning
 from pmjoint_codegen.check.gates.invariants import estimation_errors
 from pmjoint_codegen.check.gates.proof import design_values
 from pmjoint_codegen.check.oracles.certificate import Certificate, certify
@@ -18,6 +20,7 @@ from pmjoint_codegen.check.trajectory import ACCURACY, default_run
 from pmjoint_codegen.kernels.evaluator import Evaluator
 from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.simulate.run import Run
+from pmjoint_derive import Model
 
 Array = npt.NDArray[np.float64]
 
@@ -30,7 +33,9 @@ def check(subject: Subject) -> GateResult:
         return not_run("the law comes without a certificate")
     if not subject.model.gains.compensator:
         return not_run("the certificate is that of the loop with compensator")
-    evaluator, stated = subject.compiled or subject.interpreted, subject.model.disturbance_bound
+    if subject.model.adaptation is not None and subject.model.adaptation.unknown:
+        return learning.check(subject)
+    evaluator, stated = subject.compiled or subject.interpreted, stated_bound(subject.model)
     run = default_run(evaluator)
     if run.status != Status.DONE:
         return failed(f"the run ended early: {run.message}")
@@ -39,6 +44,11 @@ def check(subject: Subject) -> GateResult:
         return failed("the disturbance exceeds the model's disturbance_bound", largest, stated)
     bound = largest if stated is None else stated
     return decrease(run, certify(subject.derivation, design_values(subject.derivation), bound))
+
+
+def stated_bound(model: Model) -> float | None:
+    """The file's bound of the disturbance; a guess that is wrong adds to it, so it is none beside one."""
+    return model.disturbance_bound if model.adaptation is None else None
 
 
 def disturbances(evaluator: Evaluator, run: Run) -> Array:

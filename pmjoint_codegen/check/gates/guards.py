@@ -23,6 +23,7 @@ from pmjoint_codegen.emit.table import Guard
 from pmjoint_codegen.manifest import Function
 
 SEED = 20260117
+ROUNDOFF = 2.0**-53
 POINTS = 2  # of each kind
 RIMS = 4  # complex points for each
 LIMIT = 1.0 + 1e-9  # of a swing over its bound: the bound's own rounding, at gains that multiply it
@@ -56,7 +57,10 @@ def check(subject: Subject) -> GateResult:
 
 
 def _swings(reference: Reference, point: list[Array], random: np.random.Generator) -> Array:
-    """Half the largest ``|F(c + d) + F(c - d) - 2 F(c)|`` found on the rims, less the possible rounding."""
+    """Half the largest ``|F(c + d) + F(c - d) - 2 F(c)|`` found on the rims, less the bound's own rounding.
+
+    That is relative to F: the bound of ``cos`` about 0 is ``cosh(radius) - 1``, rounded at 1.
+    """
     numbers = Numbers()
     *centre, R, P = point
     exact = {
@@ -75,7 +79,7 @@ def _swings(reference: Reference, point: list[Array], random: np.random.Generato
         }
         sides = [_at(reference, numbers, exact, swing, sign) for sign in (1, -1)]
         found = [abs(a + b - 2 * c) / 2 for a, b, c in zip(*sides, middle, strict=True)]
-        noise = [(abs(a) + abs(b) + abs(c)) * 1e-40 for a, b, c in zip(*sides, middle, strict=True)]
+        noise = [(abs(a) + abs(b) + abs(c)) * ROUNDOFF for a, b, c in zip(*sides, middle, strict=True)]
         swings = [float(value - error) for value, error in zip(found, noise, strict=True)]
         largest = np.maximum(largest, swings)
     return largest

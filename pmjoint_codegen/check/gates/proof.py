@@ -12,11 +12,13 @@ from pmjoint_codegen.check.subject import Subject
 from pmjoint_codegen.poles import poles_text
 from pmjoint_codegen.values import INPUT_SCALE, OBSERVER, positive_gains
 from pmjoint_derive import Derivation
+from pmjoint_derive.adaptation import settings_of
 from pmjoint_derive.consistency import consistency_identities
 from pmjoint_derive.equation import Identity
 from pmjoint_derive.filters import filter_matrix
 from pmjoint_derive.lyapunov import given_away
 from pmjoint_derive.lyapunov_matrix import lyapunov_matrix
+from pmjoint_derive.units import parse_unit
 
 LONGEST = 300  # characters of a remainder that a report shows
 
@@ -27,8 +29,12 @@ def check(subject: Subject) -> GateResult:
 
 
 def design_values(derivation: Derivation) -> dict[str, float]:
-    """Every parameter and gain of the model by name."""
-    values = {item.name: item.value for item in derivation.model.parameters}
+    """Every parameter and gain of the model by name, guesses included."""
+    model = derivation.model
+    values = {item.name: item.value for item in model.parameters}
+    values |= {
+        item.symbol.name: item.value for item in settings_of(model.adaptation, parse_unit(model.y_unit))
+    }
     return values | {symbol.name: float(value) for symbol, value in derivation.gain_values.items()}
 
 

@@ -168,6 +168,8 @@ def judge(prepared: Prepared, results: Sequence[Array]) -> Judgement:
             found, allowed = float(result[row, column]), float(bound[row, column])
             if not np.isfinite(found) and abs(table[row][column]) > LARGEST:
                 continue  # the exact value overflows, and so does the code
+            if np.isnan(found) and numbers.context.im(table[row][column]) != 0:
+                continue  # V where a true value is outside its range: both have none
             error = float(abs(numbers.exactly(found) - table[row][column])) if np.isfinite(found) else np.inf
             if not np.isfinite(allowed):
                 if prepared.reference.taylor and max(map(abs, table[row])) > STEEP:

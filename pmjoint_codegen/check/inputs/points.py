@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from pmjoint_codegen.check.inputs.estimates import place_estimates
 from pmjoint_codegen.check.inputs.features import Features
 from pmjoint_codegen.kernels.evaluator import Evaluator
 from pmjoint_codegen.loops.chain import actuator_of
@@ -61,11 +62,16 @@ def batches(
     """
     random = np.random.default_rng([seed, *function.name.encode()])
 
-    def drawn(draw: Draw, rows: int) -> tuple[Array, ...]:
-        return _folded(function, _arguments(evaluator, function, draw, rows, random), y_range)
+    moderate = _moderate_draws(random)
 
-    draws = _draws(random) if extreme else _moderate_draws(random)
-    found = [Batch(kind, drawn(draw, count)) for kind, draw in draws.items()]
+    def drawn(draw: Draw, rows: int, *, learnt: bool = True) -> tuple[Array, ...]:
+        arguments = _arguments(evaluator, function, draw, rows, random)
+        if learnt:
+            place_estimates(evaluator.manifest, function, arguments, random)
+        return _folded(function, arguments, y_range)
+
+    draws = _draws(random) if extreme else moderate
+    found = [Batch(kind, drawn(draw, count, learnt=kind in moderate)) for kind, draw in draws.items()]
     for kind, level in (("v near a limit", "limit"), ("v cancels", "zero")):
         arguments = drawn(draws["random"], count)
         placed = _place(evaluator, function, arguments, level, random)
@@ -216,18 +222,20 @@ def _place(
 ) -> tuple[Array, ...] | None:
     """Move the last compensator state, in which v is affine, until v is at a level; None without v."""
     labels = [label for label, _ in function.inputs]
+    manifest = evaluator.manifest
     state = next((labels.index(label) for label in ("X", "s") if label in labels), None)
     if state is None or not ({"t", "X", "p"} <= set(labels) or {"y", "s", "y_r", "p"} <= set(labels)):
         return None
+    last = manifest.blocks["r"][1] - 1 - (0 if labels[state] == "X" else manifest.nx)
     moved = [array.copy() for array in arguments]
     given = dict(zip(labels, moved, strict=True))
     ends = []
     for value in (0.0, 1.0):
-        moved[state][:, -1] = value
+        moved[state][:, last] = value
         ends.append(_control(evaluator, given))
     slope = ends[1] - ends[0]
     levels = _levels(evaluator, len(slope), level, random)
-    moved[state][:, -1] = (levels - ends[0]) / np.where(slope == 0, 1.0, slope)
+    moved[state][:, last] = (levels - ends[0]) / np.where(slope == 0, 1.0, slope)
     return tuple(moved)
 
 

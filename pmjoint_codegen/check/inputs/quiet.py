@@ -6,10 +6,12 @@ can be switched off by a key. But the design's plant is a model as well, and its
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
 from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 import sympy as sp
 
 from pmjoint_codegen.chain import DEAD_ZONE, LIMIT, LOWER, UPPER
@@ -18,6 +20,9 @@ from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.report.notation import plain_text
 from pmjoint_codegen.values import ADRC, BRAKING, MATCHED, OBSERVER, ZERO
 from pmjoint_derive import Derivation, Gains, Model
+from pmjoint_derive.adaptation import Entry
+
+Array = npt.NDArray[np.float64]
 
 AWAY: Final = 0.2  # SI units of y, from the model's own start
 SHARE: Final = 0.1  # of the range of y
@@ -58,6 +63,7 @@ def quiet_document(derivation: Derivation, manifest: Manifest, document: Documen
         },
         "actuator": _actuator(manifest, values),
         "design": _design(model.gains),
+        **_adaptation(model, text),
         "simulation": {
             "reference": document["simulation"]["reference"] if model.segment else text(model.reference),
             "x0": x0.tolist(),
@@ -68,10 +74,49 @@ def quiet_document(derivation: Derivation, manifest: Manifest, document: Documen
     }
 
 
+def start_away(model: Model, manifest: Manifest) -> Array | None:
+    """Initial states at which something happens, of a model that starts where nothing does; else None.
+
+    A matched controller knows y(0), but not the other states: so these are moved too.
+    """
+    usual = np.array(manifest.simulation.x0)
+    if np.any(usual != 0.0):
+        return None
+    return usual + _away(model)
+
+
 def _away(model: Model) -> float:
     """How far from the model's own start: that may have no error at all."""
     low, high = model.y_range or (-np.inf, np.inf)
     return float(min(AWAY / float(model.measures.y), SHARE * (high - low)))
+
+
+def _adaptation(model: Model, text: Callable[[sp.Expr], str]) -> dict[str, Any]:
+    """What the controller does not know, with every number stated."""
+    given = model.adaptation
+    if given is None:
+        return {}
+    count, shown = len(model.plant.b), [text(entry) for entry in model.plant.theta]
+
+    def name(entry: Entry) -> str:
+        if entry.place < count:
+            return f"b{count - 1 - entry.place}"
+        own = shown[entry.place - count]
+        return own if own.isidentifier() and shown.count(own) == 1 else f"theta{entry.place - count + 1}"
+
+    found: dict[str, Any] = {"guess": {name(entry): entry.guess for entry in given.entries}}
+    if given.unknown:
+        found |= {"unknown": [name(entry) for entry in given.unknown], "force": given.force}
+        ranges = {name(entry): list(entry.range) for entry in given.unknown if entry.range is not None}
+        found |= {"range": ranges} if ranges else {}
+    if given.unknown and given.least_squares is None:
+        found |= {"leakage": given.leakage, "gain": {name(entry): entry.gain for entry in given.unknown}}
+        found["prior"] = {name(entry): entry.prior for entry in given.unknown}
+    if given.inverse is not None:
+        found |= {"form": "inverse", "inverse": asdict(given.inverse)}
+    if given.least_squares is not None:
+        found |= {"estimator": "least_squares", "least_squares": asdict(given.least_squares)}
+    return {"adaptation": found}
 
 
 def _actuator(manifest: Manifest, values: Mapping[str, float]) -> dict[str, float]:

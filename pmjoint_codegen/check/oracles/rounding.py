@@ -7,6 +7,7 @@ With hats for computed values, ``e`` for bounds on their errors, unit roundoff `
     a / b      (e_a + |c^| e_b) / (|b^| - e_b) + u |c^|  sqrt a  min(e_a / c^, sqrt e_a) + u |c^|
     exp        c^ (exp(e_a) - 1) + ULP                   log     -log(1 - e_a/|a^|) + ULP
     tan        e_a / (|cos a^| (|cos a^| - e_a)) + ULP   min, max  max(e_a, e_b), or that of the one
+    tanh       min(e_a / cosh^2(|a^| - e_a), 2) + ULP
     others     e_a times the largest slope + ULP                   chosen, where the bounds leave no doubt
 
 ULP is the accuracy that the C library documents for the function; it and the slope are in the function's row
@@ -133,6 +134,13 @@ def of_tangent(x: Array, e: Array, value: Array) -> Array:
     """Error of tan from that of its operand, without its own rounding."""
     cosine = np.abs(np.cos(x)) * (1 - 8 * ROUNDOFF)
     return np.where(cosine > e, e / (cosine * (cosine - e)), np.inf)
+
+
+def of_hyperbolic_tangent(x: Array, e: Array, value: Array) -> Array:
+    """Error of tanh from that of its operand, without its own rounding: little where tanh is flat."""
+    nearest = np.maximum(np.abs(x) * (1 - 8 * ROUNDOFF) - e, 0.0)
+    slope = np.square(1 / np.cosh(nearest)) * (1 + 32 * ROUNDOFF)
+    return np.minimum(e * slope, 2.0)
 
 
 def of_logarithm(x: Array, e: Array, value: Array) -> Array:

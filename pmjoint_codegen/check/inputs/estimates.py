@@ -1,0 +1,65 @@
+"""Estimates where they can be: inside their ranges, and a gain matrix that is positive definite.
+
+Outside, the adaptive law divides by zero, or V has the logarithm of a negative number. No run gets there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from pmjoint_codegen.manifest import Function, Manifest
+
+Array = npt.NDArray[np.float64]
+
+INSIDE: Final = (0.02, 0.98)  # of a range
+NEAR: Final = (0.5, 2.0)  # times where an estimate without a range starts
+SHARE: Final = 0.1  # of the gain matrix's diagonal, next to it
+
+
+def place_estimates(
+    manifest: Manifest, function: Function, arguments: tuple[Array, ...], random: np.random.Generator
+) -> None:
+    """Move the estimates among a kernel's inputs to where they can be, in place.
+
+    Args:
+        manifest: of the model; one without estimates changes nothing.
+        function: the kernel.
+        arguments: its points, one array per input, shape (points, size).
+        random: chooses the places.
+    """
+    given = {label: array for (label, _), array in zip(function.inputs, arguments, strict=True)}
+    label = next((label for label in ("X", "s") if label in given), None)
+    if label is None or "p" not in given or "Theta" not in manifest.blocks:
+        return
+    first = 0 if label == "X" else manifest.nx
+    p = {item.name: given["p"][:, i] for i, item in enumerate(manifest.parameters)}
+    for place, values in _placed(manifest, p, random):
+        given[label][:, place - first] = values
+
+
+def _placed(
+    manifest: Manifest, p: Mapping[str, Array], random: np.random.Generator
+) -> Iterator[tuple[int, Array]]:
+    """Index among the states, and values, of every estimate."""
+    count = len(next(iter(p.values())))
+    first, last = manifest.blocks["Theta"]
+    for i in range(first, last):
+        name = manifest.states[i].name.removesuffix("_hat")
+        if f"{name}_low" in p:
+            low, high = p[f"{name}_low"], p[f"{name}_high"]
+            yield i, low + (high - low) * random.uniform(*INSIDE, count)
+        else:
+            yield i, p[f"{name}_guess"] * random.uniform(*NEAR, count)
+    for i in range(*manifest.blocks.get("rho", (0, 0))):
+        yield i, p["rho_guess"] * random.uniform(*NEAR, count)
+    first, last = manifest.blocks.get("Gamma", (0, 0))
+    starts = manifest.start.guesses[first - manifest.nx : last - manifest.nx]
+    for i, start in enumerate(starts, start=first):
+        if start:
+            yield i, p[start] * random.uniform(*NEAR, count)
+        else:
+            yield i, SHARE * p["ls_P0"] * random.uniform(-1.0, 1.0, count)
