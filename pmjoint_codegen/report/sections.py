@@ -16,6 +16,7 @@ ORDER = (
     "Compensator",
     "Reference",
     "Backstepping",
+    "Adaptation",
     "Start",
     "Certificate",
     "Closed loop",
