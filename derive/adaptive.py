@@ -27,7 +27,9 @@ from functools import cached_property
 import sympy as sp
 
 from pmjoint_derive.adaptation import RHO_GAMMA, RHO_HAT, Adaptation
-from pmjoint_derive.adaptive_certificate import certificate_equations, lyapunov_equations, prove
+from pmjoint_derive.adaptive_certificate import certificate_equations
+from pmjoint_derive.adaptive_energy import lyapunov_equations
+from pmjoint_derive.adaptive_proof import prove
 from pmjoint_derive.backstepping import (
     SECTION,
     Backstepping,
@@ -51,6 +53,8 @@ from pmjoint_derive.units import SECOND
 @dataclass(frozen=True)
 class Adaptive(Backstepping):
     """The design with estimates."""
+
+    decays = False  # V_Theta need not
 
     @classmethod
     def signals_for(cls, plant: Plant, adaptation: Adaptation | None) -> Signals:
@@ -155,6 +159,8 @@ class Adaptive(Backstepping):
         """z_i' under the law, exact for any saturation and any plant of the class."""
         s, units = self.signals, self.units
         slopes = [{hat: real_symbol(partial_name(alpha, hat)) for hat in s.estimates} for alpha in s.alpha]
+        if s.inverse and slopes:  # alpha_1 is then written without the estimate of b_m
+            slopes[0].pop(self.b_m, None)
         return [
             Equation(
                 real_symbol(derivative_name(z)),

@@ -55,6 +55,8 @@ Partials = Mapping[sp.Symbol, sp.Symbol]  # signal -> name of a virtual control'
 class Backstepping(Design):
     """The paper's design, with what every step uses."""
 
+    decays = True
+
     @cached_property
     def v_m(self) -> tuple[sp.Symbol, ...]:
         """Symbols of v_{m,1} ... v_{m,n}: the filtered input, each step's virtual control."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import sympy as sp
@@ -20,7 +21,9 @@ from pmjoint_derive.lyapunov import (
 from pmjoint_derive.lyapunov_matrix import lyapunov_matrix, symmetric_matrix
 from pmjoint_derive.signals import Signals
 
-_READABLE = 4  # order up to which P is written in the gains: its entries grow threefold with each order
+READABLE = 4  # order up to which P is written in the gains: its entries grow threefold with each order
+
+Row = tuple[str, sp.Expr, str, str]  # name, expression, number in the paper, meaning
 
 
 def certificate_equations(derivation: Derivation) -> tuple[Equation, ...]:
@@ -32,8 +35,8 @@ def certificate_equations(derivation: Derivation) -> tuple[Equation, ...]:
     has one.
     """
     s, plant, bound = derivation.signals, derivation.plant, derivation.model.disturbance_bound
-    short = plant.order <= _READABLE
-    P, solved = symmetric_matrix(plant.order), lyapunov_matrix(s) if short else _at_gains(derivation)
+    short = plant.order <= READABLE
+    P, solved = symmetric_matrix(plant.order), lyapunov_matrix(s) if short else matrix_at_gains(derivation)
     symbols, PD = disturbance_symbols(plant), projected_symbols(plant.order)
     acting = [symbol if rate != 0 else rate for symbol, rate in zip(symbols, plant.disturbance, strict=True)]
     V_epsilon, V_lost = real_symbol("V_epsilon"), real_symbol("V_lost")
@@ -72,6 +75,16 @@ def certificate_equations(derivation: Derivation) -> tuple[Equation, ...]:
     if bound is not None:
         rows += _residual(derivation, bound)
     taken = {item.name for item in derivation.model.parameters} | set(derivation.equations)
+    return named_rows(rows, taken)
+
+
+def named_rows(rows: Sequence[Row], taken: Collection[str]) -> tuple[Equation, ...]:
+    """Rows as equations of their section, with other names where a model has its own use of them.
+
+    Args:
+        rows: what is stated.
+        taken: names that mean something else.
+    """
     free = {
         real_symbol(name): real_symbol(f"{name}_of_V") for name, *_ in rows if name in taken
     }  # nothing here speaks of the plant's parameters, so a name of theirs can only mean our own
@@ -105,14 +118,14 @@ def residual(derivation: Derivation, lambda_P: sp.Symbol, D_max: sp.Symbol) -> s
     return error_weight(derivation.signals) * factor * D_max**2
 
 
-def _decay(derivation: Derivation) -> list[tuple[str, sp.Expr, str, str]]:
+def _decay(derivation: Derivation) -> list[Row]:
     """(34): name, expression, number and meaning of each constant."""
     s, largest = derivation.signals, real_symbol("lambda_P")
     rate = real_symbol("f_minus") / real_symbol("f_plus")
     return [
         (
             "lambda_P",
-            _largest_eigenvalue(_at_gains(derivation)),
+            largest_eigenvalue(matrix_at_gains(derivation)),
             "",
             "largest eigenvalue of P, at the gains of the model",
         ),
@@ -127,7 +140,7 @@ def _decay(derivation: Derivation) -> list[tuple[str, sp.Expr, str, str]]:
     ]
 
 
-def _residual(derivation: Derivation, bound: float) -> list[tuple[str, sp.Expr, str, str]]:
+def _residual(derivation: Derivation, bound: float) -> list[Row]:
     """(33) and (35), likewise."""
     V, Y, f, D_max = (real_symbol(name) for name in ("V", "Y", "f", "D_max"))
     return [
@@ -142,13 +155,13 @@ def _residual(derivation: Derivation, bound: float) -> list[tuple[str, sp.Expr, 
     ]
 
 
-def _at_gains(derivation: Derivation) -> sp.ImmutableMatrix:
+def matrix_at_gains(derivation: Derivation) -> sp.ImmutableMatrix:
     """P at the filter gains of the model, exactly."""
     numbers = tuple(sp.Rational(repr(gain)) for gain in derivation.model.gains.k)
     return lyapunov_matrix(replace(derivation.signals, k=numbers))
 
 
-def _largest_eigenvalue(P: sp.ImmutableMatrix) -> sp.Float:
+def largest_eigenvalue(P: sp.ImmutableMatrix) -> sp.Float:
     """The largest eigenvalue of a symmetric matrix of numbers, to 15 digits."""
     roots = sp.Poly(P.charpoly().as_expr()).nroots(n=30, maxsteps=200)
     return sp.Float(max(sp.re(root) for root in roots), 15)

@@ -150,7 +150,7 @@ def error_equations(model: Model, design: Design) -> list[Equation]:
         signals.y - signals.y_r[0],
         "Closed loop",
         "",
-        f"tracking error, e = z1 + {signals.r[0]}",
+        "tracking error" + (f", e = z1 + {signals.r[0]}" if signals.r else ""),
         units.of(signals.y),
     )
     estimation = [

@@ -11,8 +11,10 @@ def compensator_matrix(signals: Signals) -> sp.ImmutableMatrix:
     """The matrix of (23), rho x rho: ``-ck_i`` on the diagonal, 1 above it; with braking, its hold's.
 
     Of an adaptive design it has a first row and column of zeros: the integral of its hold there is the sample
-    time, with which the estimates advance.
+    time, with which the estimates advance. An extended-state observer needs that alone.
     """
+    if signals.observer:
+        return sp.ImmutableMatrix([[0]])
     if signals.braking:
         return braking_matrix(signals)
     rho = len(signals.r)

@@ -47,10 +47,11 @@ def disturbance_identities(derivation: Derivation) -> list[Identity]:
 def sampling_identities(derivation: Derivation) -> list[Identity]:
     """``s(t + T) = F s + G (s' - A s)``: the exact solution of ``s' = A s + drive`` with the drive held."""
     s, hold = derivation.signals, Hold.of(derivation.signals)
-    columns = [sp.Matrix([row[j] for row in s.Xi]) for j in range(derivation.plant.p)]
+    columns = zip(*s.Xi, strict=True)
     A0 = filter_matrix(s)
-    systems = [(sp.Matrix(states), A0, hold.F0, hold.G0) for states in (s.xi, *columns, s.lambda_)]
-    if not s.braking and not s.estimates:
+    filters = (s.xi, *columns, s.lambda_) if derivation.design.exact_hold else ()
+    systems = [(sp.Matrix(states), A0, hold.F0, hold.G0) for states in filters]
+    if s.r and not s.braking and not s.estimates:
         systems.append((sp.Matrix(s.r), compensator_matrix(s), hold.Fr, hold.Gr))
     held = [identity for system in systems for identity in _held(derivation, *system)]
     return [*held, *(braking_identities(derivation, hold.Fr, hold.Gr) if s.braking else [])]
@@ -71,7 +72,10 @@ def _held(
 
 
 def start_identities(derivation: Derivation) -> list[Identity]:
-    """At the matched start z = 0; epsilon is what a plant at rest has: 0, then ``x_{i+1} + drift_i(y)``."""
+    """At the matched start a compensator makes z = 0; epsilon is what a plant at rest has.
+
+    That is 0, then ``x_{i+1} + drift_i(y)``.
+    """
     s, plant = derivation.signals, derivation.plant
     known = derivation.equations
     # states as names of their start values: every name then has its value there
@@ -86,7 +90,8 @@ def start_identities(derivation: Derivation) -> list[Identity]:
         return expand_to_zero(there.expand(value, keep), plant.sigma)
 
     errors = [
-        Identity(f"{z}(0)", f"{z} = 0 at the matched start", vanishes(known[z.name].expression)) for z in s.z
+        Identity(f"{z}(0)", f"{z} = 0 at the matched start", vanishes(known[z.name].expression))
+        for z, _ in zip(s.z, s.r, strict=False)  # r makes it so
     ]
     rest = (
         sp.Integer(0),

@@ -27,6 +27,7 @@ from types import MappingProxyType
 
 from pmjoint_derive.adaptation import settings_of
 from pmjoint_derive.adaptive import Adaptive
+from pmjoint_derive.adrc import Adrc
 from pmjoint_derive.backstepping import Backstepping
 from pmjoint_derive.believed import believed_plant
 from pmjoint_derive.closed_loop import (
@@ -48,7 +49,9 @@ from pmjoint_derive.true_plant import true_plant
 from pmjoint_derive.units import parse_unit
 from pmjoint_derive.valve import sensor_equations, valve_equations, with_valve
 
-DESIGNS: Mapping[str, type[Design]] = MappingProxyType({"backstepping": Backstepping, "adaptive": Adaptive})
+DESIGNS: Mapping[str, type[Design]] = MappingProxyType(
+    {"backstepping": Backstepping, "adaptive": Adaptive, "adrc": Adrc}
+)
 
 
 def derive(model: Model, stage: Stage = unwatched) -> Derivation:

@@ -10,6 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import ClassVar
 
 import sympy as sp
 
@@ -37,12 +38,17 @@ class Design(ABC):
         adaptation: what the controller does not know of the plant; None: nothing.
     """
 
+    decays: ClassVar[bool] = False  # whether V falls at the rate of (35), and not only does not rise
+
     plant: Plant
     truth: Plant
     signals: Signals
     units: Units
     limit: sp.Expr = sp.oo
     adaptation: Adaptation | None = None
+
+    certifies: ClassVar[bool] = True  # whether a Lyapunov function comes with the law
+    exact_hold: ClassVar[bool] = True  # of the sampled filters, while y and u are held
 
     @classmethod
     def signals_for(cls, plant: Plant, adaptation: Adaptation | None) -> Signals:
@@ -87,9 +93,27 @@ class Design(ABC):
             stage: called with the name of what is derived and the fraction completed.
         """
 
+    def matched_filters(self) -> dict[sp.Symbol, sp.Expr]:
+        """Matched values of xi, Xi and lambda, as functions of y; keyed by state."""
+        plant, s = self.plant, self.signals
+        zero = sp.Integer(0)
+        found = dict(zip(s.xi, (s.y, *(-phi for phi in plant.phi)), strict=False))
+        rows = ((zero,) * plant.p, *(tuple(-entry for entry in row) for row in plant.Phi))
+        for states, row in zip(s.Xi, rows, strict=False):
+            found |= dict(zip(states, row, strict=True))
+        return found | dict.fromkeys(s.lambda_, zero)
+
     def estimation(self) -> list[Equation]:
         """Rates of estimates of the plant, and what they are made of; none unless the design has any."""
         return []
+
+    def sampled_filters(self, equations: Equations, hold: Hold) -> dict[sp.Symbol, sp.Expr]:
+        """Xi, Xi and lambda one sample later, keyed by state; arguments as of `sampled`."""
+        s = self.signals
+        found: dict[sp.Symbol, sp.Expr] = {}
+        for states in (s.xi, *zip(*s.Xi, strict=True), s.lambda_):
+            found |= dict(zip(states, held_update(equations, states, hold.F0, hold.G0), strict=True))
+        return found
 
     def sampled(self, equations: Equations, hold: Hold) -> Sampled:
         """The compensator and estimates one sample later, and steps on the way as named equations.
@@ -154,12 +178,16 @@ class Derivation:
     @property
     def gain_values(self) -> dict[sp.Symbol, float]:
         """The model's value of every gain and of the input's scale, in the order of the parameter vector."""
-        values = self.model.gains.by_kind
+        gains = self.model.gains
+        values, bandwidth = gains.by_kind, () if gains.observer is None else (gains.observer,)
         return {
             symbol: value
             for kind, symbols in self.signals.gains_by_kind.items()
             for symbol, value in zip(symbols, values[kind], strict=True)
-        } | {self.signals.input_scale: self.model.gains.input_scale}
+        } | {
+            self.signals.input_scale: gains.input_scale,
+            **dict(zip(self.signals.observer, bandwidth, strict=True)),
+        }
 
     def expanded(self, name: str) -> sp.Expr:
         """An equation's right-hand side in y, u, states, the reference, epsilon and parameters only.

@@ -34,7 +34,7 @@ from pmjoint_derive.backstepping import Backstepping, Partials, sensitivity
 from pmjoint_derive.design import Sampled
 from pmjoint_derive.equation import Equation, real_symbol
 from pmjoint_derive.filters import input_filters
-from pmjoint_derive.units import Unit
+from pmjoint_derive.units import SECOND, Unit
 
 SECTION = "Adaptation"
 SAMPLED = "Sampled"
@@ -84,6 +84,13 @@ def output_rate_by(step: Backstepping, entry: Entry) -> sp.Expr:
     if entry.place >= count:
         return plant.Phi[0][entry.place - count] + found
     return found + (plant.sigma * step.signals.u if plant.rho == 1 and entry.place == 0 else 0)
+
+
+def regressor_equation(step: Backstepping, entry: Entry) -> Equation:
+    """``omega`` of one entry as a named equation."""
+    unit = step.units.of(step.signals.y) / SECOND / step.units.of(entry.estimate)
+    about = f"regressor of {entry.name} in y'"
+    return Equation(omega(entry), output_rate_by(step, entry), SECTION, "", about, unit)
 
 
 def own_gain(entry: Entry) -> sp.Expr:

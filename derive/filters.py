@@ -24,9 +24,10 @@ def shift_matrix(order: int) -> sp.ImmutableMatrix:
 
 
 def filter_matrix(signals: Signals) -> sp.ImmutableMatrix:
-    """``A0 = A - k e1'`` of (14), n x n."""
-    n = len(signals.k)
-    gain = sp.Matrix(n, n, lambda i, j: signals.k[i] if j == 0 else 0)
+    """``A0 = A - k e1'`` of (14), n x n; n + 1 of an extended-state observer."""
+    k = signals.filter_gains
+    n = len(k)
+    gain = sp.Matrix(n, n, lambda i, j: k[i] if j == 0 else 0)
     return sp.ImmutableMatrix(shift_matrix(n) - gain)
 
 

@@ -31,7 +31,7 @@ class Hold:
     @classmethod
     def of(cls, signals: Signals) -> Hold:
         """The symbols for one design."""
-        n, size = len(signals.k), compensator_matrix(signals).rows
+        n, size = len(signals.filter_gains), compensator_matrix(signals).rows
         return cls(_matrix("F0", n), _matrix("G0", n), _matrix("Fr", size), _matrix("Gr", size))
 
     @property

@@ -11,7 +11,7 @@ from pmjoint_derive.adaptation import LS_FORGETTING, LS_K_MAX, LS_KAPPA, Adaptat
 from pmjoint_derive.backstepping import Backstepping, Partials
 from pmjoint_derive.design import Sampled
 from pmjoint_derive.equation import Equation, real_symbol
-from pmjoint_derive.estimation import SECTION, advanced, omega_1, own_gain, regressor
+from pmjoint_derive.estimation import SECTION, advanced, omega_1, own_gain, regressor, regressor_equation
 from pmjoint_derive.signals import derivative_name
 from pmjoint_derive.units import SECOND
 
@@ -32,10 +32,11 @@ class LeastSquares:
     adaptation: Adaptation
 
     def prepared(self) -> list[Equation]:
-        """The regressor of ``y - xi_1``, the prediction error, the rates of estimates and gain matrix."""
+        """The regressors of y' and of ``y - xi_1``, the prediction error and the rates of estimates."""
         step, units = self.step, self.step.units
         y, unknown = step.signals.y, self.adaptation.unknown
-        found = [
+        found = [regressor_equation(step, entry) for entry in unknown]
+        found += [
             Equation(
                 omega_1(entry),
                 regressor(step, entry, 1),

@@ -24,7 +24,8 @@ e_i)`` in place of ``sum |P D|^2/(2 e_i)``, and other squares (`squares`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from itertools import chain
 
 import sympy as sp
 
@@ -41,8 +42,11 @@ from pmjoint_derive.lyapunov_matrix import lyapunov_matrix, lyapunov_residual, s
 from pmjoint_derive.signals import Signals, derivative_name, partial_name
 from pmjoint_derive.vanishing import expand_to_zero
 
+Vanishing = Callable[[sp.Expr, sp.Expr], sp.Expr]  # an expression and sigma -> 0, or a remainder
+NOTHING: frozenset[sp.Symbol] = frozenset()
 
-def unfold(derivation: Derivation, name: str, keep: frozenset[sp.Symbol] = frozenset()) -> sp.Expr:
+
+def unfold(derivation: Derivation, name: str, keep: frozenset[sp.Symbol] = NOTHING) -> sp.Expr:
     """An equation's right-hand side in signals, parameters and the plant's named constants.
 
     Args:
@@ -50,17 +54,17 @@ def unfold(derivation: Derivation, name: str, keep: frozenset[sp.Symbol] = froze
         name: of the equation.
         keep: further names to leave as they are.
     """
-    return derivation.equations.expand(derivation.equations[name].expression, _primitive(derivation) | keep)
+    return derivation.equations.expand(derivation.equations[name].expression, primitive(derivation) | keep)
 
 
-def _primitive(derivation: Derivation) -> frozenset[sp.Symbol]:
+def primitive(derivation: Derivation) -> frozenset[sp.Symbol]:
     """Symbols that stay: what is measured or applied, and the constants that the plant is written in."""
-    s, plant = derivation.signals, derivation.plant
+    s, plant, certified = derivation.signals, derivation.plant, derivation.design.certified
     entries = (
         *plant.phi,
         *(entry for row in plant.Phi for entry in row),
-        *plant.theta,
-        *plant.b,
+        *(*plant.theta, *certified.theta),
+        *(*plant.b, *certified.b),
         plant.sigma,
     )
     return frozenset({s.y, s.u, *s.y_r}).union(*(entry.free_symbols for entry in entries))
@@ -78,23 +82,28 @@ def _partial(derivation: Derivation, alpha: sp.Symbol, by: sp.Symbol) -> sp.Expr
     return real_symbol(name) if name in derivation.equations else sp.Integer(0)
 
 
-def true_rates(derivation: Derivation) -> dict[sp.Symbol, sp.Expr]:
+def true_rates(derivation: Derivation, keep: frozenset[sp.Symbol] = NOTHING) -> dict[sp.Symbol, sp.Expr]:
     """Rates of all that a virtual control may depend on, along the plant (11) with any u and ``du = u - v``.
 
-    The plant is restated from its class; filters and compensator are the derivation's own equations, which
-    the kernels are made from. The unmeasured x_2 is written as its estimate and epsilon_2; a disturbance of
-    y' stays a symbol.
+    The plant is restated from its class; filters, compensator and estimates are the derivation's own
+    equations, which the kernels are made from. The unmeasured x_2 is written as the estimate by the true
+    values and epsilon_2; a disturbance of y' stays a symbol.
+
+    Args:
+        derivation: the design.
+        keep: names of the design to leave as they are.
     """
-    s, plant = derivation.signals, derivation.plant
+    s, plant = derivation.signals, derivation.design.certified
     y_dot = plant.drift[0]
     if plant.order > 1:
-        y_dot += unfold(derivation, "x_hat2")
+        y_dot += s.x[1] - unfold(derivation, s.epsilon[1].name)
     y_dot += unknown_output_rate(derivation.design)
     if plant.rho == 1:
         y_dot += plant.b[0] * plant.sigma * s.u
     rates = {s.y: y_dot}
     for state in s.controller_state:
-        rate = unfold(derivation, derivative_name(state), frozenset({s.v}))
+        name = real_symbol(derivative_name(state))
+        rate = name if name in keep else unfold(derivation, name.name, keep | {s.v})
         rates[state] = rate.xreplace({s.compensator: sp.Integer(1)})
     return rates | dict(zip(s.y_r, s.y_r[1:], strict=False))
 
@@ -134,13 +143,14 @@ def claimed_rates(derivation: Derivation, s_: tuple[sp.Expr, ...]) -> tuple[sp.E
 
 def estimation_identities(derivation: Derivation) -> list[Identity]:
     """``epsilon' = A0 epsilon + D`` for ``epsilon = x - x_hat`` along plant and filters, for any u (17)."""
-    s, plant = derivation.signals, derivation.plant
-    n, D = plant.order, sp.Matrix(disturbance_symbols(plant))
-    x_dot = sp.Matrix(list(plant_rates(plant, s).values())).xreplace({s.y: s.x[0]})
-    x_hat = sp.Matrix([unfold(derivation, f"x_hat{i}") for i in range(1, n + 1)])
-    rates = {symbol: rate.xreplace({s.y: s.x[0]}) for symbol, rate in true_rates(derivation).items()}
-    error_dot = x_dot - sp.Matrix([rate_along(entry, rates) for entry in x_hat])
-    rest = error_dot - filter_matrix(s) * (sp.Matrix(s.x) - x_hat) - D
+    s, plant = derivation.signals, derivation.design.certified
+    D = sp.Matrix(disturbance_symbols(plant))
+    errors = sp.Matrix([unfold(derivation, epsilon.name) for epsilon in s.epsilon])
+    rates = plant_rates(plant, s) | {
+        state: unfold(derivation, derivative_name(state)) for state in (*s.xi, *chain(*s.Xi), *s.lambda_)
+    }
+    rates = {symbol: rate.xreplace({s.y: s.x[0]}) for symbol, rate in rates.items()}
+    rest = sp.Matrix([rate_along(entry, rates) for entry in errors]) - filter_matrix(s) * errors - D
     sigma = plant.sigma.xreplace({s.y: s.x[0]})
     return [
         Identity(f"epsilon_{i}", f"epsilon_{i}' = (A0 epsilon + D)_{i}", expand_to_zero(entry, sigma))
@@ -148,22 +158,29 @@ def estimation_identities(derivation: Derivation) -> list[Identity]:
     ]
 
 
-def partial_identities(derivation: Derivation) -> list[Identity]:
+def partial_identities(
+    derivation: Derivation, keep: frozenset[sp.Symbol] = NOTHING, vanishing: Vanishing = expand_to_zero
+) -> list[Identity]:
     """Every named partial derivative is its virtual control's; every one that is not named is zero.
 
     By induction over the names: a virtual control is written in errors, in earlier virtual controls and in
     their partial derivatives, and the whole is differentiated through all of them. What helps the
     derivation, such as second derivatives, is unfolded first. Written in signals alone, an identity of order
     four would take minutes.
+
+    Args:
+        derivation: the design.
+        keep: further names that a virtual control is written in.
+        vanishing: decides whether an expression is zero.
     """
     s = derivation.signals
-    slopes = _Slopes(derivation)
+    slopes = _Slopes(derivation, keep)
     identities = []
     for alpha in s.alpha:
         for by in s.measurable:
             name = partial_name(alpha, by)
             named = slopes.unfolded(name) if name in derivation.equations else sp.Integer(0)
-            rest = expand_to_zero(named - slopes.through(alpha, by), sp.Integer(1))
+            rest = vanishing(named - slopes.through(alpha, by), sp.Integer(1))
             identities.append(Identity(name, f"{name} is the derivative of {alpha} by {by}", rest))
     return identities
 
@@ -171,12 +188,12 @@ def partial_identities(derivation: Derivation) -> list[Identity]:
 class _Slopes:
     """Derivatives of named equations by signals, through every name that an equation uses."""
 
-    def __init__(self, derivation: Derivation) -> None:
+    def __init__(self, derivation: Derivation, keep: frozenset[sp.Symbol]) -> None:
         s = derivation.signals
         firsts = (real_symbol(partial_name(alpha, by)) for alpha in s.alpha for by in s.measurable)
         self._derivation = derivation
-        self._fixed = _primitive(derivation)
-        self._kept = self._fixed | {*s.z, *s.alpha, *firsts}
+        self._fixed = primitive(derivation)
+        self._kept = self._fixed | {*s.z, *s.alpha, *firsts} | keep
         self._known: dict[tuple[sp.Symbol, sp.Symbol], sp.Expr] = {}
 
     def unfolded(self, name: str) -> sp.Expr:
@@ -198,7 +215,7 @@ class _Slopes:
         return total
 
     def _slope(self, of: sp.Symbol, by: sp.Symbol) -> sp.Expr:
-        if of in _primitive(self._derivation):
+        if of in self._fixed:
             return sp.Integer(0)
         return (
             _partial(self._derivation, of, by)
@@ -207,29 +224,33 @@ class _Slopes:
         )
 
 
-def error_identities(derivation: Derivation) -> list[Identity]:
+def error_identities(
+    derivation: Derivation, keep: frozenset[sp.Symbol] = NOTHING, vanishing: Vanishing = expand_to_zero
+) -> list[Identity]:
     """``z_i'`` along the true dynamics equals what (27), (28) claim, for any u.
 
     Errors and partial derivatives stay names as long as they may: their definitions are unfolded where they
     are differentiated, and the partial derivatives are proved apart. So the expressions stay small for any
     order.
+
+    Args:
+        derivation: the design.
+        keep: further names that stay: of what moves the estimates.
+        vanishing: decides whether an expression is zero.
     """
-    rates = true_rates(derivation)
+    s = derivation.signals
+    names = frozenset(real_symbol(partial_name(alpha, by)) for alpha in s.alpha for by in s.measurable)
+    keep = primitive(derivation) | names | keep
+    rates = true_rates(derivation, keep | {*s.z, *s.alpha})
     rates |= virtual_control_rates(derivation, rates)
     claims = claimed_rates(derivation, sensitivities(derivation))
-    return [_error_identity(derivation, i, rates, claim) for i, claim in enumerate(claims, start=1)]
-
-
-def _error_identity(
-    derivation: Derivation, i: int, rates: Mapping[sp.Symbol, sp.Expr], claim: sp.Expr
-) -> Identity:
-    s, equations = derivation.signals, derivation.equations
-    names = frozenset(real_symbol(partial_name(alpha, by)) for alpha in s.alpha for by in s.measurable)
-    keep = _primitive(derivation) | names
-    definition = unfold(derivation, s.z[i - 1].name, names | frozenset(s.alpha))
-    rest = equations.expand(rate_along(definition, rates) - claim, keep | frozenset(s.z[:i]))
-    claimed = f"z{i}' along the true dynamics is what {'(27)' if i == 1 else '(28)'} claims, for any u"
-    return Identity(f"z{i}'", claimed, expand_to_zero(rest, derivation.plant.sigma))
+    identities = []
+    for i, (z, claim) in enumerate(zip(s.z, claims, strict=True), start=1):
+        along = rate_along(unfold(derivation, z.name, keep | {*s.alpha}), rates)
+        rest = derivation.equations.expand(along - claim, keep | {*s.z[:i], *s.alpha[: i - 1]})
+        claimed = f"z{i}' along the true dynamics is what {'(27)' if i == 1 else '(28)'} claims, for any u"
+        identities.append(Identity(f"z{i}'", claimed, vanishing(rest, derivation.plant.sigma)))
+    return identities
 
 
 def energy_identity(derivation: Derivation) -> Identity:
@@ -346,10 +367,9 @@ def certificate_identity(derivation: Derivation) -> Identity:
     return Identity("certificate", statement, sp.expand(V_dot - claim - left))
 
 
-def lyapunov_identities(derivation: Derivation) -> list[Identity]:
-    """``P A0 + A0' P = -2 I`` for the P that is solved for, entry by entry."""
-    s = derivation.signals
-    residual = lyapunov_residual(lyapunov_matrix(s), s)
+def lyapunov_identities(s: Signals, P: sp.ImmutableMatrix) -> list[Identity]:
+    """``P A0 + A0' P = -2 I`` entry by entry, for the P that is used."""
+    residual = lyapunov_residual(P, s)
     return [
         Identity(
             f"P_{i + 1}{j + 1}",
@@ -369,5 +389,5 @@ def prove(derivation: Derivation) -> tuple[Identity, ...]:
         *error_identities(derivation),
         energy_identity(derivation),
         certificate_identity(derivation),
-        *lyapunov_identities(derivation),
+        *lyapunov_identities(derivation.signals, lyapunov_matrix(derivation.signals)),
     )

@@ -185,6 +185,7 @@ class Gains:
         compensator: False keeps r = 0, that is, plain clipping.
         matched: whether a run starts with the controller matched to y(0), not at zero.
         braking: the share of the actuator's limit that a braking compensator reckons with; None: (23).
+        observer: bandwidth of an extended-state observer, 1/s; with it e, ck and k are empty. None: no such.
         input_scale: kappa > 0, weight of z_2 ... z_rho in V, for y and u in the units of `Model`; 1 is the
             paper's law.
     """
@@ -197,6 +198,7 @@ class Gains:
     matched: bool = False
     input_scale: float = 1.0
     braking: float | None = None
+    observer: float | None = None
 
     @property
     def by_kind(self) -> dict[str, tuple[float, ...]]:

@@ -12,7 +12,7 @@ import sympy as sp
 
 from pmjoint_derive.design import Design
 from pmjoint_derive.equation import Equation, Equations, real_symbol
-from pmjoint_derive.hold import Hold, held_update
+from pmjoint_derive.hold import Hold
 from pmjoint_derive.signals import Signals
 
 SECTION = "Sampled"
@@ -22,6 +22,8 @@ def _number(signals: Signals, state: sp.Symbol) -> str:
     if state in signals.r:
         known = not signals.estimates and not (signals.braking and state == signals.r[0])
         return "(23)" if known else ""
+    if signals.observer:
+        return ""
     return "" if state in (*signals.estimates, *signals.inverse, *signals.covariance) else "(14)"
 
 
@@ -29,12 +31,8 @@ def sampling_equations(design: Design, equations: Equations) -> list[Equation]:
     """The controller's state one sample later, as named equations ``xi1_next`` and so on."""
     signals = design.signals
     hold = Hold.of(signals)
-    columns = [[row[j] for row in signals.Xi] for j in range(len(signals.Xi[0]))] if signals.Xi[0] else []
-    update: dict[sp.Symbol, sp.Expr] = {}
-    for states in ([*signals.xi], *columns, [*signals.lambda_]):
-        update |= dict(zip(states, held_update(equations, states, hold.F0, hold.G0), strict=True))
     steps, found = design.sampled(equations, hold)
-    update |= found
+    update = design.sampled_filters(equations, hold) | found
     return steps + [
         Equation(
             real_symbol(f"{state.name}_next"),

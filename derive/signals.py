@@ -51,6 +51,7 @@ class Signals:
         compensator: 1 when (23) is driven, 0 for plain clipping.
         input_scale: kappa > 0, the weight of z_2 ... z_rho in V (30): the law is that of the input kappa u.
         braking: the share of the limit that a braking compensator reckons with, alone; else empty.
+        observer: the bandwidth of an extended-state observer, alone; else empty.
         estimates: estimates of the unknown entries of Theta; empty where all are known.
         inverse: the estimate of 1/b_m, alone; else empty.
         covariance: upper triangle of the gain matrix of least squares, row by row; else empty.
@@ -78,6 +79,7 @@ class Signals:
     compensator: sp.Symbol
     input_scale: sp.Symbol
     braking: tuple[sp.Symbol, ...] = ()
+    observer: tuple[sp.Symbol, ...] = ()
     estimates: tuple[sp.Symbol, ...] = ()
     inverse: tuple[sp.Symbol, ...] = ()
     covariance: tuple[sp.Symbol, ...] = ()
@@ -130,14 +132,22 @@ class Signals:
 
     @property
     def gains(self) -> tuple[sp.Symbol, ...]:
-        """All gains as in the parameter vector, then switch, input scale, braking and adaptation."""
-        design = (self.compensator, self.input_scale, *self.braking, *self.adaptation)
+        """All gains as in the parameter vector, then switch, input scale, braking, observer, adaptation."""
+        design = (self.compensator, self.input_scale, *self.braking, *self.observer, *self.adaptation)
         return (*chain.from_iterable(self.gains_by_kind.values()), *design)
 
     @property
     def gains_by_kind(self) -> dict[str, tuple[sp.Symbol, ...]]:
         """The symbols of `pmjoint_derive.model.Gains.by_kind`."""
         return {"c": self.c, "e": self.e, "ck": self.ck, "k": self.k}
+
+    @property
+    def filter_gains(self) -> tuple[sp.Expr, ...]:
+        """The first column of A0 with its sign changed: k, or that of n + 1 poles at ``-observer``."""
+        if not self.observer:
+            return self.k
+        size = len(self.xi)
+        return tuple(sp.binomial(size, i) * self.observer[0] ** i for i in range(1, size + 1))
 
     @property
     def weights(self) -> tuple[sp.Expr, ...]:
@@ -187,9 +197,11 @@ class Units:
                 entry: y / SECOND**i / stated.get(str(th), Unit({}))
                 for entry, th in zip(row, plant.theta, strict=True)
             }
-        table |= {symbol: y if i == 0 else input_side[i] for i, symbol in enumerate(s.z)}
+        of_rates = [y / SECOND**i for i in range(n)]  # an observer's errors are those of y and its rates
+        of_steps = [y, *input_side[1:]]
+        table |= dict(zip(s.z, of_rates if s.observer else of_steps, strict=False))
         table |= {symbol: input_side[i + 1] for i, symbol in enumerate(s.alpha)}
-        table |= {symbol: per_second for symbol in (*s.c, *s.ck)}
+        table |= {symbol: per_second for symbol in (*s.c, *s.ck, *s.observer)}
         if model.measures.si is not None:  # gains mean what they mean in SI units, whatever the columns have
             y, u = map(parse_unit, model.measures.si)
         table |= {

@@ -26,17 +26,6 @@ def start_symbol(symbol: sp.Symbol) -> sp.Symbol:
     return real_symbol(f"{symbol.name}_start")
 
 
-def filter_starts(design: Design) -> dict[sp.Symbol, sp.Expr]:
-    """Matched values of xi, Xi and lambda, as functions of y; keyed by state."""
-    plant, s = design.plant, design.signals
-    zero = sp.Integer(0)
-    found = dict(zip(s.xi, (s.y, *(-phi for phi in plant.phi)), strict=False))
-    rows = ((zero,) * plant.p, *(tuple(-entry for entry in row) for row in plant.Phi))
-    for states, row in zip(s.Xi, rows, strict=False):
-        found |= dict(zip(states, row, strict=True))
-    return found | dict.fromkeys(s.lambda_, zero)
-
-
 def estimate_starts(design: Design) -> dict[sp.Symbol, sp.Expr]:
     """Where the estimates start, whatever the rest of the controller does: at their guesses."""
     adaptation = design.adaptation
@@ -74,7 +63,7 @@ class _Start:
 
     def equations(self) -> list[Equation]:
         s = self._design.signals
-        for state, value in filter_starts(self._design).items():
+        for state, value in self._design.matched_filters().items():
             self._values[state] = self._name(state, value, f"matched start of {state}")
         for state, value in estimate_starts(self._design).items():
             self._values[state] = self._name(state, value, f"start of {state}")

@@ -17,9 +17,9 @@ from pmjoint_derive.estimation import (
     advanced,
     inverse_pull,
     omega,
-    output_rate_by,
     own_gain,
     pull,
+    regressor_equation,
     tau,
     weighted,
     zeta,
@@ -49,26 +49,12 @@ class Tuning:
         return [item for entry in self.adaptation.unknown for item in self._of(entry)]
 
     def _of(self, entry: Entry) -> list[Equation]:
-        units = self.step.units
-        unit = units.of(self.step.signals.y) / SECOND / units.of(entry.estimate)
-        found = [
-            Equation(
-                omega(entry),
-                output_rate_by(self.step, entry),
-                SECTION,
-                "",
-                f"regressor of {entry.name} in y'",
-                unit,
-            )
-        ]
+        found = [regressor_equation(self.step, entry)]
         if entry.range is None:
             return found
         about = f"gain of {entry.estimate}, which vanishes at the ends of its range"
-        gain = self.gain(entry)
-        return [
-            *found,
-            Equation(gain, entry.gamma * own_gain(entry), SECTION, "", about, units.of(entry.gamma)),
-        ]
+        gain, unit = self.gain(entry), self.step.units.of(entry.gamma)
+        return [*found, Equation(gain, entry.gamma * own_gain(entry), SECTION, "", about, unit)]
 
     def _excess(self, entry: Entry) -> sp.Expr:
         """What tau has less in the entry of b_m where its inverse is estimated too."""

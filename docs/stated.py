@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from docs import adaptive
 from docs.saturation import STRIP, table
 from pmjoint_codegen.cli.main import run
 from pmjoint_codegen.manifest import Manifest
@@ -26,7 +27,7 @@ from pmjoint_codegen.sweep.plan import CODES
 from pmjoint_codegen.sweep.region import border, held
 
 DOCS = Path(__file__).resolve().parent
-PAGES = ("saturation.md", "sweep.md", "tune.md")
+PAGES = ("adaptive.md", "saturation.md", "sweep.md", "tune.md")
 MARK = re.compile(r"(<!-- ([a-z]\w*(?:\.\w+)+) -->)(.*?)(<!-- / -->)", re.DOTALL)
 
 REGION = "sweep paper --grid x1=-100:100:401 --grid x2=-40:40:161 --grid compensator=0,1"
@@ -54,7 +55,14 @@ def filled(text: str, values: Mapping[str, str]) -> str:
 
 def computed() -> dict[str, str]:
     """Every number by name, as the prose writes it: some 300 000 runs, in half a minute."""
-    return {**_region(), **_saturation(), **_mismatch("J_plant"), **_mismatch("J"), **_tuned()}
+    return {
+        **adaptive.stated(),
+        **_region(),
+        **_saturation(),
+        **_mismatch("J_plant"),
+        **_mismatch("J"),
+        **_tuned(),
+    }
 
 
 def _dataset(command: str) -> xr.Dataset:

@@ -67,6 +67,7 @@ def structure(document: Document) -> dict[str, Any]:
         **({"system": system} if system else {}),
         **({"adaptation": _adaptation(document)} if "adaptation" in document else {}),
         "limit": document.get("actuator", {}).get("limit"),
+        **({"law": design["law"]} if design.get("law", "backstepping") != "backstepping" else {}),
         "gains": {key: len(value) for key, value in design.items() if isinstance(value, (list, tuple))},
         "reference": _DATA if isinstance(reference, Mapping) else reference,
     }

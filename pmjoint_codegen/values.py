@@ -26,6 +26,8 @@ from pmjoint_codegen.poles import poles_text
 SI = "1"  # the scale of a parameter that is stated in SI units, or in units that its author keeps consistent
 ZERO, MATCHED = "zero", "matched"  # starts of the controller
 STARTS = (ZERO, MATCHED)
+BACKSTEPPING, ADRC = "backstepping", "adrc"  # laws
+OBSERVER = "observer"  # bandwidth of an extended-state observer
 BRAKING = "braking"  # share of the limit that a braking compensator reckons with
 CLIP = "clip"
 SATURATIONS = ("compensator", CLIP, BRAKING)
@@ -142,7 +144,7 @@ def check_values(
 
     Args:
         values: name -> number: plant parameters, ``c1..``, ``e1..``, ``ck1..``, ``k1..``, ``compensator``,
-            ``input_scale``.
+            ``input_scale``; a design that has ``observer`` in place of gains is without these.
         n: order of the plant.
         rho: relative degree.
         limit: name of the parameter that limits the actuator on both sides; None: there are two.
@@ -164,16 +166,16 @@ def check_values(
     for name, value in values.items():
         if not math.isfinite(value):
             raise refuse(name, f"is {value}", "a finite number")
-    for name in (*positive_gains(rho), INPUT_SCALE, *([] if limit is None else [limit])):
-        if not values[name] > 0:
+    for name in (*positive_gains(rho), OBSERVER, INPUT_SCALE, *([] if limit is None else [limit])):
+        if name in values and not values[name] > 0:
             written = from_si(values[name], (scales or {}).get(name, SI))
             raise refuse(name, f"is {written:g}", "a number greater than 0")
     if leading is not None and values[leading] == 0:
         raise refuse(leading, "is 0, so b_m = 0 and no input acts", "a number other than 0")
     if values[COMPENSATOR] not in (0, 1):
         raise refuse(COMPENSATOR, f"is {values[COMPENSATOR]:g}", "1 (on) or 0 (off)")
-    gains = [values[name] for name in filter_gains(n)]
-    if not is_hurwitz([1.0, *gains]):
+    gains = [values[name] for name in filter_gains(n) if name in values]  # an observer has none
+    if gains and not is_hurwitz([1.0, *gains]):
         raise refuse(
             FILTER_GAINS,
             f"leaves A0 = A - k e1' unstable, eigenvalues {roots_text([1.0, *gains])}",

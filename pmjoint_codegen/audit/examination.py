@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from pmjoint_codegen.audit import claims, designing, filtering, modelling, stability
+from pmjoint_codegen.audit import claims, designing, filtering, future, modelling, stability
 from pmjoint_codegen.audit.context import Context
 from pmjoint_codegen.audit.findings import Finding
 from pmjoint_codegen.audit.paper import Printed, printed_equations
@@ -79,6 +79,7 @@ TRIALS = (
     claims.example_numbers,
     claims.compensation,
     claims.one_name_two_meanings,
+    future.future_work,
 )
 
 

@@ -43,6 +43,11 @@ class ExperimentRunner:
         """The example of Section V, with the y_r that the model file assumes."""
         return ClosedLoop.load("paper", notify=self.notify)
 
+    def adaptive(self, disturbed: bool) -> ClosedLoop:
+        """The example with guesses in place of b_0 and d_1, with the disturbance (37) or none."""
+        disturbance = None if disturbed else ("0", "0")
+        return ClosedLoop.load("paper-adaptive", disturbance=disturbance, notify=self.notify)
+
     def at_rest(self, disturbed: bool) -> ClosedLoop:
         """The same loop with y_r = 0, with the disturbance (37) or none."""
         return ClosedLoop.load(
@@ -128,6 +133,9 @@ class Experiments:
         clipped: bracket of the same law with r = 0, undisturbed.
         strip: ``b_0 u_M/d_1`` in rad, beyond which no input holds the joint.
         sure_strip: the same where the worst disturbance pushes.
+        adapted: the example with estimates in place of b_0 and d_1.
+        frozen: the same with its guesses kept.
+        quiet: with estimates, undisturbed.
     """
 
     with_compensator: Run
@@ -137,6 +145,9 @@ class Experiments:
     clipped: Bracket
     strip: float
     sure_strip: float
+    adapted: Run
+    frozen: Run
+    quiet: Run
 
 
 def experiments(runner: ExperimentRunner, disturbance_bound: float, steps: int = 10) -> Experiments:
@@ -148,6 +159,8 @@ def experiments(runner: ExperimentRunner, disturbance_bound: float, steps: int =
         steps: halvings of every bracket.
     """
     example, quiet, disturbed = runner.example(), runner.at_rest(False), runner.at_rest(True)
+    learning = runner.adaptive(True)
+    gains = [name for name in learning.manifest.parameter_names if name.startswith("gamma_")]
     strip = limit(quiet, 0.0)
     beyond = limit(quiet, disturbance_bound)
     return Experiments(
@@ -158,6 +171,9 @@ def experiments(runner: ExperimentRunner, disturbance_bound: float, steps: int =
         clipped=bracket(quiet, *CLIPPED_ANGLES, steps, strip, compensator=False),
         strip=strip,
         sure_strip=limit(quiet, -disturbance_bound),
+        adapted=learning.simulate(),
+        frozen=learning.simulate(parameters=dict.fromkeys(gains, 0.0)),
+        quiet=runner.adaptive(False).simulate(),
     )
 
 

@@ -75,12 +75,13 @@ def _saturation(run: Run) -> Iterator[tuple[str, ...]]:
 
 
 def _peaks(run: Run) -> Iterator[tuple[str, ...]]:
-    from pmjoint_codegen.simulate.record import RATE, compensator_names
+    from pmjoint_codegen.simulate.blocks import compensator_states
+    from pmjoint_codegen.simulate.record import RATE
 
     manifest = run.manifest
     units = {item.name: item.unit for item in (*manifest.signals, *manifest.states)}
     names = [RATE] if RATE in run.peaks else [f"x{i}" for i in range(2, manifest.n + 1)]
-    names += compensator_names(manifest)
+    names += compensator_states(manifest)
     for label, name in zip(["peaks", *[""] * len(names)], ["v", *names], strict=True):
         size, t = run.peaks[name]
         unit = f" {units[name]}" if units[name] not in ("", "1") else ""

@@ -203,6 +203,8 @@ def gather(
 
 
 def _certificate(derivation: Derivation) -> Certificate | Absent:
+    if not derivation.design.certifies:
+        return Absent("the law comes without a certificate")
     values = design_values(derivation)
     faults = unfit_gains(derivation, values)
     if faults:

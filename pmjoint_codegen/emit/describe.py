@@ -27,10 +27,11 @@ from pmjoint_codegen.manifest import (
 )
 from pmjoint_codegen.reference.command import DATA
 from pmjoint_codegen.report.notation import plain_text
-from pmjoint_codegen.values import GAINS, SI, Rule
+from pmjoint_codegen.values import GAINS, SI, GainKind, Rule
 from pmjoint_derive import Derivation, Model, real_symbol
 from pmjoint_derive.adaptation import RHO_HAT, settings_of
 from pmjoint_derive.closed_loop import column_name
+from pmjoint_derive.signals import Signals
 from pmjoint_derive.start import estimate_starts
 from pmjoint_derive.units import parse_unit
 
@@ -172,12 +173,13 @@ def _states(derivation: Derivation, words: Vocabulary) -> tuple[Variable, ...]:
         "rho": "estimate of 1/b_m",
         "Gamma": "gain of least squares",
     }
+    of_filters = "observer state" if derivation.signals.observer else "filter state (14)"
     truths = _truths(derivation)
     return tuple(
         Variable(
             symbol.name,
             str(derivation.units.of(symbol)),
-            others.get(block, "filter state (14)"),
+            others.get(block, of_filters),
             truth=truths.get(symbol, ""),
         )
         for block, symbols in words.blocks.items()
@@ -231,18 +233,24 @@ def _parameters(derivation: Derivation) -> tuple[Parameter, ...]:
         for item in model.parameters
     ]
     design = [
-        Parameter(gain.name, float(values[gain]), str(units.of(gain)), f"{kind.about} {i}", "gain")
+        Parameter(gain.name, float(values[gain]), str(units.of(gain)), f"{_about(kind, s)} {i}", "gain")
         for kind in GAINS
         for i, gain in enumerate(s.gains_by_kind[kind.name], start=1)
     ]
     about = "1: (23) is driven by u - v; 0: r = 0, plain clipping"
+    about = "no effect: this law is clipped plainly" if s.observer else about
     switch = Parameter(s.compensator.name, float(model.gains.compensator), "1", about, "switch")
     about = "weight of z_2.. in V: the law is that of the input times this; 1: the paper's"
+    about = "no effect on this law" if s.observer else about
     kappa = float(model.gains.input_scale)
     scale = Parameter(s.input_scale.name, kappa, "1", about, "gain", model.measures.input_scale)
     about = "share of the limit of u that the compensator brakes with"
     braking = [
         Parameter(symbol.name, float(model.gains.braking or 0.0), "1", about, "gain") for symbol in s.braking
+    ]
+    observer = [
+        Parameter(symbol.name, float(values[symbol]), "1/s", "all poles of the observer are at -this", "gain")
+        for symbol in s.observer
     ]
     own = [
         Parameter(
@@ -260,7 +268,12 @@ def _parameters(derivation: Derivation) -> tuple[Parameter, ...]:
         Parameter(symbol.name, value, "", "of the reference's present segment", SEGMENT)
         for symbol, value in zip(model.segment, segment_defaults(len(model.segment)), strict=True)
     ]
-    return (*plant, *design, switch, scale, *braking, *_adaptation(derivation), *own, *reference)
+    return (*plant, *design, switch, scale, *braking, *observer, *_adaptation(derivation), *own, *reference)
+
+
+def _about(kind: GainKind, s: Signals) -> str:
+    """What a gain is; its number follows."""
+    return "controller pole, its sign changed," if s.observer else kind.about
 
 
 def _adaptation(derivation: Derivation) -> Iterator[Parameter]:

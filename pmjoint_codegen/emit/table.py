@@ -236,7 +236,7 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
             "rates of the compensator",
         ),
         *_estimation(derivation, (y, state, y_r, u, v, p)),
-        Kernel("estimate", (state, p), (("x_hat", named("x_hat", len(s.xi))),), "(15)", "state estimate"),
+        Kernel("estimate", (state, p), (("x_hat", named("x_hat", len(s.x))),), "(15)", "state estimate"),
         Kernel(
             "disturbance",
             (t, x, w, p),

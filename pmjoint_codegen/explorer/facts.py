@@ -14,8 +14,8 @@ from pmjoint_codegen.loops.chain import is_looped
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.reference.segments import make_segments
 from pmjoint_codegen.report.mathml import equation
+from pmjoint_codegen.simulate.blocks import compensator_states
 from pmjoint_codegen.simulate.pace import leading_terms
-from pmjoint_codegen.simulate.record import compensator_names
 from pmjoint_codegen.simulate.settings import default_controller
 from pmjoint_codegen.values import filter_gains, from_si, positive_gains
 
@@ -75,7 +75,7 @@ def facts_of(manifest: Manifest, folder: Path) -> dict[str, Any]:
             "terms": [tree(ast.parse(term, mode="eval").body) for term in manifest.start.terms],
             "guesses": list(manifest.start.guesses),
         },
-        "compensator": list(compensator_names(manifest)),
+        "compensator": list(compensator_states(manifest)),
         "estimates": [
             {"name": item.name, "truth": tree(ast.parse(item.truth, mode="eval").body)}
             for item in manifest.states

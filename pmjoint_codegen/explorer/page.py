@@ -19,6 +19,7 @@ from pmjoint_codegen.explorer.module import build_module
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.modelfile.reader import read_document
 from pmjoint_codegen.provision import Notify, Provided, Stage, provide_document
+from pmjoint_codegen.simulate.blocks import compensator_states
 from pmjoint_codegen.simulate.estimates import is_adaptive
 from pmjoint_codegen.values import BRAKING, COMPENSATOR
 from pmjoint_codegen.workspace import cache_dir, find_model
@@ -111,6 +112,12 @@ def prepare(
         )
 
     base = provide(document).manifest
+    if not compensator_states(base):
+        raise ModelError(
+            "the page is made for laws with a compensator, and this one has none",
+            where=f"model {base.name}: design.law",
+            remedy='give law = "backstepping"',
+        )
     knobbed = with_knobs(document, base)
     own = BRAKING if any(item.name == BRAKING for item in base.settable) else COMPENSATOR
     variants = {own: provide(knobbed.document)}

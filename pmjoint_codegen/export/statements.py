@@ -15,6 +15,7 @@ from typing import Final
 
 import sympy as sp
 
+from pmjoint_codegen.errors import ModelError
 from pmjoint_codegen.export.tree import Tree, joined, tree_of
 from pmjoint_codegen.report.notation import scaled_sum
 from pmjoint_derive import Derivation, real_symbol
@@ -142,7 +143,17 @@ def drive_symbol(state: sp.Symbol) -> sp.Symbol:
 
 
 def program_of(derivation: Derivation) -> Program:
-    """Read the statements off a derivation."""
+    """Read the statements off a derivation.
+
+    Raises:
+        ModelError: the design's observer is not stepped by an exact hold, which an export is made of.
+    """
+    if not derivation.design.exact_hold:
+        raise ModelError(
+            f'law = "{derivation.model.design}" is not exported: it is a law to compare with, in simulation',
+            where=f"model {derivation.model.name}: design.law",
+            remedy='give law = "backstepping"',
+        )
     return _Reader(derivation).program()
 
 

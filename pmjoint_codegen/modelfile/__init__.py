@@ -7,6 +7,7 @@
     load         a constant load as one more column of Phi
     entries      entries of b and theta by the names of [adaptation]
     stated       what [adaptation] says of each entry, and the numbers that follow
+    reserved     names that a design with estimates gives to numbers and signals of its own
     estimates    [adaptation] -> what the controller does not know
     names        allowed names of parameters
     expressions  text -> SymPy             a whitelist; nothing in a model file is ever executed

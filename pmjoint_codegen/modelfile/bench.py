@@ -98,6 +98,7 @@ def check_bench(spec: ModelSpec, names: Iterable[str], where: str) -> None:
                 remedy=allowed,
             )
     _check_limits(keys, where)
+    _check_readings(keys, known, where)
     if LAG in keys and spec.joint is not None:
         raise ModelError(
             "is not simulated with [joint], whose pressures have a lag of their own",
@@ -109,6 +110,17 @@ def check_bench(spec: ModelSpec, names: Iterable[str], where: str) -> None:
             "is missing, though noise or jitter is given",
             where=f"{where}: sensor.seed",
             remedy="give seed = 1",
+        )
+
+
+def _check_readings(keys: set[str], known: Iterable[str], where: str) -> None:
+    """A sensor's reading and what its filter makes of it have names of their own."""
+    read = {"resolution", "noise", "filter"} & keys
+    for name in sorted({*(("y_m",) if read else ()), *(("y_f",) if "filter" in keys else ())} & {*known}):
+        raise ModelError(
+            "already names what the sensor reads",
+            where=f"{where}: parameters.{name}",
+            remedy="choose another name",
         )
 
 

@@ -23,7 +23,7 @@ from pmjoint_codegen.errors import ModelError
 from pmjoint_codegen.modelfile.points import NotFiniteError, Point, value_at
 from pmjoint_codegen.modelfile.schema import DesignSpec, ModelSpec
 from pmjoint_codegen.modelfile.tables import Poles
-from pmjoint_codegen.values import BRAKING, MATCHED, from_si, to_si
+from pmjoint_codegen.values import ADRC, BRAKING, MATCHED, from_si, to_si
 from pmjoint_derive import Gains, Parameter, Plant, real_symbol
 from pmjoint_derive.units import Measures
 
@@ -56,6 +56,10 @@ def gains_of(
         ModelError: ``input_scale = "auto"`` or ``bandwidth`` where b_m has no finite value other than 0.
     """
     design, plant = spec.design, physics["plant"]
+    if design.law == ADRC:
+        assert design.c and design.observer  # `validate` demands them
+        matched = design.start == MATCHED
+        return Gains(design.c, (), (), (), compensator=False, matched=matched, observer=design.observer)
     scale = to_si(1.0 if design.input_scale == "auto" else float(design.input_scale), measures.input_scale)
     k = design.k or (polynomial(design.poles, plant.order) if design.poles is not None else None)
     brakes = design.saturation == BRAKING and plant.rho == 2  # for one state, it is (23)
@@ -96,7 +100,9 @@ def gains_of(
 
 def chosen(design: DesignSpec, gains: Gains, measures: Measures) -> tuple[str, ...]:
     """What keys that stand for gains came to: one line, or none where the file gives every gain."""
-    made = {kind: values for kind, values in gains.by_kind.items() if getattr(design, kind) is None}
+    made = {
+        kind: values for kind, values in gains.by_kind.items() if values and getattr(design, kind) is None
+    }
     parts = [f"{kind} = {list(values)}" for kind, values in made.items()]
     if design.input_scale == "auto":
         parts.append(f"input_scale = {from_si(gains.input_scale, measures.input_scale):.6g}")

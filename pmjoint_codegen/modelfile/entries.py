@@ -11,10 +11,8 @@ from dataclasses import dataclass
 import sympy as sp
 
 from pmjoint_codegen.errors import ModelError, did_you_mean, quoted
-from pmjoint_codegen.modelfile.columns import Columns
 from pmjoint_codegen.modelfile.load import LOAD, load_unit
 from pmjoint_codegen.modelfile.points import value_at
-from pmjoint_codegen.values import SI
 from pmjoint_derive import Model, Plant
 from pmjoint_derive.units import SECOND, parse_unit
 
@@ -49,17 +47,16 @@ class Slot:
         return self.place == 0
 
 
-def slots_of(model: Model, columns: Columns | None) -> tuple[Slot, ...]:
+def slots_of(model: Model) -> tuple[Slot, ...]:
     """The entries of Theta in their order.
 
     Args:
         model: with numbers that have been checked.
-        columns: units of y and u; None beside ``[plant]``.
     """
     point: dict[sp.Symbol, float] = {item.symbol: item.value for item in model.parameters}
     for constant in model.constants:
         point[constant.symbol] = value_at(constant.expression, point)
-    labels = _labels(model, columns)
+    labels = _labels(model)
     y, u = parse_unit(model.y_unit), parse_unit(model.u_unit)
     plant, found = model.plant, []
     for i, entry in enumerate(plant.b):
@@ -90,13 +87,10 @@ def slots_of(model: Model, columns: Columns | None) -> tuple[Slot, ...]:
     return tuple(found)
 
 
-def _labels(model: Model, columns: Columns | None) -> dict[sp.Expr, tuple[str, str]]:
-    """Parameters and coefficients of a joint -> unit, in which the law has them, and meaning."""
+def _labels(model: Model) -> dict[sp.Expr, tuple[str, str]]:
+    """Parameters, and the coefficients of a joint -> unit and meaning."""
     found: dict[sp.Expr, tuple[str, str]] = {}
-    for item in model.parameters:
-        scaled = columns is not None and item.scale != SI
-        unit = columns.scales.si_label(item.unit) if columns is not None and scaled else item.unit
-        found[item.symbol] = (unit, item.about)
+    found |= {item.symbol: (item.unit, item.about) for item in model.parameters}
     for constant in model.constants:
         unit = "" if constant.unit is None else str(constant.unit)
         found[constant.symbol] = (unit, constant.meaning)

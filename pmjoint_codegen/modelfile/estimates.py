@@ -15,25 +15,23 @@ from pmjoint_codegen.modelfile.adaptation import (
     InverseSpec,
     LeastSquaresSpec,
 )
-from pmjoint_codegen.modelfile.columns import Columns
 from pmjoint_codegen.modelfile.entries import slots_of
+from pmjoint_codegen.modelfile.reserved import is_taken, own_names
 from pmjoint_codegen.modelfile.schema import DesignSpec, ModelSpec
 from pmjoint_codegen.modelfile.stated import SHARE, Stated, entry_of, stated_of
 from pmjoint_codegen.values import BRAKING
 from pmjoint_derive import Model
-from pmjoint_derive.adaptation import RHO_HAT, Adaptation, Entry, Inverse, LeastSquares, settings_of
-from pmjoint_derive.units import parse_unit
+from pmjoint_derive.adaptation import Adaptation, Entry, Inverse, LeastSquares
 
 ADAPTIVE: Final = "adaptive"  # row of `pmjoint_derive.derivation.DESIGNS`
 
 
-def with_adaptation(model: Model, spec: ModelSpec, columns: Columns | None, where: str) -> Model:
+def with_adaptation(model: Model, spec: ModelSpec, where: str) -> Model:
     """The model with what its controller does not know.
 
     Args:
         model: with numbers that have been checked.
         spec: the validated model file.
-        columns: units of y and u; None beside ``[plant]``.
         where: file at the start of a message.
 
     Raises:
@@ -48,7 +46,7 @@ def with_adaptation(model: Model, spec: ModelSpec, columns: Columns | None, wher
             where=f"{where}: adaptation",
             remedy='give unknown = ["b0"], guess = { b0 = 1.0 } or load = true, or leave the table out',
         )
-    stated = stated_of(table, slots_of(model, columns), where)
+    stated = stated_of(table, slots_of(model), where)
     if not stated:
         return model  # a load that the controller knows
     adaptation = _adaptation(table, stated, model.plant.rho, where)
@@ -184,12 +182,7 @@ def _check_names(model: Model, spec: ModelSpec, where: str) -> None:
     """No parameter or state may have the name of a guess, an estimate or another number of the controller."""
     adaptation = model.adaptation
     assert adaptation is not None
-    names = [item.symbol.name for item in settings_of(adaptation, parse_unit(model.y_unit))]
-    names += [entry.estimate.name for entry in adaptation.unknown]
-    if adaptation.unknown:
-        names += [*(f"chi{i}" for i in range(1, model.plant.rho + 1)), "V"]
-        names += [RHO_HAT.name] if adaptation.inverse else []
-        names += dict.fromkeys(symbol.name for row in adaptation.covariance for symbol in row)
+    names = own_names(adaptation)
     for name in names:
         if names.count(name) > 1:
             entry = next(entry for entry in adaptation.entries if name in _of_entry(entry))
@@ -202,9 +195,9 @@ def _check_names(model: Model, spec: ModelSpec, where: str) -> None:
     keys = {name: f"system.states, entry {i}" for i, name in enumerate(states, start=1)}
     keys |= {item.name: f"parameters.{item.name}" for item in model.parameters}
     for name, key in keys.items():
-        if name in names:
+        if is_taken(name, adaptation):
             raise ModelError(
-                "already names an estimate or a number of the controller",
+                "already names an estimate, a number or a step of the controller",
                 where=f"{where}: {key}",
                 remedy="choose another name",
             )

@@ -40,8 +40,17 @@ from pmjoint_codegen.modelfile.system import to_system
 from pmjoint_codegen.modelfile.units import ANY, Scales, Wanted
 from pmjoint_codegen.reference.command import DATA
 from pmjoint_codegen.reference.segments import degrees
-from pmjoint_codegen.values import COMPENSATOR, FILTER_GAINS, GAINS, INPUT_SCALE, check_rules, check_values
+from pmjoint_codegen.values import (
+    COMPENSATOR,
+    FILTER_GAINS,
+    GAINS,
+    INPUT_SCALE,
+    OBSERVER,
+    check_rules,
+    check_values,
+)
 from pmjoint_derive import Gains, Model, OutsideClassError, Parameter, Plant, Simulation, real_symbol
+from pmjoint_derive.derivation import DESIGNS
 from pmjoint_derive.rescaling import rescaled
 from pmjoint_derive.segment import segment_reference, segment_symbols
 from pmjoint_derive.units import Measures
@@ -71,6 +80,7 @@ def to_derive(spec: ModelSpec, where: str = "") -> Model:
         if is_loaded(spec):
             physics["plant"] = with_load(physics["plant"], where)
         rho = physics["plant"].rho
+        DESIGNS[spec.design.law].signals_for(physics["plant"], None)  # refuses what the law does not cover
         if spec.relative_degree is None:
             check_degree(spec, rho, where)
         gains = gains_of(spec, physics, parameters, measures, where)
@@ -92,6 +102,7 @@ def to_derive(spec: ModelSpec, where: str = "") -> Model:
             u_unit=spec.units.u,
             measures=measures,
             y_range=spec.y_range,
+            design=spec.design.law,
             **physics,
         )
     except OutsideClassError as error:
@@ -99,7 +110,7 @@ def to_derive(spec: ModelSpec, where: str = "") -> Model:
     if is_loaded(spec):
         check_alone(model, where, spec.physics_table)
     check_model(model, where, spec.physics_table)
-    return with_adaptation(model, spec, columns, where)
+    return with_adaptation(model, spec, where)
 
 
 def _reference(
@@ -246,9 +257,12 @@ def _check_values(
     keys |= {FILTER_GAINS: "design.k"}
     keys |= {name: f"design.{name}" for name in (COMPENSATOR, INPUT_SCALE)}
     for kind in GAINS:
-        names = kind.names(spec.order, rho)
+        names = kind.names(spec.order, rho) if gains.by_kind[kind.name] else ()
         values |= dict(zip(names, gains.by_kind[kind.name], strict=True))
         keys |= {name: f"design.{kind.name}, entry {i}" for i, name in enumerate(names, start=1)}
+    if gains.observer is not None:
+        values |= {OBSERVER: gains.observer}
+        keys |= {OBSERVER: f"design.{OBSERVER}"}
     values |= {COMPENSATOR: float(gains.compensator), INPUT_SCALE: gains.input_scale}
     leading = spec.plant.b[0].strip() if spec.plant else ""
     scales = {item.name: item.scale for item in parameters}

@@ -15,6 +15,7 @@ from pmjoint_codegen.modelfile.adaptation import AdaptationSpec
 from pmjoint_codegen.modelfile.bench import ActuatorSpec, SensorSpec, Setting, chain_numbers, check_bench
 from pmjoint_codegen.modelfile.complaints import first_complaint
 from pmjoint_codegen.modelfile.joint import JointSpec, check_kept, joint_names
+from pmjoint_codegen.modelfile.law import LawSpec, check_law
 from pmjoint_codegen.modelfile.load import load_lines
 from pmjoint_codegen.modelfile.muscle import check_muscles, law_lines, own_names
 from pmjoint_codegen.modelfile.names import MODEL_NAME, key_path, why_not
@@ -70,7 +71,7 @@ class PlantSpec(Table):
     )
 
 
-class DesignSpec(Table):
+class DesignSpec(LawSpec):
     """``[design]``: gains, checked by `pmjoint_codegen.values`; `gains_of` has those left out."""
 
     c: Numbers | None = Field(default=None, description="a list of finite numbers greater than 0")
@@ -216,7 +217,8 @@ def validate(document: Mapping[str, Any], where: str) -> ModelSpec:
             where=f"{where}: {spec.physics_table}.range",
             remedy="allowed: [least y, greatest y]",
         )
-    _check_design(spec.design, where)
+    if check_law(spec, where):
+        _check_design(spec.design, where)
     if named is not None:
         simulation = spec.simulation.model_copy(update={"x0": in_order(spec, named, where)})
         spec = spec.model_copy(update={"simulation": simulation})

@@ -98,7 +98,9 @@ def gains(model: Model) -> str:
     """Give the gains in a sentence."""
     values = model.gains.by_kind
     lists = ", ".join(
-        f"${kind.latex} = ({', '.join(map(latex_number, values[kind.name]))})$" for kind in GAINS
+        f"${kind.latex} = ({', '.join(map(latex_number, values[kind.name]))})$"
+        for kind in GAINS
+        if values[kind.name]
     )
     switch = f"${latex_name('compensator')} = {int(model.gains.compensator)}$"
     text = f"Gains: {lists}. The switch {switch} is 1 where the compensator (23) works and 0 where $r = 0$."

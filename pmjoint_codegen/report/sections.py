@@ -17,6 +17,7 @@ ORDER = (
     "Reference",
     "Backstepping",
     "Adaptation",
+    "ADRC",
     "Start",
     "Certificate",
     "Closed loop",

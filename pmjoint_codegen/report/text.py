@@ -63,6 +63,8 @@ def _parameters(model: Model) -> list[str]:
         statement = f"{item.name} = {from_si(item.value, item.scale)!r}"
         lines.append(_commented(statement, _remark("", item.about, item.unit)))
     for stem, values in model.gains.by_kind.items():
+        if not values:
+            continue
         names = ", ".join(f"{stem}{i}" for i in range(1, len(values) + 1))
         lines.append(f"{names} = {', '.join(f'{value!r}' for value in values)}")
     lines.append(
@@ -75,6 +77,8 @@ def _parameters(model: Model) -> list[str]:
     if model.gains.braking is not None:
         remark = _remark("", "share of the limit of u", "")
         lines.append(_commented(f"braking = {model.gains.braking!r}", remark))
+    if model.gains.observer is not None:
+        lines.append(_commented(f"observer = {model.gains.observer!r}", _remark("", "bandwidth", "1/s")))
     if model.gains.matched:
         lines.append("# a run starts at the matched start")
     return lines

@@ -10,7 +10,7 @@ import numpy as np
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.pace import leading
-from pmjoint_codegen.values import MATCHED, ZERO, of_plant
+from pmjoint_codegen.values import MATCHED, OBSERVER, ZERO, of_plant
 
 DIVERGENCE: Final = 1e4  # in SI units of y; following a diverged run costs more than all before it
 _USUAL_ORDER: Final = 2  # up to it, no state is much larger than y and its rate
@@ -34,7 +34,8 @@ def default_divergence(
     pressures = [item for item in manifest.states[: manifest.nx] if item.unit == "Pa"]
     start = 100.0 * max(map(abs, x0.tolist()), default=0.0)
     if started == MATCHED:
-        start *= max(1.0, *(values[f"ck{i}"] for i in range(1, manifest.rho + 1))) ** (manifest.rho - 1)
+        rates = (values.get(f"ck{i}", 1.0) for i in range(1, manifest.rho + 1))  # a law may have none
+        start *= max(1.0, *rates) ** (manifest.rho - 1)
     supply = 4.0 * of_plant(values, "P_max") if pressures and "P_max" in values else 0.0
     usual = DIVERGENCE * _derivatives(manifest, values) * max(1.0, 1.0 / abs(leading(manifest, values)))
     usual /= manifest.least_scale
@@ -47,6 +48,8 @@ def _derivatives(manifest: Manifest, values: Mapping[str, float]) -> float:
     Where a run starts in physical states, also by what one unit of these is in the design's.
     """
     n = manifest.n
+    if OBSERVER in values:  # its last state is like derivative n of y
+        return float(f"{max(1.0, values[OBSERVER]) ** n:.3g}")
     if n <= _USUAL_ORDER:
         return 1.0
     bandwidth = abs(values[f"k{n}"]) ** (1.0 / n)

@@ -10,6 +10,7 @@ import numpy as np
 
 from pmjoint_codegen.errors import UsageError, did_you_mean, quoted
 from pmjoint_codegen.simulate.assumptions import parts_of
+from pmjoint_codegen.simulate.blocks import compensator_states
 from pmjoint_codegen.simulate.chosen import WHERE, chosen_panels
 from pmjoint_codegen.simulate.estimates import estimates
 from pmjoint_codegen.simulate.figures import (
@@ -23,7 +24,6 @@ from pmjoint_codegen.simulate.figures import (
     set_ticks,
 )
 from pmjoint_codegen.simulate.panels import Panel
-from pmjoint_codegen.simulate.record import compensator_names
 from pmjoint_codegen.simulate.sheets import input_clip, plain
 from pmjoint_codegen.simulate.style import GREY, styled
 from pmjoint_codegen.simulate.symbols import symbol
@@ -101,7 +101,7 @@ def _panels(comparison: Comparison, signals: Sequence[str] | None) -> tuple[Pane
         return tuple(_clipped(panel, runs) for panel in chosen_panels(runs[0], signals))
     n = min(run.manifest.n for run in runs)
     wanted = ["y+y_r", "e", "v", "u"]
-    driven = [name for name in compensator_names(runs[0].manifest) if name in common]
+    driven = [name for name in compensator_states(runs[0].manifest) if name in common]
     wanted += [name for name in driven if any(run[name].any() for run in runs)]
     wanted += [f"x{i}-x_hat{i}" for i in range(1, n + 1)]
     wanted += [item.name for item in estimates(runs[0])]

@@ -16,7 +16,15 @@ from collections.abc import Mapping
 import numpy as np
 
 from pmjoint_codegen.manifest import Manifest
-from pmjoint_codegen.values import INPUT_SCALE, Numbers, Rule, evaluate, filter_gains, positive_gains
+from pmjoint_codegen.values import (
+    INPUT_SCALE,
+    OBSERVER,
+    Numbers,
+    Rule,
+    evaluate,
+    filter_gains,
+    positive_gains,
+)
 
 LIMIT = 0.42
 COUPLING = "b_m/input_scale"
@@ -39,7 +47,7 @@ def too_fast(manifest: Manifest, values: Mapping[str, float], sample_time: float
     if rate * sample_time <= LIMIT:
         return None
     best = f"a sample time of at most {LIMIT / rate:.2g} s"
-    coupled = found[COUPLING] >= 0.9 * rate
+    coupled = found.get(COUPLING, 0.0) >= 0.9 * rate
     if coupled:  # the errors are then as fast because of it
         name, rate = COUPLING, found[COUPLING]
     b_m = abs(leading(manifest, values))
@@ -58,7 +66,8 @@ def paces(manifest: Manifest, columns: Columns, sample_times: Numbers) -> Number
 def deciding(manifest: Manifest) -> frozenset[str]:
     """Names of the parameters on which the rates depend."""
     gains = [name for name in positive_gains(manifest.rho) if name[0] == "c" and name[1:].isdigit()]
-    return frozenset({*gains, "e1", INPUT_SCALE, *filter_gains(manifest.n)} | _leading(manifest).names)
+    others = {"e1", INPUT_SCALE, OBSERVER, *filter_gains(manifest.n)} & {*manifest.parameter_names}
+    return frozenset({*gains} | others | _leading(manifest).names)
 
 
 def leading(manifest: Manifest, values: Mapping[str, float]) -> float:
@@ -84,6 +93,9 @@ def _leading(manifest: Manifest) -> Rule:
 
 def _rates(manifest: Manifest, columns: Columns) -> dict[str, Numbers]:
     """The rates that a clock must follow, 1/s, by name, each of shape (runs,); infinite where not finite."""
+    if OBSERVER in columns:  # the law's poles are at -c_i
+        poles = np.max([columns[f"c{i + 1}"] for i in range(manifest.rho)], axis=0)
+        return {"the fastest pole of the law": poles, "the observer": columns[OBSERVER]}
     b_m, kappa = _b_m(manifest, columns), columns[INPUT_SCALE]
     with np.errstate(all="ignore"):
         coupling = np.abs(b_m) / kappa if manifest.rho > 1 else np.zeros_like(kappa)

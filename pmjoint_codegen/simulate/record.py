@@ -16,11 +16,6 @@ COMMAND: Final = "y_cmd"  # column of a reference that is data, before its filte
 RATE: Final = "theta_dot"  # of a joint: the rate of y, whose x2 is a coordinate of the design
 
 
-def compensator_names(manifest: Manifest) -> tuple[str, ...]:
-    """The states of the compensator: ``r1`` and so on, or ``chi1`` of an adaptive controller."""
-    return tuple(item.name for item in manifest.states[slice(*manifest.blocks["r"])])
-
-
 def reports_rate(manifest: Manifest) -> bool:
     """Whether a run of a model has the column `RATE`, and its peak."""
     return any(item.name == RATE for item in manifest.signals)

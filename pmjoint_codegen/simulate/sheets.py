@@ -16,10 +16,11 @@ from pmjoint_codegen.simulate.adaptive_panels import (
     lyapunov_panel,
 )
 from pmjoint_codegen.simulate.assumptions import sentence
+from pmjoint_codegen.simulate.blocks import compensator_states
 from pmjoint_codegen.simulate.disturbance import disturbance_names, pressures
 from pmjoint_codegen.simulate.estimates import is_adaptive
 from pmjoint_codegen.simulate.panels import COLOURS, Line, Panel, by_unit, family, single, unit_text
-from pmjoint_codegen.simulate.record import COMMAND, RATE, compensator_names
+from pmjoint_codegen.simulate.record import COMMAND, RATE
 from pmjoint_codegen.simulate.style import BLUE, GREY, RED
 from pmjoint_codegen.simulate.symbols import symbol
 
@@ -56,13 +57,15 @@ def sheets(run: Record, frozen: FrozenError | None = None) -> tuple[Sheet, ...]:
         run: what to show.
         frozen: the error of the same run without adaptation, to draw beside that of an adaptive controller.
     """
-    manifest, compensator = run.manifest, compensator_names(run.manifest)
-    first = compensator[0]
-    parts = (
-        f"$e = y - y_r = z_1 + {bare(first)}$ and its two parts"
-        if run[first].any()
-        else "$e = y - y_r = z_1$"
-    )
+    manifest, compensator = run.manifest, compensator_states(run.manifest)
+    parts = "$e = y - y_r$"
+    if compensator:
+        first = compensator[0]
+        parts = (
+            f"$e = y - y_r = z_1 + {bare(first)}$ and its two parts"
+            if run[first].any()
+            else "$e = y - y_r = z_1$"
+        )
     tracking = f"Tracking: output $y$ and reference $y_r$; error {parts}."
     plans: list[tuple[str, tuple[Panel, ...], str]] = [
         ("tracking_error", (output_panel(run), error_panel(run)), tracking)
@@ -99,8 +102,8 @@ def overview_panels(run: Record) -> tuple[Panel, ...]:
     first = min(2, manifest.n)
     names = [f"x{i}" for i in range(first, manifest.n + 1)]
     states = (_rate(manifest),) if pressures(run) else family(manifest, names, "x")
-    driven = compensator_names(manifest)
-    stem = bare(driven[0]).partition("_")[0]
+    driven = compensator_states(manifest)
+    stem = bare(driven[0]).partition("_")[0] if driven else ""
     r = (panel for panel in family(manifest, driven, stem) if not panel.is_zero(run))
     adaptive = (*estimate_panels(run), *lyapunov_panel(run))
     return output_panel(run), error_panel(run), *states, *r, v_u, *miss_panels(manifest), *adaptive
@@ -150,9 +153,11 @@ def output_panel(run: Record) -> Panel:
 
 def error_panel(run: Record) -> Panel:
     """Show e and its parts r1, or chi1, and z1; only e where that is 0, and e is z1."""
-    driven = compensator_names(run.manifest)[0]
-    parts: tuple[Line, ...] = (Line(driven, symbol(driven), BLUE, "--"), Line("z1", "$z_1$", RED, ":"))
-    if not run[driven].any():
+    driven = compensator_states(run.manifest)
+    parts: tuple[Line, ...] = (Line("z1", "$z_1$", RED, ":"),)
+    if driven:
+        parts = (Line(driven[0], symbol(driven[0]), BLUE, "--"), *parts)
+    if not driven or not run[driven[0]].any():
         parts = ()
     return Panel((*parts, Line("e", "$e$")), "$e$" + unit_text(run.manifest, "y"))
 

@@ -157,7 +157,7 @@ def hold_matrices(library: BatchLibrary, p: Array, sample_time: float) -> Array:
     rows = library.matrices(p)
     if np.array_equal(rows[1:], rows[:-1]):
         rows = rows[:1]
-    split = library.manifest.n**2
+    split = library.manifest.function("filter_matrix").outputs[0][1]
     return np.concatenate(
         [exponentials(part, sample_time) for part in np.split(rows, [split], axis=1)], axis=1
     )

@@ -16,6 +16,7 @@ from pmjoint_codegen.sweep.request import Request
 from pmjoint_codegen.values import (
     COMPENSATOR,
     INPUT_SCALE,
+    OBSERVER,
     filter_gains,
     hurwitz_rows,
     obeys,
@@ -36,7 +37,7 @@ def valid_rows(manifest: Manifest, p: Array, x0: Array) -> Mask:
     column = {name: p[:, i] for i, name in enumerate(manifest.parameter_names)}
     good = np.all(np.isfinite(p), axis=1) & np.all(np.isfinite(x0), axis=1)
     for name in (
-        *positive_gains(manifest.rho),
+        *(name for name in (*positive_gains(manifest.rho), OBSERVER) if name in column),
         INPUT_SCALE,
         *([manifest.limit] if manifest.limit in column else []),
     ):
@@ -46,8 +47,8 @@ def valid_rows(manifest: Manifest, p: Array, x0: Array) -> Mask:
     good &= np.isin(column[COMPENSATOR], (0.0, 1.0))
     for rule in manifest.rules:
         good &= obeys(rule, column)
-    k = np.column_stack([column[name] for name in filter_gains(manifest.n)])
-    result: Mask = good & _hurwitz(k, good)
+    k = [column[name] for name in filter_gains(manifest.n) if name in column]
+    result: Mask = good & _hurwitz(np.column_stack(k), good) if k else good
     return result
 
 

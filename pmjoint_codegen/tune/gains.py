@@ -20,7 +20,7 @@ from pmjoint_codegen.errors import UsageError, quoted
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.misplaced import advice
-from pmjoint_codegen.values import GAINS, filter_gains, gain_names
+from pmjoint_codegen.values import GAINS, OBSERVER, filter_gains, gain_names
 
 REACH: Final = 5.0  # default bounds: the model's value divided and multiplied by this
 DAMPING: Final = (0.3, 2.0)  # from an oscillatory pair of poles to two real ones, 1 : 14 apart
@@ -106,14 +106,14 @@ def make_space(manifest: Manifest, wanted: tuple[str, ...]) -> Space:
     Args:
         manifest: the model.
         wanted: ``NAME`` or ``NAME=LOW:HIGH``; a NAME is a gain, or c, e, ck, k, poles, damping for all of a
-            kind. Empty: c, e, ck and poles.
+            kind. Empty: c, e, ck and poles, or c and observer, as the law has them.
 
     Raises:
         UsageError: one that cannot be parsed, a name given twice, no such gain, or k together with poles.
     """
     known = _groups(manifest)
     found: dict[str, Bound] = {}
-    for text in wanted or DEFAULT:
+    for text in wanted or (name for name in (*DEFAULT, OBSERVER) if name in known):
         name, ends = _read(text)
         if name not in known:
             raise UsageError(
@@ -128,7 +128,11 @@ def make_space(manifest: Manifest, wanted: tuple[str, ...]) -> Space:
 
 def _groups(manifest: Manifest) -> dict[str, tuple[str, ...]]:
     """Every allowed name, with its coordinates."""
+    own = {*manifest.parameter_names}
     groups = {kind.name: kind.names(manifest.n, manifest.rho) for kind in GAINS}
+    groups = {name: members for name, members in groups.items() if own.issuperset(members)}
+    if OBSERVER in own:
+        return groups | {name: (name,) for name in (*groups["c"], OBSERVER)}
     groups |= {
         "poles": gain_names(("pole",), (manifest.n + 1) // 2),
         "damping": gain_names(("damping",), manifest.n // 2),
@@ -189,6 +193,8 @@ def _is_polar(name: str) -> bool:
 def _present(manifest: Manifest) -> dict[str, float]:
     """The model's value of every coordinate."""
     values = {item.name: float(item.value) for item in manifest.parameters if item.kind == "gain"}
+    if OBSERVER in values:
+        return values
     roots = np.asarray(
         np.roots([1.0, *(values[name] for name in filter_gains(manifest.n))]), dtype=np.complex128
     )

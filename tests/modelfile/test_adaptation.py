@@ -147,6 +147,12 @@ def test_expressions_are_entries_too(made: Made) -> None:
     assert [entry.unit for entry in found.entries] == ["rad/(s V)", "rad/(s^2 V)", "", "1/s^2"]
 
 
+def test_a_parameter_that_is_two_entries_names_neither(made: Made) -> None:
+    keys: Table = {"plant__theta": ["d1", "d1"], "plant__Phi": [["0", "0"], ["y", "y**3"]]}
+    found = adapted(made({"unknown": ["theta2"], "range": {"theta2": [-1, 1]}}, **keys))
+    assert [(entry.name, entry.place) for entry in found.entries] == [("theta2", 2)]
+
+
 # The load
 
 
@@ -281,3 +287,10 @@ def test_a_range_states_the_sign_of_b_m_too(edited: Edit) -> None:
 
 def test_a_model_without_the_table_has_the_structure_that_it_had(paper: Table) -> None:
     assert "adaptation" not in structure(paper)
+
+
+def test_a_guess_of_what_is_estimated_is_a_number(edited: Edit) -> None:
+    """It has one, given or not."""
+    table = {"unknown": ["d1"], "range": {"d1": [-3.0, 3.0]}}
+    before, after = (edited({"adaptation": {**table, **more}}) for more in ({}, {"guess": {"d1": 1.0}}))
+    assert structure_hash(before) == structure_hash(after)

@@ -9,7 +9,9 @@ import pytest
 
 from pmjoint_codegen.errors import ModelError
 from pmjoint_codegen.modelfile import model_of
+from pmjoint_codegen.modelfile.names import why_not
 from pmjoint_codegen.modelfile.reader import read_document
+from pmjoint_derive import derive
 from tests.modelfile.adaptations import BOTH, INVERTED, SQUARES, Table, of_file
 from tests.modelfile.conftest import PAPER, Made
 
@@ -245,7 +247,7 @@ def test_a_key_or_a_type_that_is_none(made: Made, table: Table, message: str) ->
             (
                 table,
                 {f"parameters__{name}": {"value": 1.0}},
-                f"parameters.{name}: already names an estimate or a number of the controller; "
+                f"parameters.{name}: already names an estimate, a number or a step of the controller; "
                 "choose another name",
             )
             for table, name in (
@@ -358,7 +360,7 @@ def test_a_state_with_the_name_of_an_estimate() -> None:
     with pytest.raises(ModelError) as caught:
         model_of(document, "s.toml")
     assert str(caught.value) == (
-        "s.toml: system.states, entry 2: already names an estimate or a number of the controller; "
+        "s.toml: system.states, entry 2: already names an estimate, a number or a step of the controller; "
         "choose another name"
     )
 
@@ -368,3 +370,17 @@ def test_a_load_of_another_dimension_is_refused() -> None:
     with pytest.raises(ModelError) as caught:
         of_file("joint", {"load": True}, parameters={**parameters, "w": {"value": 1.0, "unit": "N m"}})
     assert str(caught.value).startswith("joint: parameters.w.unit: 'N m' does not convert to rad/s^2;")
+
+
+@pytest.mark.parametrize(
+    "table",
+    [{**INVERTED, "inverse": {"gain": 1.0}}, SQUARES, {"load": True, "gain": {"w": 1.0}}],
+    ids=["inverse", "least squares", "load"],
+)
+def test_every_name_of_the_derivation_is_refused(made: Made, table: Table) -> None:
+    """Those that any model refuses aside, and the tracking error, which makes room."""
+    derivation = derive(made(table))
+    own = {item.name for item in derivation.model.parameters} | {"e"}
+    for name in sorted(name for name in {*derivation.equations} - own if why_not(name) is None):
+        with pytest.raises(ModelError, match=rf"parameters\.{name}: already names"):
+            made(table, **{f"parameters__{name}": {"value": 1.0}})

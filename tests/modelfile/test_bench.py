@@ -46,3 +46,15 @@ def test_a_number_that_no_bench_can_have(table: str, keys: dict[str, Any], messa
 
 def test_the_same_bench_with_possible_numbers_is_read() -> None:
     to_derive(validate(DOCUMENT, "bench.toml"), "bench.toml")
+
+
+@pytest.mark.parametrize(("key", "name"), [("resolution", "y_m"), ("filter", "y_f")])
+def test_a_parameter_with_the_name_of_a_reading(key: str, name: str) -> None:
+    """Beside a sensor; without one the name is free."""
+    document = {**DOCUMENT, "parameters": {**DOCUMENT["parameters"], name: {"value": 1.0}}}
+    to_derive(validate(document, "bench.toml"), "bench.toml")
+    with pytest.raises(ModelError) as caught:
+        validate({**document, "sensor": {key: 0.1}}, "bench.toml")
+    assert str(caught.value) == (
+        f"bench.toml: parameters.{name}: already names what the sensor reads; choose another name"
+    )

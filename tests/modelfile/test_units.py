@@ -241,7 +241,7 @@ except MissingToolError as error:
         [sys.executable, "-c", program], check=True, capture_output=True, text=True, cwd=root
     )
     names, message, code = json.loads(done.stdout)
-    assert len(names) == 6 and code == MissingToolError.exit_code
+    assert len(names) == 9 and code == MissingToolError.exit_code
     assert message.startswith("m.toml: joint.r.unit: pint is needed to convert a unit")
     assert "pmjoint-codegen[derive]" in message
 

@@ -26,6 +26,8 @@ ROUNDOFF = 2.0**-53
 
 def check(subject: Subject) -> GateResult:
     """Check V along the default run against (35) with the model's bound of the disturbance, or the run's."""
+    if not subject.derivation.design.certifies:
+        return not_run("the law comes without a certificate")
     if not subject.model.gains.compensator:
         return not_run("the certificate is that of the loop with compensator")
     evaluator, stated = subject.compiled or subject.interpreted, subject.model.disturbance_bound

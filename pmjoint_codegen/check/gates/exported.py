@@ -65,6 +65,8 @@ def check(subject: Subject) -> GateResult:
     """Compile the export and compare it with the model's sampled runs."""
     if subject.compiler is None or subject.compiled is None:
         return not_run("no C compiler")
+    if not subject.derivation.design.exact_hold:
+        return not_run(f'law = "{subject.model.design}" is not exported')
     loaded = load(subject, subject.compiler)
     export = loaded.export
     faults = trace_faults(export.program, export.source, json.loads(export.files[TRACE]))

@@ -66,6 +66,8 @@ def check(subject: Subject) -> GateResult:
     """Run the loop with the exported controller from both starts, and compare."""
     if subject.compiler is None or subject.compiled is None:
         return not_run("no C compiler")
+    if not subject.derivation.design.exact_hold:
+        return not_run(f'law = "{subject.model.design}" is not exported')
     if why := _without_bound(subject.manifest):
         return not_run(
             f"{why}: rounding errors have no first-order bound; the gate export judges each sample"

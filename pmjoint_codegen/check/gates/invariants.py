@@ -2,6 +2,7 @@
 
 errors        y - y_r = z_1 + r_1 at every instant                          to the rounding of four operations
 estimation    without disturbance, x - x_hat = exp(A0 t) (x - x_hat)(0)     as epsilon' = A0 epsilon
+              with an extended-state observer, 0 - f_hat is one entry more
 limits        without disturbance, z(t) does not depend on u_max            z' does not contain u, but has
                                                                             y where d alpha_i / dy moves
 no saturation with u_max out of reach, r = 0                                bit for bit
@@ -23,6 +24,7 @@ from pmjoint_codegen.check.trajectory import ACCURACY, default_run
 from pmjoint_codegen.closed_loop import Source, evaluator_of
 from pmjoint_codegen.kernels.evaluator import Evaluator
 from pmjoint_codegen.loops.status import Status
+from pmjoint_codegen.simulate.blocks import compensator_states
 from pmjoint_codegen.simulate.run import Run
 from pmjoint_codegen.values import BRAKING, MATCHED
 from pmjoint_derive import Derivation
@@ -38,7 +40,8 @@ Finding = tuple[str, float, float]  # what, figure, bound
 
 def check(subject: Subject) -> GateResult:
     """Run the model with and without its disturbance and its limit, and check the runs against theory."""
-    findings = [errors_add_up(default_run(subject.compiled or subject.interpreted))]
+    found = default_run(subject.compiled or subject.interpreted)
+    findings = [errors_add_up(found)] if compensator_states(found.manifest) else []
     quiet = quiet_evaluator(subject)
     return judge([*findings, *quiet_findings(quiet, bare=errors_are_alone(subject.derivation))])
 
@@ -87,7 +90,7 @@ def quiet_findings(evaluator: Evaluator, *, bare: bool = True) -> list[Finding]:
     values = {item.name: item.value for item in manifest.parameters}
     limits = {name: values[name] for name in manifest.limit_parameters}
     run, wider, free = (default_run(evaluator, _wider(limits, factor)) for factor in (1.0, 2.0, OUT_OF_REACH))
-    found = [undriven(evaluator, free)]
+    found = [undriven(evaluator, free)] if compensator_states(manifest) else []
     done = run.status == wider.status == Status.DONE
     if bare and done and run.settings.parameters["compensator"] == 1:
         z = [np.column_stack([one[f"z{i + 1}"] for i in range(manifest.rho)]) for one in (run, wider, free)]
@@ -124,8 +127,13 @@ def _wider(limits: Mapping[str, float], factor: float) -> dict[str, float]:
 
 def estimation_gap(evaluator: Evaluator, run: Run) -> float:
     """Largest distance of the estimation error from its exact solution, relative to the state's size."""
-    epsilon = estimation_errors(run)
-    A0 = evaluator.call("filter_matrix", run.settings.p)[0].reshape(run.manifest.n, run.manifest.n)
+    epsilon, observed = estimation_errors(run), _block(run, "xi")
+    if (
+        observed.shape[1] > run.manifest.n
+    ):  # of an observer whose last state is a disturbance, which is 0 here
+        epsilon = np.column_stack([epsilon, -observed[:, -1]])
+    size = epsilon.shape[1]
+    A0 = evaluator.call("filter_matrix", run.settings.p)[0].reshape(size, size)
     exact = _decayed(A0, epsilon[0], run.t)
     scale = max(1.0, float(np.max(np.abs(run.states[:, : run.manifest.nx]))))
     return float(np.max(np.abs(epsilon - exact))) / scale

@@ -10,12 +10,13 @@ from pmjoint_codegen.check.oracles.certificate import certify, numeric
 from pmjoint_codegen.check.result import Difference, GateResult, failed, passed
 from pmjoint_codegen.check.subject import Subject
 from pmjoint_codegen.poles import poles_text
-from pmjoint_codegen.values import INPUT_SCALE, positive_gains
+from pmjoint_codegen.values import INPUT_SCALE, OBSERVER, positive_gains
 from pmjoint_derive import Derivation
 from pmjoint_derive.consistency import consistency_identities
 from pmjoint_derive.equation import Identity
 from pmjoint_derive.filters import filter_matrix
 from pmjoint_derive.lyapunov import given_away
+from pmjoint_derive.lyapunov_matrix import lyapunov_matrix
 
 LONGEST = 300  # characters of a remainder that a report shows
 
@@ -45,6 +46,11 @@ def prove_for(derivation: Derivation, values: Mapping[str, float]) -> GateResult
         detail = f"{len(broken)} of {len(identities)} identities do not expand to zero: {names}"
         return failed(detail, len(broken), 0, _difference(broken[0]))
     faults = unfit_gains(derivation, values)
+    if not derivation.design.certifies and not faults:
+        detail = f"identities that do not expand to zero, of {len(identities)}; the law has no certificate"
+        return passed(detail, 0, 0)
+    if not derivation.design.decays:
+        return _not_rising(derivation, values, faults, len(identities))
     certificate = certify(derivation, values, derivation.model.disturbance_bound) if not faults else None
     if certificate is None or not np.all(np.linalg.eigvalsh(certificate.P) > 0):
         faults = faults or ["P is not positive definite"]
@@ -58,12 +64,25 @@ def prove_for(derivation: Derivation, values: Mapping[str, float]) -> GateResult
     return passed(detail, 0, 0, *certificate.lines(), remainder_text(derivation))
 
 
+def _not_rising(
+    derivation: Derivation, values: Mapping[str, float], faults: list[str], count: int
+) -> GateResult:
+    """The verdict on a V that does not rise: it is positive definite where P is."""
+    P = numeric(lyapunov_matrix(derivation.signals), values)
+    if not faults and not np.all(np.linalg.eigvalsh(P) > 0):
+        faults = ["P is not positive definite"]
+    if faults:
+        return failed("; ".join(faults), len(faults), 0, Difference("V", faults[0], "", "", "", "", ""))
+    detail = f"identities that do not expand to zero, of {count}; V does not rise where D and leakage are 0"
+    return passed(detail, 0, 0, f"P = {[[float(f'{entry:.5g}') for entry in row] for row in P]}")
+
+
 def unfit_gains(derivation: Derivation, values: Mapping[str, float]) -> list[str]:
     """Conditions of the certificate that the gains violate: positive gains and input scale, A0 Hurwitz."""
     faults = [
         f"gain {name} = {values[name]:g} is not positive"
-        for name in (*positive_gains(derivation.plant.rho), INPUT_SCALE)
-        if not values[name] > 0
+        for name in (*positive_gains(derivation.plant.rho), OBSERVER, INPUT_SCALE)
+        if name in values and not values[name] > 0
     ]
     poles = np.linalg.eigvals(numeric(filter_matrix(derivation.signals), values))
     if not np.all(poles.real < 0):

@@ -16,7 +16,7 @@ from pmjoint_codegen.chain import DEAD_ZONE, LIMIT, LOWER, UPPER
 from pmjoint_codegen.identity import Document
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.report.notation import plain_text
-from pmjoint_codegen.values import BRAKING, MATCHED, ZERO
+from pmjoint_codegen.values import ADRC, BRAKING, MATCHED, OBSERVER, ZERO
 from pmjoint_derive import Derivation, Gains, Model
 
 AWAY: Final = 0.2  # SI units of y, from the model's own start
@@ -82,7 +82,9 @@ def _actuator(manifest: Manifest, values: Mapping[str, float]) -> dict[str, floa
 
 def _design(gains: Gains) -> dict[str, Any]:
     """The gains as numbers."""
-    found: dict[str, Any] = {kind: list(values) for kind, values in gains.by_kind.items()}
+    found: dict[str, Any] = {kind: list(values) for kind, values in gains.by_kind.items() if values}
+    if gains.observer is not None:
+        found |= {"law": ADRC, OBSERVER: gains.observer}
     found |= {"input_scale": gains.input_scale, "start": MATCHED if gains.matched else ZERO}
     if gains.braking is not None:
         return found | {"saturation": BRAKING, "braking": gains.braking}
