@@ -46,7 +46,7 @@ def summary_table(run: Run, notes: Sequence[str], files: Sequence[Path]) -> str:
 
 
 def _head(run: Run, notes: Sequence[str]) -> Iterator[tuple[str, ...]]:
-    from pmjoint_codegen.simulate.assumptions import assumed, changes, stated
+    from pmjoint_codegen.simulate.assumptions import assumed, changes, remarks, stated
 
     yield "run", f"{run.settings.controller} controller, {run.evaluator} kernels"
     status = run.summary["status"]
@@ -58,6 +58,8 @@ def _head(run: Run, notes: Sequence[str]) -> Iterator[tuple[str, ...]]:
     for label, items in (("settings", stated(run)), ("changed", (*changes(run), *notes))):
         if items:
             yield label, ", ".join(items)
+    for remark in remarks(run):
+        yield "note", remark
 
 
 def _saturation(run: Run) -> Iterator[tuple[str, ...]]:

@@ -24,6 +24,7 @@ from pmjoint_codegen.export.source import Identity as Exported
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.margins import Margins
 from pmjoint_codegen.provision import Provided, provide
+from pmjoint_codegen.simulate.estimates import FrozenError, frozen_error, frozen_parameters, is_frozen
 from pmjoint_codegen.simulate.pace import LIMIT, paces
 from pmjoint_codegen.simulate.run import Run
 from pmjoint_codegen.simulate.sheets import transient_window
@@ -93,6 +94,7 @@ class Facts:
         checks: results of the gates.
         run: the default run.
         transient: its saturated beginning on a finer grid of instants, if there is one.
+        frozen: the error of the same run without adaptation, of an adaptive controller.
         sampled: the same with a sampled controller at the model's sample time.
         pace: of the law at that sample time.
         margins: at the model's reference at t = 0.
@@ -111,6 +113,7 @@ class Facts:
     checks: Checked
     run: Run | Absent
     transient: Run | None
+    frozen: FrozenError | None
     sampled: Run | Absent
     pace: Pace
     margins: Margins | Absent
@@ -189,6 +192,7 @@ def gather(
         checks=checks,
         run=run,
         transient=_transient(loop, run),
+        frozen=_frozen(loop, run),
         sampled=_run(loop, controller="sampled"),
         pace=_pace(loop.manifest),
         margins=_margins(loop),
@@ -221,6 +225,13 @@ def _transient(loop: ClosedLoop, run: Run | Absent) -> Run | None:
         return None
     step = min(window / _DETAIL_ROWS, run.settings.output_step)
     return loop.simulate(horizon=window, output_step=step)
+
+
+def _frozen(loop: ClosedLoop, run: Run | Absent) -> FrozenError | None:
+    if isinstance(run, Absent) or is_frozen(run):
+        return None
+    frozen = _run(loop, parameters=frozen_parameters(loop.manifest))
+    return None if isinstance(frozen, Absent) else frozen_error(frozen)
 
 
 def _pace(manifest: Manifest) -> Pace:

@@ -113,7 +113,38 @@ def gains(model: Model) -> str:
     if model.gains.braking is not None:
         share = f"${latex_name('braking')} = {latex_number(model.gains.braking)}$"
         text += f" The compensator brakes with the share {share} of the limit of $u$."
+    text += _guesses(model)
     return text + (" A run starts at the matched start." if model.gains.matched else "")
+
+
+def _guesses(model: Model) -> str:
+    """Give guesses in a sentence, and what the controller does with them."""
+    adaptation = model.adaptation
+    if adaptation is None:
+        return ""
+    names = (
+        f"${latex_name(entry.guess_symbol.name)} = {latex_number(entry.guess)}$"
+        for entry in adaptation.entries
+    )
+    text = f" The controller takes {', '.join(names)}"
+    unknown = adaptation.unknown
+    if not unknown:
+        return f"{text} for the plant's."
+    hats = ", ".join(f"${latex_name(entry.estimate.name)}$" for entry in unknown)
+    text += f" and estimates {hats} from there"
+    ranges = [
+        f"${latex_name(entry.estimate.name)} \\in ({', '.join(map(latex_number, entry.range))})$"
+        for entry in unknown
+        if entry.range is not None
+    ]
+    text += f", each within its range: {', '.join(ranges)}." if ranges else "."
+    if adaptation.least_squares is None:
+        rates = ", ".join(
+            f"${latex_name(entry.gamma.name)} = {latex_number(entry.gain)}$" for entry in unknown
+        )
+        pull = f"${latex_name('leakage')} = {latex_number(adaptation.leakage)}$"
+        text += f" Adaptation gains: {rates}. Leakage {pull} pulls the estimates towards their priors."
+    return text
 
 
 def _display(equation: Equation) -> Iterator[str]:

@@ -11,39 +11,11 @@ from collections.abc import Collection, Iterator, Sequence
 from html import escape
 from typing import Final
 
-_GREEK: Final = dict(
-    zip(
-        [
-            "alpha",
-            "beta",
-            "gamma",
-            "delta",
-            "epsilon",
-            "zeta",
-            "eta",
-            "theta",
-            "kappa",
-            "lambda",
-            "mu",
-            "nu",
-            "xi",
-            "Xi",
-            "pi",
-            "rho",
-            "sigma",
-            "tau",
-            "phi",
-            "chi",
-            "psi",
-            "omega",
-            "Omega",
-            "Delta",
-            "Phi",
-        ],
-        "αβγδεζηθκλμνξΞπρστφχψωΩΔΦ",
-        strict=True,
-    )
+_LETTERS: Final = (
+    "alpha beta gamma delta epsilon zeta eta theta kappa lambda mu nu xi Xi pi rho sigma tau phi chi psi "
+    "omega Omega Delta Phi Gamma Theta"
 )
+_GREEK: Final = dict(zip(_LETTERS.split(), "αβγδεζηθκλμνξΞπρστφχψωΩΔΦΓΘ", strict=True))
 _WORDS: Final = {
     "du": '<mrow><mi mathvariant="normal">Δ</mi><mi>u</mi></mrow>',
     "input_scale": "<msub><mi>κ</mi><mi>u</mi></msub>",
@@ -51,10 +23,26 @@ _WORDS: Final = {
     "braking": "<msub><mi>α</mi><mi>b</mi></msub>",
     "braking_range": "<mi>ℓ</mi>",
     "braking_rate": "<mrow><mi>g</mi><mo>(</mo><msub><mi>r</mi><mn>1</mn></msub><mo>)</mo></mrow>",
+    "alpha_bar": '<mover accent="true"><mi>α</mi><mo>¯</mo></mover>',
+    "leakage": "<msub><mi>σ</mi><mi>Θ</mi></msub>",
+    "rho_hat": '<mover accent="true"><mi>ϱ</mi><mo>^</mo></mover>',
+    "rho_guess": "<msub><mi>ϱ</mi><mi>guess</mi></msub>",
+    "rho_prior": "<msub><mi>ϱ</mi><mi>prior</mi></msub>",
+    "rho_leakage": "<msub><mi>σ</mi><mi>ϱ</mi></msub>",
+    "gamma_rho": "<msub><mi>γ</mi><mi>ϱ</mi></msub>",
+    "ls_kappa": "<mi>κ</mi>",
+    "ls_forgetting": "<mi>β</mi>",
+    "ls_P0": "<msub><mi>P</mi><mn>0</mn></msub>",
+    "ls_k_max": "<msub><mi>k</mi><mi>max</mi></msub>",
     "f_minus": "<msub><mi>f</mi><mo>−</mo></msub>",
     "f_plus": "<msub><mi>f</mi><mo>+</mo></msub>",
 }
 _ACCENT: Final = re.compile(r"(?P<stem>[A-Za-z]+)(?P<number>\d*)_(?P<mark>dot|hat)(?P<rest>\d*(?:_\w+)?)")
+_ENTRY: Final = re.compile(
+    r"(?P<stem>omega|Gamma|gamma|tau|pull)(?P<number>1?)_(?!plant|max|min)(?P<name>\w+)"
+)
+_ESTIMATE: Final = re.compile(r"(?P<stem>[A-Za-z]+)(?P<number>\d*)_hat_(?P<change>dot|next)")
+_END: Final = re.compile(r"(?P<stem>[A-Za-z]+)(?P<number>\d*)_(?P<end>low|high)")
 _DERIVED_RATE: Final = re.compile(r"(?P<stem>[A-Za-z]+)_hat(?P<number>\d*)_dot(?P<rest>(?:_\w+)?)")
 _MARKS: Final = {"dot": "˙", "hat": "^"}
 _PARTIAL: Final = re.compile(r"d(?P<order>\d*)(?P<of>[A-Za-z]\w*?\d*)_d(?P<by>\w+)")
@@ -131,6 +119,14 @@ def symbol(name: str) -> str:
         return f'<mover accent="true">{symbol(name.removeprefix("rate_of_"))}<mo>˙</mo></mover>'
     if name.endswith("_start"):
         return f"<mrow>{symbol(name.removesuffix('_start'))}<mo>(</mo><mn>0</mn><mo>)</mo></mrow>"
+    if found := _ENTRY.fullmatch(name):
+        index = "<mn>1</mn><mo>,</mo>" if found["number"] else ""
+        return f"<msub>{_letters(found['stem'])}<mrow>{index}{symbol(found['name'])}</mrow></msub>"
+    if found := _ESTIMATE.fullmatch(name):
+        return _changed_estimate("ϱ" if found["stem"] == "rho" else found["stem"], found)
+    if found := _END.fullmatch(name):
+        over, line = ("munder", "_") if found["end"] == "low" else ("mover", "¯")
+        return _below(f"<{over}>{_letters(found['stem'])}<mo>{line}</mo></{over}>", found["number"])
     if found := _DERIVED_RATE.fullmatch(name):
         hat = f'<mover accent="true">{_letters(found["stem"])}<mo>^</mo></mover>'
         return _below(f'<mover accent="true">{hat}<mo>˙</mo></mover>', found["number"] + found["rest"])
@@ -142,6 +138,14 @@ def symbol(name: str) -> str:
     if found := _GAIN.fullmatch(name):
         return f"<msub><mi>c</mi><mrow><mi>k</mi><mn>{found['number']}</mn></mrow></msub>"
     return _plain(name)
+
+
+def _changed_estimate(stem: str, found: re.Match[str]) -> str:
+    """The rate of an estimate, with a dot above its hat, or what it is one sample later."""
+    hat = f'<mover accent="true">{_letters(stem)}<mo>^</mo></mover>'
+    if found["change"] == "next":
+        return _below(hat, f"{found['number']}_next")
+    return _below(f'<mover accent="true">{hat}<mo>˙</mo></mover>', found["number"])
 
 
 def _raised(letter: str, dots: str, index: str) -> str:

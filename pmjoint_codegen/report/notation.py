@@ -32,6 +32,19 @@ _WORDS = {
     "braking_rate": "g(r_1)",
     "braking_rate_start": "g(r_1(0))",
     "dbraking_rate_dr1": "g'(r_1)",
+    "alpha_bar": r"\bar{\alpha}",
+    "leakage": r"\sigma_\Theta",
+    "rho_hat": r"\hat{\varrho}",
+    "rho_hat_dot": r"\dot{\hat{\varrho}}",
+    "rho_hat_next": r"\hat{\varrho}_{\mathrm{next}}",
+    "rho_guess": r"\varrho_{\mathrm{guess}}",
+    "rho_prior": r"\varrho_{\mathrm{prior}}",
+    "rho_leakage": r"\sigma_\varrho",
+    "gamma_rho": r"\gamma_\varrho",
+    "ls_kappa": r"\kappa",
+    "ls_forgetting": r"\beta",
+    "ls_P0": "P_0",
+    "ls_k_max": r"k_{\max}",
     "f_minus": "f_-",
     "f_plus": "f_+",
 }
@@ -62,16 +75,42 @@ def _forms() -> tuple[tuple[str, Callable[..., str]], ...]:
     """Give the patterns of composite names, the most particular first, each with its LaTeX."""
     return (
         (r"rate_of_(.+)", lambda state: _accented("dot", state)),
+        (r"(omega|omega1|Gamma|gamma|tau|pull)_(?!plant|max|min)(\w+?)", _of_entry),
         (r"(.+)_start", lambda base: f"{latex_name(base)}(0)"),
         (
             r"d(\d*)([A-Za-z]+\d*)_d(.+)",
             lambda order, of, by: _derivative(order, of, by.split("_d")),
         ),
+        (r"([A-Za-z]\w*?)_hat_(dot|next)", _changed_estimate),
+        (r"([A-Za-z]\w*?)_(low|high)", _end_of_range),
         (r"(.+)_dot((?:_plant|_max)?)", lambda base, owner: _accented("dot", base + owner)),
         (r"(\w+?)_hat(\d*)", lambda stem, index: _accented("hat", stem + index)),
         (r"d(\d+)y_r", lambda order: f"y_r^{{({order})}}"),
         (r"ck(\d+)", lambda index: f"c_{{k{index}}}"),
     )
+
+
+def _of_entry(stem: str, name: str) -> str:
+    r"""Write what belongs to one unknown parameter, such as ``\omega_{b_0}``, with all of its name below."""
+    if name.endswith("_start"):
+        return f"{_of_entry(stem, name.removesuffix('_start'))}(0)"
+    letter, subscript = _split(stem)
+    below = f"{subscript},{latex_name(name)}" if subscript else latex_name(name)
+    return f"{letter}_{{{below}}}"
+
+
+def _changed_estimate(name: str, change: str) -> str:
+    r"""Write the rate of an estimate, ``\dot{\hat{b}}_0``, or what it is one sample later."""
+    stem, subscript = _split(name)
+    if change == "dot":
+        return rf"\dot{{\hat{{{stem}}}}}{_subscript(subscript)}"
+    return rf"\hat{{{stem}}}_{{{subscript}{',' * bool(subscript)}\mathrm{{next}}}}"
+
+
+def _end_of_range(name: str, end: str) -> str:
+    r"""Write an end of the range of an estimate, such as ``\underline{b}_0``."""
+    stem, subscript = _split(name)
+    return rf"\{'underline' if end == 'low' else 'overline'}{{{stem}}}{_subscript(subscript)}"
 
 
 def _derivative(order: str, of: str, by: Sequence[str]) -> str:
@@ -247,7 +286,7 @@ def prose_words(text: str) -> Iterator[tuple[str, str]]:
         if place % 2:
             yield "unit", piece
             continue
-        for word in re.split(r"([A-Za-z]\w*(?:\^\d+)?)", piece):
+        for word in re.split(r"((?<!\w')[A-Za-z]\w*(?:\^\d+)?)", piece):  # not the s of "the reference's"
             yield ("symbol" if _is_symbol(word) else "text"), word
 
 

@@ -16,6 +16,7 @@ ORDER = (
     "Compensator",
     "Reference",
     "Backstepping",
+    "Adaptation",
     "ADRC",
     "Start",
     "Certificate",

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
+from pmjoint_codegen.simulate.estimates import LEAKAGE, estimates, is_frozen, leaking
 from pmjoint_codegen.values import COMPENSATOR
+
+FAST: Final = 1.0  # 1/s, of leakage times gain
 
 if TYPE_CHECKING:
     from pmjoint_codegen.simulate.record import Record
@@ -89,4 +92,27 @@ def parts_of(run: Record, notes: Sequence[str] = ()) -> dict[str, tuple[str, ...
         "Assumed, not stated in the paper": assumed(run),
         "Settings": stated(run),
         "Changed": (*changes(run), *notes),
+        "Note": remarks(run),
     }
+
+
+def remarks(run: Record) -> tuple[str, ...]:
+    """What a reader of an adaptive run must know: leakage that is faster than learning, and plain clipping.
+
+    Leakage acts within the gain, so an estimate is pulled to its prior at the rate of both together. With a
+    range that rate is the one in its middle; it vanishes at its ends.
+    """
+    values = run.settings.parameters
+    found = [
+        f"{item.name} is pulled to {prior} at {rate:.4g} 1/s, {gain} times {leakage}"
+        for item in estimates(run)
+        for gain, leakage, prior in [leaking(item.name)]
+        if gain in values and (rate := values[gain] * values[leakage]) > FAST
+    ]
+    if found:
+        found[-1] += (
+            f"; above {FAST:g} 1/s an estimate forgets sooner than it learns: set {LEAKAGE} to 0 or less gain"
+        )
+    if not is_frozen(run) and not values[COMPENSATOR]:
+        found.append("plain clipping misleads estimates, which may destroy the loop: keep the compensator")
+    return tuple(found)

@@ -23,6 +23,7 @@ LYAPUNOV: Final = "V"  # column
 HAT: Final = "_hat"
 RHO_HAT: Final = f"rho{HAT}"  # of 1/b_m
 GAMMA: Final = "gamma_"
+LEAKAGE: Final = "leakage"
 INITIAL_GAIN: Final = "ls_P0"  # of least squares, whose gain stays 0 if it starts there
 _OF_STATES: Final = ("Theta", "rho")  # blocks of X
 
@@ -90,6 +91,12 @@ def _estimates(manifest: Manifest, values: Mapping[str, float]) -> Iterator[Esti
                 truth=truth,
                 range=(values[ends[0]], values[ends[1]]) if ends[0] in values else None,
             )
+
+
+def leaking(name: str) -> tuple[str, str, str]:
+    """The parameters of an estimate's leakage: its gain, the leakage itself, where it pulls to."""
+    stem = name.removesuffix(HAT)
+    return f"{GAMMA}{stem}", "rho_leakage" if name == RHO_HAT else LEAKAGE, f"{stem}_prior"
 
 
 def frozen_parameters(manifest: Manifest) -> dict[str, float]:

@@ -54,9 +54,45 @@ def run_chapter(facts: Facts) -> str:
             alt_text(sheet.stem, facts.run),
             prose(words_of(caption(facts.run, sheet, ()))),
         )
-        for sheet in sheets(facts.run)
+        for sheet in sheets(facts.run, facts.frozen)
     ]
-    return chapter("run", "Default run", paragraph(words), summary_table([("value", facts.run)]), *figures)
+    return chapter(
+        "run",
+        "Default run",
+        paragraph(words),
+        summary_table([("value", facts.run)]),
+        _estimates(facts.run),
+        *figures,
+    )
+
+
+def _estimates(run: Run) -> str:
+    """Where estimates began and ended, beside the plant's own values; nothing without them."""
+    found = run.summary.get("estimates")
+    if found is None:
+        return ""
+    units = {item.name: item.unit for item in run.manifest.states}
+    rows = [
+        (
+            code(name),
+            _value(item["first"]),
+            _value(item["final"]),
+            f"{code(item['of'])} = {_value(item['true'])}",
+            "none" if item["range"] is None else " to ".join(map(_value, item["range"])),
+            plain(units[name]),
+        )
+        for name, item in found.items()
+    ]
+    words = "An estimate need not reach the plant’s own value; it is no identified parameter."
+    if "V" in run.summary:
+        V = run.summary["V"]
+        words += f" V goes from {_value(V['first'])} to {_value(V['final'])}."
+    head = ("estimate", "at the start", "at the end", "the plant’s own", "range", "unit")
+    return table(head, rows, caption="Estimates", right=(1, 2)) + paragraph(words)
+
+
+def _value(value: float | None) -> str:
+    return "none" if value is None else number(value)
 
 
 def summary_table(runs: list[tuple[str, Run | Absent]]) -> str:

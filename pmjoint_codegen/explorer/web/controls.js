@@ -41,6 +41,7 @@ function pretty(name) {
 function flat(name) {
   const [letter, below] = partsOf(name);
   if (letter.endsWith("\u0307")) return `d${letter.slice(0, -1)}/dt`; // small print has no room for a dot above
+  if (letter.endsWith("\u0302")) return `estimate of ${flat(name.replace(/_hat$/, ""))}`;
   if (!below) return letter;
   if (below === "r") return `${letter}ᵣ`;
   return /^\d+$/.test(below) ? letter + below.replace(/\d/g, (digit) => "₀₁₂₃₄₅₆₇₈₉"[digit]) : `${letter}_${below}`;
