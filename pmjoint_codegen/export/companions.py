@@ -9,6 +9,7 @@ from typing import Final
 import sympy as sp
 
 from pmjoint_codegen.export import fields
+from pmjoint_codegen.export.example import example_plant, in_numbers
 from pmjoint_codegen.export.fields import INTEGER
 from pmjoint_codegen.export.hold import BAKED, COMPUTED
 from pmjoint_codegen.export.lines import Line, Printer, comment, spellings
@@ -65,14 +66,17 @@ def _analysis(program: Program, precision: Precision) -> tuple[dict[str, list[Li
     reference = [f"{item} = {size if place else 'any(Y_LOW, Y_HIGH)'};" for place, item in enumerate(s.y_r)]
     zero, limit = precision.literal(0.0), "_STATE_RANGE"
     filtered = "filter" in model.chain  # then y is a state of the controller's own
-    kept = [*program.states, s.y] if filtered else program.states
+    kept = [*program.states, *program.kept, *([s.y] if filtered else [])]
+    wide = f"any(-@NAME@{limit}, @NAME@{limit})"
+    any_of = {state: f"any({low}, {high})" for state, (low, high) in _ranges(program, printer).items()}
     lines = {
         "inputs": [f"    in->{text}" for text in reference],
         "any_reference": [f"    s->{text}" for text in reference],
         "first": [f"    first.{item} = {zero};" for item in s.y_r],
         "any_y": [] if filtered else ["    s->y = any(Y_LOW, Y_HIGH);"],
-        "any_state": [f"    s->{item} = any(-@NAME@{limit}, @NAME@{limit});" for item in kept],
+        "any_state": [f"    s->{item} = {any_of.get(item, wide)};" for item in kept],
     }
+    lines["any_state"] += ["    s->learns = Frama_C_interval(0, 1);"] if program.learnt else []
     words = {
         "lower": lower,
         "upper": upper,
@@ -82,6 +86,17 @@ def _analysis(program: Program, precision: Precision) -> tuple[dict[str, list[Li
     words |= {"finite_function": "__finitef" if precision.suffix else "__finite"}  # Frama-C's isfinite
     words |= {"rates": precision.literal(_RATES * max(abs(low), abs(high)))}
     return {name: [Line(text) for text in texts] for name, texts in lines.items()}, words
+
+
+def _ranges(program: Program, printer: Printer) -> dict[sp.Symbol, tuple[str, str]]:
+    """Estimate -> the ends of its range in C."""
+    adaptation = program.derivation.model.adaptation
+    entries = () if adaptation is None else adaptation.unknown
+    return {
+        entry.estimate: (printer.text(entry.ends[0]), printer.text(entry.ends[1]))
+        for entry in entries
+        if entry.range is not None
+    }
 
 
 def _library_words(program: Program, identity: Identity) -> dict[str, str]:
@@ -104,21 +119,18 @@ def _row(item: fields.Field, precision: Precision) -> str:
 def _example(program: Program, precision: Precision) -> tuple[dict[str, list[Line]], dict[str, str]]:
     """The blocks and words of the example: a plant in numbers, its start at rest, the reference."""
     d, s = program.derivation, program.derivation.signals
-    n, run = d.plant.order, d.model.simulation
+    n, run, plant = d.plant.order, d.model.simulation, example_plant(d)
     spelling = {symbol: f"x[{i}]" for i, symbol in enumerate(s.x)}
     spelling |= {s.t: "t", s.u: "u", s.y: "x[0]", real_symbol("y0"): "y0"}
     printer = Printer(spelling, precision)
     following = (*s.x[1:], sp.Integer(0))
     rates = [
-        f"    x_dot[{i}] = {printer.text(_in_numbers(program, after + known))};"
-        for i, (after, known) in enumerate(zip(following, d.plant.known_rates(s.u), strict=True))
+        f"    x_dot[{i}] = {printer.text(in_numbers(d, after + known))};"
+        for i, (after, known) in enumerate(zip(following, plant.known_rates(s.u), strict=True))
     ]
-    drift = [value.xreplace({s.y: real_symbol("y0")}) for value in d.plant.drift]
+    drift = [value.xreplace({s.y: real_symbol("y0")}) for value in plant.drift]
     rest = ["    x[0] = y0;"]
-    rest += [
-        f"    x[{i}] = {printer.text(_in_numbers(program, -drift[i - 1]))}; /* at rest */"
-        for i in range(1, n)
-    ]
+    rest += [f"    x[{i}] = {printer.text(in_numbers(d, -drift[i - 1]))}; /* at rest */" for i in range(1, n)]
     samples = max(1, min(_MOST, round(run.horizon / run.sample_time)))
     words = {
         "order": str(n),
@@ -137,14 +149,6 @@ def _reference(program: Program, printer: Printer) -> list[str]:
     if d.model.segment:
         values = [sp.Integer(0)] * len(values)
     return [
-        f"    in->{y_r} = {printer.text(_in_numbers(program, value))};"
+        f"    in->{y_r} = {printer.text(in_numbers(d, value))};"
         for y_r, value in zip(d.signals.y_r, values, strict=True)
     ]
-
-
-def _in_numbers(program: Program, value: sp.Expr) -> sp.Expr:
-    """An expression with every parameter replaced by the model's number."""
-    d, s = program.derivation, program.derivation.signals
-    numbers = {item.symbol: sp.Float(item.value) for item in d.model.parameters}
-    whole = d.equations.expand(value, keep=frozenset({s.y, s.u, s.t, *s.x}))
-    return whole.xreplace(numbers)

@@ -60,6 +60,10 @@ def step_ratios(export: Export, given: Array, found: Mapping[str, Any]) -> Array
     twin.values = {
         symbol: Bounded(found[name][:-1], 0.0) for name, symbol in symbols.items() if symbol in kept
     }
+    twin.values |= {
+        symbol: Bounded(column[:-1], 0.0) for symbol, column in zip(signals.y_r, given.T[1:], strict=True)
+    }
+    twin.keep()
     twin.ready = True
     y, *y_r = (Bounded(column, 0.0) for column in given[1:].T)
     expected = {**twin.step(y, y_r), **twin.values}

@@ -10,10 +10,14 @@ import numpy as np
 import sympy as sp
 
 from pmjoint_codegen.chain import LIMIT, LINKS
+from pmjoint_codegen.export.learning import conditions
 from pmjoint_codegen.export.lines import identifier
 from pmjoint_codegen.export.statements import Program
 from pmjoint_codegen.export.tree import Precision
 from pmjoint_codegen.values import SI, from_si
+from pmjoint_derive import real_symbol
+from pmjoint_derive.adaptation import Setting, settings_of
+from pmjoint_derive.units import parse_unit
 
 INTEGER: Final = "int"
 REAL: Final = "real"
@@ -51,6 +55,7 @@ def parameter_fields(program: Program) -> tuple[Field, ...]:
     gains = d.gain_values | {s.compensator: float(model.gains.compensator)}
     if s.braking:
         gains[s.braking[0]] = float(model.gains.braking or 0.0)
+    gains |= {item.symbol: item.value for item in _settings(program).values()}
     found = []
     for symbol in program.parameters:
         if symbol in stated:
@@ -89,13 +94,31 @@ _RANGES: Final = {
 }
 
 
+def _settings(program: Program) -> dict[str, Setting]:
+    """Guesses, ranges and gains of what the controller does not know, by name."""
+    d = program.derivation
+    found = settings_of(d.model.adaptation, parse_unit(d.model.y_unit))
+    return {item.symbol.name: item for item in found}
+
+
+def _allowed(program: Program, name: str) -> str:
+    """Which numbers a guess, an end of a range or a gain may be."""
+    symbol = real_symbol(name)
+    related = [item for item in conditions(program.derivation) if symbol in item.free_symbols]
+    seen = (item if item.lhs == symbol else item.reversed for item in related)
+    return ", ".join(f"{item.rel_op} {item.rhs}" for item in seen if item.lhs == symbol) or "finite"
+
+
 def _gain(program: Program, name: str) -> tuple[str, str]:
     """Meaning and range of a gain."""
-    s = program.derivation.signals
+    s, learning = program.derivation.signals, _settings(program)
+    if name in learning:
+        return learning[name].about, _allowed(program, name)
     for kind, symbols in s.gains_by_kind.items():
         for place, symbol in enumerate(symbols, start=1):
             if symbol.name == name:
-                return _GAINS[kind][0].format(place), _GAINS[kind][1]
+                of = s.r[place - 1] if kind == "ck" else place
+                return _GAINS[kind][0].format(of), _GAINS[kind][1]
     return {
         s.compensator.name: ("compensator (23): 1 at work, 0 plain clipping", "0 or 1"),
         s.input_scale.name: ("weight of z_i, i > 1; 1: the paper's law", "> 0"),
@@ -105,7 +128,7 @@ def _gain(program: Program, name: str) -> tuple[str, str]:
 _GAINS: Final = {
     "c": ("damping of error z{}", "> 0"),
     "e": ("damping against the estimation error, step {}", "> 0"),
-    "ck": ("decay rate of compensator state r{}", "> 0"),
+    "ck": ("decay rate of compensator state {}", "> 0"),
     "k": ("filter gain {}", "all together such that A0 = A - k e1' is Hurwitz"),
 }
 
@@ -118,7 +141,10 @@ def state_fields(program: Program) -> tuple[Field, ...]:
         "xi": "filter (14), driven by y",
         "Xi": "filter (14), driven by Phi(y)",
         "lambda": "filter (14), driven by u",
-        "r": "compensator (23)",
+        "r": "compensator" if s.estimates else "compensator (23)",
+        "Theta": "estimate",
+        "rho": "estimate of 1/b_m",
+        "Gamma": "gain of least squares",
     }
     states = [
         Field(symbol.name, REAL, _said(about[blocks[symbol]], str(d.units.of(symbol)), "finite"))
@@ -139,11 +165,22 @@ def state_fields(program: Program) -> tuple[Field, ...]:
             _said("y, filtered if a filter is declared, at the last sound sample", model_y(program), ""),
         ),
         *reference,
+        *_kept_fields(program),
         Field("v", REAL, _said("v of (29) at that sample", unit, "")),
         Field("u", REAL, _said("the input that acts since that sample", unit, "")),
         Field("command", REAL, _said("what the actuator was told at that sample", unit, "within the limits")),
         Field("ready", INTEGER, "1 once a sample has been taken"),
     )
+
+
+def _kept_fields(program: Program) -> Iterator[Field]:
+    """What the law leaves for the update of the estimates, and whether it holds."""
+    for symbol in program.kept:
+        item = program.derivation.equations[symbol.name]
+        unit = "" if item.unit is None else str(item.unit)
+        yield Field(identifier(symbol.name), REAL, _said(f"{item.meaning}, at the last sample", unit, ""))
+    if program.learnt:
+        yield Field("learns", INTEGER, "1 if the last sample was sound; else the estimates rest")
 
 
 def model_y(program: Program) -> str:
@@ -189,10 +226,11 @@ def output_fields(program: Program) -> tuple[Field, ...]:
 
 def constant_fields(program: Program) -> Iterator[Field]:
     """What `init` computes once, behind the parameters."""
+    number = ", with T itself first" if program.learnt else " (23)"
     for label, about in (
         ("F0", "expm(A0 T) of the filters (14)"),
         ("G0", "its integral over the hold"),
-        ("Fr", "expm(Ar T) of the compensator (23)"),
+        ("Fr", f"expm(Ar T) of the compensator{number}"),
         ("Gr", "its integral over the hold"),
     ):
         yield Field(label, MATRIX, about)

@@ -11,6 +11,7 @@ from typing import Final
 from pmjoint_codegen.export import fields
 from pmjoint_codegen.export.fields import INTEGER, MATRIX, SAMPLE_TIME, Field
 from pmjoint_codegen.export.hold import BAKED, COMPUTED, baked_matrices, shaping
+from pmjoint_codegen.export.learning import conditions
 from pmjoint_codegen.export.lines import Line, Printer, comment, identifier, spellings
 from pmjoint_codegen.export.statements import Program, next_symbol
 from pmjoint_codegen.export.tree import Precision, operations_in
@@ -126,21 +127,26 @@ def source_lines(
         "constants": [*_filter_gain(program, precision), *printer.constants(program.constants)],
         "finite": _finite(program),
         "take": [Line(f"    s->{y_r} = in->{y_r};") for y_r in program.derivation.signals.y_r],
-        "zeros": _zeros(program, precision),
+        "sense": _sense(program, printer),
+        "zeros": _zeros(program, printer),
         "rest": list(_rest(program, printer)),
         "start": [Line("    " + line.text) for line in _start(program, printer)],
         "update": list(_update(program, printer)),
         "confine": [Line(f"    s->{item} = confined(s->{item}, &flags);") for item in program.states],
-        "law": [*printer.locals(program.law), *_outputs(program)],
+        "law": [*printer.locals(program.law), *_outputs(program), *_keeping(program)],
         "actuate": list(_actuate(program, printer)),
         "measure": list(_measure(program, precision)),
+        "sampled": [Line(f"    state->learns = {value};") for value in ("0",) if program.learnt],
+        "learns": [Line("        state->learns = 1;")] if program.learnt else [],
         "report": [Line(f"    out->{name} = state->{name};") for name in ("v", "command", "u")],
         "self_test": list(self_test),
     }
     words = words_of(program, identity, precision)
     sound = ["in->y", *(f"in->{y_r}" for y_r in program.derivation.signals.y_r)]
+    words |= {"const": "" if program.kept else "const "}
     words = {"sound": " && ".join(f"(isfinite({name}) != 0)" for name in sound), **words}
     refused = ["(params->sample_time <= 0.0@f@)", "(are_finite(constants) == 0)"]
+    refused += ["(can_start(params) == 0)"] if conditions(program.derivation) else []
     words = {"refused": " || ".join([*refused, *(["(fits_hold(params) == 0)"] if baked else [])]), **words}
     return filled(template, blocks, words)
 
@@ -216,9 +222,40 @@ def _finite(program: Program) -> list[Line]:
     ]
 
 
-def _zeros(program: Program, precision: Precision) -> list[Line]:
-    names = [*(state.name for state in program.states), "y", *map(str, program.derivation.signals.y_r)]
-    return [Line(f"    s->{name} = {precision.literal(0.0)};") for name in names]
+def _sense(program: Program, printer: Printer) -> list[Line]:
+    """The check of guesses, ranges and gains; nothing where all is known."""
+    found = conditions(program.derivation)
+    if not found:
+        return []
+    sides = [(printer.text(item.lhs), item.rel_op, printer.text(item.rhs)) for item in found]
+    said = [f"({left} {sign} {right})" for left, sign, right in sides]
+    return [
+        Line("/* Whether guesses, ranges and gains are such that the estimates keep the sign of b_m. */"),
+        Line("static int can_start(const @name@_params *p)"),
+        Line("{"),
+        Line(f"    return ({said[0]}"),
+        *(Line(f"        && {text}") for text in said[1:]),
+        Line("    ) ? 1 : 0;"),
+        Line("}"),
+        Line(""),
+    ]
+
+
+def _zeros(program: Program, printer: Printer) -> list[Line]:
+    zero = printer.precision.literal(0.0)
+    found = [Line(f"    s->{state} = {printer.text(value)};") for state, value in program.rest.items()]
+    names = ["y", *map(str, program.derivation.signals.y_r)]
+    found += [Line(f"    s->{name} = {zero};") for name in (*names, *_kept_names(program))]
+    return [*found, *([Line("    s->learns = 0;")] if program.learnt else [])]
+
+
+def _kept_names(program: Program) -> list[str]:
+    return [identifier(symbol.name) for symbol in program.kept]
+
+
+def _keeping(program: Program) -> Iterator[Line]:
+    for name in _kept_names(program):
+        yield Line(f"    s->{name} = {name};")
 
 
 def _rest(program: Program, printer: Printer) -> Iterator[Line]:
@@ -245,9 +282,15 @@ def _start(program: Program, printer: Printer) -> Iterator[Line]:
 
 
 def _update(program: Program, printer: Printer) -> Iterator[Line]:
-    yield from printer.locals(program.update)
+    kept = {symbol: f"s->{identifier(symbol.name)}" for symbol in program.kept}
+    yield from Printer({**printer.spelling, **kept}, printer.precision).locals(program.update)
     for state in program.states:
-        yield Line(f"    s->{state} = {next_symbol(state)};")
+        if state not in program.learnt:
+            yield Line(f"    s->{state} = {next_symbol(state)};")
+    if program.learnt:
+        yield Line("    if (s->learns != 0) {")
+        yield from (Line(f"        s->{state} = {next_symbol(state)};") for state in program.learnt)
+        yield Line("    }")
 
 
 def _outputs(program: Program) -> Iterator[Line]:

@@ -3,7 +3,8 @@
 Three groups, each in an order in which it can be computed. ``constants`` depend on parameters alone and are
 computed once; ``law`` is (24)-(29) and the estimate (15) at a sample; ``update`` takes filters (14) and
 compensator (23) over one hold; ``start`` is the matched start. A factor of parameters alone is taken out of
-each term and becomes a constant too, so a step divides by none of them.
+each term and becomes a constant too, so a step divides by none of them. Of a design with estimates ``update``
+moves these too; see `learning`.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from typing import Final
 import sympy as sp
 
 from pmjoint_codegen.errors import ModelError
+from pmjoint_codegen.export.learning import kept_symbols, learnt_states, rest_values
 from pmjoint_codegen.export.tree import Tree, joined, tree_of
 from pmjoint_codegen.report.notation import scaled_sum
 from pmjoint_derive import Derivation, real_symbol
@@ -106,6 +108,7 @@ class Program:
         start: the matched start, from y and the reference.
         states: the controller's states.
         estimate: symbols of x_hat.
+        kept: what the law finds at a sample and the update at the end of its hold reads.
     """
 
     derivation: Derivation
@@ -118,6 +121,17 @@ class Program:
     start: tuple[Statement, ...]
     states: tuple[sp.Symbol, ...]
     estimate: tuple[sp.Symbol, ...]
+    kept: tuple[sp.Symbol, ...]
+
+    @cached_property
+    def learnt(self) -> tuple[sp.Symbol, ...]:
+        """The states that the controller learns in."""
+        return learnt_states(self.derivation)
+
+    @cached_property
+    def rest(self) -> dict[sp.Symbol, sp.Expr]:
+        """State -> its value at the start that is not matched."""
+        return rest_values(self.derivation)
 
     @property
     def starts(self) -> dict[sp.Symbol, sp.Expr]:
@@ -177,14 +191,26 @@ class _Reader:
         d, s = self.derivation, self.derivation.signals
         x_hat = named("x_hat", len(s.xi))
         matrices = (*self.matrix("A0", filter_matrix(s)), *self.matrix("Ar", compensator_matrix(s)))
-        law = self.group((*s.z, *s.alpha, s.v, *x_hat), taken=self.inputs - {s.v})
-        update = self.updates()
+        kept = kept_symbols(d)
+        law = self.group((*s.z, *s.alpha, s.v, *x_hat, *kept), taken=self.inputs - {s.v})
+        update = self.updates(kept)
         start = self.group([start_symbol(state) for state in s.controller_state], self.inputs)
         program = Program(
-            d, self.hold, (), matrices, tuple(self.constants), law, update, start, s.controller_state, x_hat
+            d,
+            self.hold,
+            (),
+            matrices,
+            tuple(self.constants),
+            law,
+            update,
+            start,
+            s.controller_state,
+            x_hat,
+            kept,
         )
         chained = {symbol for key, symbol in d.model.chain.items() if key in CHAINED}
-        used = _used(program) | {s.compensator, *chained, *_limits(d)}
+        begun = set[sp.Symbol]().union(*(value.free_symbols for value in program.rest.values()))
+        used = _used(program) | {s.compensator, *chained, *_limits(d), *begun}
         present = tuple(symbol for symbol in self.settable if symbol in used)
         return replace(program, parameters=present)
 
@@ -299,15 +325,19 @@ class _Reader:
         """The terms of rates with which state j of a block drives state i of it."""
         s = self.derivation.signals
         for block in rows:
-            if s.braking and block == s.r:
+            if (s.braking or s.estimates) and block == s.r:
                 continue  # its hold is of another matrix; see `updates`
             name = derivative_name(block[i])
             for term in sp.Add.make_args(self.derivation.equations[name].expression):
                 if term.has(block[j]):
                     yield name, term
 
-    def updates(self) -> tuple[Statement, ...]:
-        """The states one sample later: what drives each, then the exact hold of every block."""
+    def updates(self, kept: tuple[sp.Symbol, ...]) -> tuple[Statement, ...]:
+        """The states one sample later: what drives each, then the exact hold of every block.
+
+        Args:
+            kept: what the law left for it.
+        """
         s, hold = self.derivation.signals, self.hold
         taken = self.inputs
         found = list(self.group((s.du,), taken))
@@ -316,7 +346,7 @@ class _Reader:
             *((column, hold.F0, hold.G0) for column in zip(*s.Xi, strict=True)),
         ]
         blocks.append((s.lambda_, hold.F0, hold.G0))
-        if not s.braking:
+        if not s.braking and not s.estimates:
             blocks.append((s.r, hold.Fr, hold.Gr))
         drives: list[Statement] = []
         steps: list[Statement] = []
@@ -327,6 +357,9 @@ class _Reader:
         if s.braking:
             names = ("r2_middle", *(f"r1_slope{i}" for i in range(1, 5)), "r1_next", "r2_next")
             steps += self.group([real_symbol(name) for name in names], taken | {s.du})
+        if s.estimates:
+            moved = (*s.r, *learnt_states(self.derivation))
+            steps += self.group([next_symbol(state) for state in moved], taken | {s.du, *kept})
         return (*found, *drives, *steps)
 
     def drive(self, state: sp.Symbol, block: tuple[sp.Symbol, ...], drives: list[Statement]) -> sp.Expr:

@@ -18,7 +18,7 @@ import sympy as sp
 from pmjoint_codegen.export.hold import BAKED, COMPUTED
 from pmjoint_codegen.export.lines import Line, identifier
 from pmjoint_codegen.export.recording import twin_of
-from pmjoint_codegen.export.statements import Program, drive_symbol
+from pmjoint_codegen.export.statements import Program, drive_symbol, next_symbol
 from pmjoint_codegen.export.tree import DOUBLE
 from pmjoint_codegen.export.twin import bounded_arithmetic, exact_arithmetic
 from pmjoint_codegen.report.notation import scaled_sum
@@ -117,11 +117,18 @@ def _literal_faults(program: Program, text: str) -> list[str]:
 def _missing(
     program: Program, entries: Iterable[Mapping[str, Any]], held: Set[tuple[str, sp.Expr]]
 ) -> list[str]:
-    """Terms of the controller's equations that no line has: (14), (15), (21), (23)-(25) and (29)."""
+    """Terms of the controller's equations that no line has: (14), (15), (21), (23)-(25) and (29).
+
+    Estimates and the compensator beside them have no rates in the C; there it is the terms of the update.
+    """
     present = {(entry["equation"], entry["term"]) for entry in entries}
     s, equations = program.derivation.signals, program.derivation.equations
-    rates = [derivative_name(state) for state in program.states if not (s.braking and state in s.r)]
+    moved = {*program.learnt, *(s.r if program.learnt else ())}
+    left_out = moved | {*(s.r if s.braking else ())}
+    rates = [derivative_name(state) for state in program.states if state not in left_out]
     terms = {name: sp.Add.make_args(equations[name].expression) for name in rates}
+    steps = (next_symbol(state).name for state in program.states if state in moved)
+    terms |= {name: tuple(scaled_sum(equations[name].expression)[1]) for name in steps}
     for item in (*program.law, *program.constants):
         if item.equation not in rates and equations[item.equation].number in TRACED:
             factor, parts = scaled_sum(equations[item.equation].expression)

@@ -19,6 +19,7 @@ import sympy as sp
 
 from pmjoint_codegen.export.bounds import Bounded
 from pmjoint_codegen.export.exact import context, exact_hold
+from pmjoint_codegen.export.example import example_plant, in_numbers
 from pmjoint_codegen.export.fields import INTEGER, SAMPLE_TIME, parameter_fields
 from pmjoint_codegen.export.statements import Program
 from pmjoint_codegen.export.tree import DOUBLE, Precision, number
@@ -88,18 +89,17 @@ def tracking_of(program: Program, precision: Precision) -> Tracking:
 def plant_of(program: Program) -> Plant:
     """The design's plant and the reference as functions of numbers."""
     d, s = program.derivation, program.derivation.signals
-    numbers = {item.symbol: sp.Float(item.value) for item in d.model.parameters}
+    plant = example_plant(d)
 
     def plain(value: sp.Expr) -> sp.Expr:
-        whole = d.equations.expand(value, keep=frozenset({s.y, s.u, s.t, *s.x}))
-        return whole.xreplace(numbers).xreplace({s.y: s.x[0]})
+        return in_numbers(d, value).xreplace({s.y: s.x[0]})
 
     following = (*s.x[1:], sp.Integer(0))
-    known = d.plant.known_rates(s.u)
+    known = plant.known_rates(s.u)
     values = [plain(after + rate) for after, rate in zip(following, known, strict=True)]
     rates = sp.lambdify([s.x, s.u], values, modules="numpy", cse=True)
     y0 = d.model.simulation.x0[0]
-    drift = [float(plain(value).xreplace({s.x[0]: sp.Float(y0)})) for value in d.plant.drift]
+    drift = [float(plain(value).xreplace({s.x[0]: sp.Float(y0)})) for value in plant.drift]
     rest = np.array([y0, *(-value for value in drift[: d.plant.order - 1])])
     reference = [plain(d.equations[item.name].expression) for item in s.y_r]
     if d.model.segment:
@@ -146,7 +146,7 @@ class Loop:
         plant: around it.
         T: sample time.
         y_r: shape (rows, rho + 1).
-        Z: shape (rows, n + states + 4): x, the controller's states, y, u, v and the command it holds.
+        Z: shape (rows, n + states + 4): x, the controller's states and what it keeps, y, u, v and the command.
     """
 
     program: Program
@@ -209,7 +209,7 @@ class Loop:
 def _keys(program: Program) -> list[sp.Symbol]:
     """What the controller remembers."""
     s = program.derivation.signals
-    return [*program.states, s.y, s.u, s.v, COMMAND]
+    return [*program.states, *program.kept, s.y, s.u, s.v, COMMAND]
 
 
 def _twin(program: Program, T: float) -> Twin:

@@ -188,7 +188,8 @@ class Twin:
     def reset(self, y: Any, y_r: Sequence[Any]) -> None:
         """The start, zero or matched to y and the reference."""
         s, zero = self.program.derivation.signals, self.arithmetic.number(0.0)
-        self.values = dict.fromkeys(self.program.states, zero) | {s.v: zero}
+        self.values = {state: self.of(value, self.fixed) for state, value in self.program.rest.items()}
+        self.values |= dict.fromkeys((s.v, *self.program.kept), zero)
         self.ready = False
         self.actuate(zero, first=True)
         if self.matched:
@@ -196,6 +197,12 @@ class Twin:
             found = {**self.fixed, **given, **self.run(self.program.start, given, {})}
             for state, value in self.program.starts.items():
                 self.values[state] = self.of(value * s.compensator if state in s.r else value, found)
+
+    def keep(self) -> None:
+        """What the law of the present sample leaves for the update, if that has not been kept yet."""
+        if self.program.kept:
+            found = self.run(self.program.law, self.values, {})
+            self.values |= {symbol: found[symbol] for symbol in self.program.kept}
 
     def advance(self) -> None:
         """The states over the hold that has ended."""
@@ -212,7 +219,7 @@ class Twin:
         self.values[s.y] = self.filtered(y)
         self.values |= dict(zip(s.y_r, y_r, strict=True))
         found = self.run(self.program.law, self.values, {})
-        self.values[s.v] = found[s.v]
+        self.values |= {symbol: found[symbol] for symbol in (s.v, *self.program.kept)}
         self.actuate(found[s.v], first=False)
         self.ready = True
         return {**found, s.u: self.values[s.u], COMMAND: self.values[COMMAND]}

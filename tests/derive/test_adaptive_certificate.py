@@ -1,4 +1,4 @@
-"""What a reader is told of V of the adaptive design: V_dot is its rate, V_dot_max bounds it where it is printed."""
+"""What a reader is told of V of the adaptive design: V_dot is its rate, V_dot_max bounds it."""
 
 from __future__ import annotations
 

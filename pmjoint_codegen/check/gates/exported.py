@@ -173,6 +173,9 @@ def _steps(loaded: Exported, recorded: Recorded) -> Array:
     for k in range(len(found)):
         for name, value in zip(states, s[k], strict=True):
             setattr(state, name, value)
+        if program.kept:  # what the law leaves for the update, found in this state
+            state.ready = 0
+            loaded.step(y[k], y_r[k])
         state.y, state.v, state.u, state.command, state.ready = y[k], v[k], u[k], command[k], 1
         loaded.step(reading[k + 1], y_r[k + 1])
         found[k] = [
@@ -240,7 +243,9 @@ def _state_errors(
     s = program.derivation.signals
     twin.values = {symbol: Bounded(recorded.s[now, i], 0.0) for i, symbol in enumerate(program.states)}
     taken = {s.y: recorded.y, s.u: recorded.u, s.v: recorded.v, COMMAND: recorded.command}
+    taken |= {symbol: recorded.y_r[:, i] for i, symbol in enumerate(s.y_r)}
     twin.values |= {symbol: Bounded(array[now], 0.0) for symbol, array in taken.items()}
+    twin.keep()
     twin.ready = True
     twin.advance()
     errors = np.column_stack([_broadcast(twin.values[symbol].error, rows) for symbol in program.states])

@@ -53,7 +53,7 @@ def check(subject: Subject) -> GateResult:
     still = quiet_run(quiet, quiet_one)
     if still.status != Status.DONE:
         return failed(f"the run without disturbance ended early: {still.message}")
-    disturbs_y = output_disturbance(model.plant) != 0
+    disturbs_y = output_disturbance(subject.derivation.design) != 0
     findings = [
         *column(run, model),
         bound(run, model, _largest_disturbance(subject, evaluator, run), disturbs_y=disturbs_y),
