@@ -209,6 +209,10 @@ def _certificate(derivation: Derivation) -> Certificate | Absent:
     faults = unfit_gains(derivation, values)
     if faults:
         return Absent(f"no certificate at these gains: {'; '.join(faults)}")
+    if not derivation.design.decays:
+        return Absent(
+            "V does not rise where disturbance and leakage are 0, and has neither a rate f nor a bound Y"
+        )
     return certify(derivation, values, derivation.model.disturbance_bound)
 
 
