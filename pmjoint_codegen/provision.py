@@ -29,7 +29,7 @@ from pmjoint_codegen.modelfile.reader import read_document
 from pmjoint_codegen.reference.reader import read_command
 from pmjoint_codegen.reference.segments import make_segments
 from pmjoint_codegen.storage import drop_link, replace_folder, sha256_file
-from pmjoint_codegen.values import BRAKING, CLIP, COMPENSATOR, SATURATIONS
+from pmjoint_codegen.values import BRAKING, CLIP, COMPENSATOR, SATURATIONS, check_rules
 from pmjoint_codegen.workspace import cache_dir, called, find_model, generated_root
 
 SHAPING: Final = (
@@ -200,6 +200,12 @@ def _switched(provided: Provided, saturation: str | None) -> Provided:
     if saturation is None:
         return provided
     manifest, on = provided.manifest, saturation != CLIP
+    check_rules(
+        {COMPENSATOR: float(on)},
+        [rule for rule in manifest.rules if rule.names == {COMPENSATOR}],
+        error=UsageError,
+        key=lambda name: "saturation",
+    )
     parameters = tuple(
         replace(item, value=float(on)) if item.name == COMPENSATOR else item for item in manifest.parameters
     )

@@ -12,6 +12,7 @@ from sympy.printing.pycode import PythonCodePrinter
 
 from pmjoint_codegen import __version__
 from pmjoint_codegen.chain import LOWER, chain_rules
+from pmjoint_codegen.emit.learning_rules import learning_rules
 from pmjoint_codegen.emit.loop_table import loop_rows
 from pmjoint_codegen.emit.table import Kernel, Made, kernel_table
 from pmjoint_codegen.emit.vocabulary import Vocabulary, vocabulary
@@ -314,6 +315,7 @@ def rules_of(derivation: Derivation) -> tuple[Rule, ...]:
     chain = {key: symbol.name for key, symbol in model.chain.items()}
     found += chain_rules(chain, {symbol.name: twin.name for symbol, twin in own.items()})
     found += _reference_rule(model, derivation.plant.rho)
+    found += learning_rules(model.adaptation)
     constants = {item.symbol: item.expression for item in model.constants}
     b = tuple(_python(entry.xreplace(constants)) for entry in model.plant.b)
     if len(b) == 1:

@@ -269,6 +269,7 @@ def _values(
     )
     # The model's own values satisfy its rules: they were checked with its file.
     changed = {*overrides, *(own for own, name in manifest.own.items() if name in overrides)}
+    changed |= set() if compensator is None else {COMPENSATOR}
     concerned = (rule for rule in manifest.rules if rule.names & changed)
     check_rules(values, concerned, error=UsageError, scales=manifest.scales)
     return MappingProxyType(values)

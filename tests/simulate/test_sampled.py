@@ -22,6 +22,7 @@ from pmjoint_codegen.simulate.run import Run, run
 from pmjoint_codegen.simulate.settings import Settings, make_settings
 
 MODELS = ("paper", "joint", "joint-damped", "joint-exact", "joint-lag", "third-order")
+ADAPTIVE = ("paper-adaptive", "joint-load", "lag-adaptive")
 EPSILON = np.finfo(float).eps
 
 
@@ -62,7 +63,7 @@ def assert_same(one: Run, other: Run) -> None:
     ],
     ids=["1 ms", "50 ms", "200 ms", "ends in a hold"],
 )
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", (*MODELS, *ADAPTIVE))
 def test_c_and_python_give_the_same_bits(root: Path, cache: Path, model: str, asked: dict[str, Any]) -> None:
     one, other = pair(root, cache, model)
     assert_same(simulate(one, **asked), simulate(other, **asked))
@@ -121,7 +122,7 @@ def test_rows_do_not_change_the_run(
 
 
 @pytest.mark.parametrize("sample_time", [0.001, 0.01, 0.05, 0.2])
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", (*MODELS, *ADAPTIVE))
 def test_the_error_is_what_the_tolerance_allows(
     root: Path, cache: Path, model: str, sample_time: float
 ) -> None:

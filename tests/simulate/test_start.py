@@ -21,6 +21,7 @@ from pmjoint_codegen.workspace import find_model, generated_root
 
 EPSILON = float(np.finfo(float).eps)
 MODELS = ("paper", "joint", "joint-damped", "joint-exact", "joint-lag", "third-order")
+ADAPTIVE = ("paper-adaptive", "joint-load", "lag-adaptive")
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +70,7 @@ def test_the_boundary_of_the_papers_joint(start: str, critical: float) -> None:
     assert not held(critical + 0.05)
 
 
-@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("name", (*MODELS, *ADAPTIVE))
 def test_the_errors_start_at_zero(name: str) -> None:
     run = ClosedLoop.load(name).simulate(start="matched", horizon=0.02)
     manifest = run.manifest
@@ -79,7 +80,7 @@ def test_the_errors_start_at_zero(name: str) -> None:
     assert run["x_hat1"][0] == run["x1"][0]
 
 
-@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("name", (*MODELS, *ADAPTIVE[:2]))
 def test_every_evaluator_and_the_lanes_start_alike(name: str) -> None:
     if find_compiler(os.environ) is None:
         pytest.skip("the lanes are compiled")

@@ -87,7 +87,7 @@ def test_runs_outside_the_design_s_rules_are_marked_and_the_others_made(case: Ca
     assert set(result[~invalid, Column.STATUS].tolist()) == {float(Status.DONE), float(Status.DIVERGED)}
 
 
-@pytest.mark.parametrize("model", ["paper", "third-order", "joint", "joint-lag"])
+@pytest.mark.parametrize("model", ["paper", "third-order", "joint", "joint-lag", "joint-load"])
 def test_rules_are_those_of_single_designs(root: Path, model: str) -> None:
     manifest, generator = Manifest.read(root / "generated" / model), np.random.default_rng(0)
     own = np.array([item.value for item in manifest.parameters])

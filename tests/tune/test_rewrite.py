@@ -14,7 +14,17 @@ GAINS = {"c1": 20.5, "k1": 31.25, "k2": 977.0}
 
 
 @pytest.mark.parametrize(
-    "model", ["paper", "joint", "joint-damped", "joint-exact", "joint-lag", "third-order"]
+    "model",
+    [
+        "paper",
+        "joint",
+        "joint-damped",
+        "joint-exact",
+        "joint-lag",
+        "third-order",
+        "paper-adaptive",
+        "lag-adaptive",
+    ],
 )
 def test_every_model_keeps_all_but_name_and_gains(root: Path, model: str) -> None:
     text = (root / "models" / f"{model}.toml").read_text(encoding="utf-8")

@@ -26,6 +26,7 @@ from pmjoint_codegen.check.subject import Subject
 from pmjoint_codegen.check.trajectory import ACCURACY, default_run, exact_run
 from pmjoint_codegen.kernels.evaluator import Evaluator
 from pmjoint_codegen.loops.status import Status
+from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.run import Run
 from pmjoint_codegen.simulate.settings import make_settings
 from pmjoint_derive import Model
@@ -43,7 +44,7 @@ QUADRATURE: Final = 1e-6  # of V(0): error of Simpson's rule on these rows, wher
 def check(subject: Subject) -> GateResult:
     """Judge V along the model's own run, and along one without disturbance and leakage."""
     model, evaluator = subject.model, subject.compiled or subject.interpreted
-    reason = _no_claim(model, evaluator)
+    reason = no_claim(model, evaluator.manifest)
     if reason:
         return not_run(reason)
     run = default_run(evaluator)
@@ -69,11 +70,16 @@ def check(subject: Subject) -> GateResult:
     return judge(findings, note)
 
 
-def _no_claim(model: Model, evaluator: Evaluator) -> str:
-    """Why V of a model means nothing, or nothing."""
+def no_claim(model: Model, manifest: Manifest) -> str:
+    """Why V of a model means nothing, or nothing.
+
+    Args:
+        model: the model.
+        manifest: has the values of its parameters.
+    """
     adaptation = model.adaptation
     assert adaptation is not None
-    values = {item.name: item.value for item in evaluator.manifest.parameters}
+    values = {item.name: item.value for item in manifest.parameters}
     if adaptation.least_squares is not None:
         return "least squares has no V that decreases; the gate proof has the rate of V_z"
     beyond = truth.outside(model, values)
@@ -151,14 +157,18 @@ def decrease(run: Run, model: Model) -> Finding:
 
 
 def rate(evaluator: Evaluator, model: Model) -> Finding:
-    """How far V is from its start and the integral of its rate by (I), relative to V(0)."""
-    values = {item.name: item.value for item in evaluator.manifest.parameters}
+    """How far V is from what (I) says along a run of closely spaced rows, relative to V(0)."""
     manifest = evaluator.manifest
+    values = {item.name: item.value for item in manifest.parameters}
     speeds = [*np.abs(np.linalg.eigvals(truth.filter_matrix(manifest.n, values)))]
     speeds += [values[f"c{i}"] for i in range(1, manifest.rho + 1)]
     horizon = min(WINDOW, manifest.simulation.horizon)
     step = max(1 / (PER_POLE * float(max(speeds))), horizon / MOST_ROWS)
-    run = quiet_run(evaluator, model, horizon=horizon, output_step=step)
+    return fall(evaluator, quiet_run(evaluator, model, horizon, step), model)
+
+
+def fall(evaluator: Evaluator, run: Run, model: Model) -> Finding:
+    """How far V of a run is from its start and the integral of its rate by (I), relative to V(0)."""
     V, slope = truth.energy(run, model).total, rates(evaluator, run, model)
     gap = np.abs(V - V[0] - _integral(run.t, slope)) / max(V[0], 1.0)
     return "V falls as (I) says", _largest(gap), QUADRATURE

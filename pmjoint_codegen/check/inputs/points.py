@@ -19,7 +19,7 @@ from pmjoint_codegen.check.inputs.features import Features
 from pmjoint_codegen.kernels.evaluator import Evaluator
 from pmjoint_codegen.loops.chain import actuator_of
 from pmjoint_codegen.loops.modes import Actuator
-from pmjoint_codegen.manifest import Function, Manifest
+from pmjoint_codegen.manifest import ADAPTATION, Function, Manifest
 
 Array = npt.NDArray[np.float64]
 Draw = Callable[[int], Array]
@@ -177,9 +177,16 @@ def _arguments(
 
 
 def parameter_values(manifest: Manifest, count: int, random: np.random.Generator) -> Array:
-    """Parameters at 1/2 to 2 times their defaults, shape (count, size); row 0 holds the defaults."""
+    """Parameters at 1/2 to 2 times their defaults, shape (count, size); row 0 holds the defaults.
+
+    Those of estimates that are 0 by default, such as leakage, are drawn from 0 to 1, so that what they
+    multiply shows.
+    """
     defaults = np.array([item.value for item in manifest.parameters])
     values = defaults * random.uniform(0.5, 2.0, (count, len(defaults)))
+    for i, item in enumerate(manifest.parameters):
+        if item.kind == ADAPTATION and item.value == 0:
+            values[:, i] = random.uniform(0.0, 1.0, count)
     values[0] = defaults
     for i, item in enumerate(manifest.parameters):
         if item.kind == "switch":
