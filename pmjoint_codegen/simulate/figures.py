@@ -297,6 +297,7 @@ def set_ticks(axes: Axes, page: Page, decades: int = 0) -> None:
     ticks = axes.get_yticks()
     if not decades and ticks.min() < 0 and np.abs(ticks).max() < SMALL and np.diff(ticks).min() < SMALL / 10:
         axes.ticklabel_format(axis="y", scilimits=(0, 0))  # a label such as -0.005 would meet the axis label
+        axes.yaxis.get_offset_text().set_horizontalalignment("right")  # nothing is there, as in `_head`
 
 
 def clip_axis(axes: Axes, run: Record, panel: Panel, page: Page) -> None:
@@ -348,10 +349,8 @@ def _head(axes: Axes, panel: Panel, page: Page) -> None:
     """Write what stands above a panel: its remark on the left, the legend on the right."""
     if panel.remark:
         place: dict[str, Any] = {"ha": "left", "va": "bottom", "fontsize": 7.5 * page.scale, "color": GREY}
-        formatter = axes.yaxis.get_major_formatter()
-        formatter.set_locs(axes.get_yticks())
-        left = 0.17 if formatter.get_offset() else 0.0  # the axis writes its power of ten there
-        axes.text(left, 1.01, panel.remark, transform=axes.transAxes, **place)
+        axes.yaxis.get_offset_text().set_horizontalalignment("right")  # a power of ten would meet the remark
+        axes.text(0.0, 1.01, panel.remark, transform=axes.transAxes, **place)
     _legend(axes, panel, page)
 
 
