@@ -36,10 +36,7 @@ def learnt_states(derivation: Derivation) -> tuple[sp.Symbol, ...]:
 
 
 def kept_symbols(derivation: Derivation) -> tuple[sp.Symbol, ...]:
-    """What the law finds at a sample and the update of the estimates reads, in the order of the equations.
-
-    What is no more than another name of a state is not kept: the state itself is still there.
-    """
+    """What the law finds at a sample and the update of the estimates reads, in the order of the equations."""
     s, equations = derivation.signals, derivation.equations
     given = {s.y, s.u, s.v, *s.y_r, *s.controller_state}
     late: dict[sp.Symbol, bool] = {}
@@ -59,11 +56,10 @@ def kept_symbols(derivation: Derivation) -> tuple[sp.Symbol, ...]:
     def read(symbol: sp.Symbol) -> None:
         if symbol in given or symbol.name not in equations or symbol in found:
             return
-        value = equations[symbol.name].expression
-        if not waits(symbol) and not value.is_Atom and value.free_symbols:
+        if not waits(symbol):
             found.add(symbol)
             return
-        for item in value.free_symbols:
+        for item in equations[symbol.name].expression.free_symbols:
             read(item)
 
     for state in learnt_states(derivation):

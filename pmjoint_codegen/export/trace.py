@@ -215,7 +215,7 @@ class _Reader:
         """Whether the statements at some lines make up an equation."""
         equations = self.program.derivation.equations
         state = next((item for item in self.program.states if derivative_name(item) == name), None)
-        if state is not None:
+        if state is not None and state not in self.program.learnt:
             return self._of_rate(name, state, places)
         if name not in equations:
             return [f"{name}: no such equation"]

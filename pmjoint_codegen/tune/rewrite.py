@@ -17,7 +17,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from pmjoint_codegen.errors import ModelError
-from pmjoint_codegen.values import BRAKING, COMPENSATOR, GAINS
+from pmjoint_codegen.values import BRAKING, COMPENSATOR, GAINS, OBSERVER
 
 _ARRAY: Final = r"^([ \t]*{key}[ \t]*=[ \t]*)(\[[^\]]*\])[ \t]*(#[^\r\n]*)?"
 _POLES: Final = r"^([ \t]*{key}[ \t]*=[ \t]*)(\[(?:[^\[\]]|\[[^\]]*\])*\]|[^\s#]+)[ \t]*(#[^\r\n]*)?"
@@ -82,9 +82,11 @@ def _redesigned(section: str, present: Mapping[str, Any], wanted: Mapping[str, A
     for kind in (item.name for item in GAINS):
         if wanted.get(kind) != present.get(kind):
             section = _replaced(section, _key_of(kind, present), kind, wanted[kind])
+    if wanted.get(OBSERVER) != present.get(OBSERVER):
+        section = _worded(section, OBSERVER, OBSERVER, _decimal(wanted[OBSERVER]))
     for key in ("start", _SATURATION):
         if wanted.get(key) != present.get(key):
-            section = _worded(section, _word_of(key, present), key, wanted[key])
+            section = _worded(section, _word_of(key, present), key, f'"{wanted[key]}"')
     for key in (COMPENSATOR, BRAKING):
         if key in present and key not in wanted:
             pattern = re.compile(_SCALAR.format(key=key), re.MULTILINE)
@@ -107,6 +109,9 @@ def _changed(
         if words[_SATURATION] != BRAKING:
             changed["design"].pop(BRAKING, None)
     for gain, value in gains.items():
+        if gain == OBSERVER:  # one number, not a list
+            changed["design"][gain] = value
+            continue
         kind = gain.rstrip("0123456789")
         if kind not in changed["design"]:
             changed["design"][kind] = [own[item] for item in own if re.fullmatch(f"{kind}[1-9]", item)]
@@ -129,13 +134,13 @@ def _word_of(key: str, design: Mapping[str, Any]) -> str | None:
 
 
 def _worded(section: str, old: str | None, key: str, word: str) -> str:
-    """The section with ``key = "word"`` in place of a line, or as its first line."""
+    """The section with ``key = word`` in place of a line, or as its first line; word as TOML has it."""
     if old is None:
-        return f'\n{key} = "{word}"{section}'
+        return f"\n{key} = {word}{section}"
 
     def line(match: re.Match[str]) -> str:
         about = f": {match[2].lstrip('# ')}" if match[2] else ""
-        return f'{key} = "{word}" # was {old} = {match[1]}{about}'
+        return f"{key} = {word} # was {old} = {match[1]}{about}"
 
     return re.sub(_SCALAR.format(key=old), line, section, count=1, flags=re.MULTILINE)
 

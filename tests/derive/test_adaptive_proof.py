@@ -29,6 +29,17 @@ ORDERS = ((1, 1), (2, 1), (2, 2), (3, 2), (3, 3))
 Change = Callable[[sp.Expr], sp.Expr]
 
 
+@pytest.fixture(scope="module")
+def derived(builder: Callable[..., Model]) -> Callable[..., Derivation]:
+    """Return the derivation of an adaptive model by order and variant, made once."""
+
+    @functools.cache
+    def found(n: int, rho: int, **variant: Any) -> Derivation:
+        return derive(adaptive(builder(n, rho), **variant))
+
+    return found
+
+
 def broken(derivation: Derivation) -> list[str]:
     """Return the names of identities that do not hold."""
     return [item.name for item in prove(derivation) if not item.holds]
@@ -63,6 +74,20 @@ def test_every_identity_holds(
     assert len({item.name for item in identities}) == len(identities)
 
 
+@pytest.mark.parametrize(
+    ("order", "variant"), [((3, 3), {}), ((3, 3), {"inverse": True}), ((3, 2), {"squares": True})]
+)
+def test_claimed_rates_use_no_name_without_an_equation(
+    derived: Callable[..., Derivation], order: tuple[int, int], variant: dict[str, Any]
+) -> None:
+    derivation = derived(*order, **variant)
+    s = derivation.signals
+    known = {*s.measurable, *s.gains, *s.epsilon, S("b0"), S("d1")}
+    known |= {item.symbol for item in derivation.equations.values()}
+    for z in s.z:
+        assert derivation.equations[f"{z}_dot"].expression.free_symbols <= known
+
+
 @pytest.mark.parametrize("order", [(1, 1), (2, 2)])
 def test_every_identity_holds_where_nothing_disturbs_the_output(
     builder: Callable[..., Model], order: tuple[int, int]
@@ -77,17 +102,6 @@ def test_order_four_is_proved(builder: Callable[..., Model]) -> None:
 @pytest.mark.parametrize("path", shipped_files(), ids=lambda path: path.stem)
 def test_every_shipped_model_is_proved_with_everything_unknown(path: Path) -> None:
     assert broken(derive(adaptive(shipped(path)))) == []
-
-
-@pytest.fixture(scope="module")
-def derived(builder: Callable[..., Model]) -> Callable[..., Derivation]:
-    """Return the derivation of an adaptive model by order and variant, made once."""
-
-    @functools.cache
-    def found(n: int, rho: int, **variant: Any) -> Derivation:
-        return derive(adaptive(builder(n, rho), **variant))
-
-    return found
 
 
 def changed(derivation: Derivation, name: str, change: Change) -> Derivation:

@@ -103,3 +103,9 @@ def test_the_saturation_and_start_of_a_search_are_written_too(
     edited = rewrite(text, "b", {"c1": 2.0}, "note", "a.toml", words=words)
     assert tomllib.loads(edited) == {"name": "b", "design": {"c": [2], **wanted}, "plant": {"start": 1}}
     assert comment in edited
+
+
+def test_the_bandwidth_of_an_observer_is_one_number(root: Path) -> None:
+    text = (root / "tests" / "simulate" / "joint-adrc.toml").read_text(encoding="utf-8")
+    design = tomllib.loads(rewrite(text, "mine", {"c1": 12.0, "observer": 90.5}, "by hand", "x"))["design"]
+    assert design == {"law": "adrc", "c": [12, 15], "observer": 90.5}

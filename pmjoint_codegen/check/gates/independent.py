@@ -41,8 +41,8 @@ from pmjoint_codegen.simulate.run import Run
 from pmjoint_codegen.simulate.settings import Settings, make_settings
 from pmjoint_codegen.simulate.start import initial_state
 
-RUNS: Final = (2, 48)  # drawn runs to compare: at least, at most
-STEPS: Final = {"compiled": 500_000, "interpreted": 2_000}  # for all of them together: some seconds
+RUNS: Final = (2, 24)  # drawn runs to compare: at least, at most
+STEPS: Final = {"compiled": 50_000, "interpreted": 2_000}  # for all of them together: some seconds
 _HALVINGS: Final = 60  # of a drawn start's distance from the model's own
 NEAREST: Final = 1e-5  # of its range, from an end: there the distance of an estimate has eleven digits
 TRIES: Final = 4  # draws for each of them at most: a limit may be too wide, or the run diverge

@@ -25,6 +25,14 @@ from pmjoint_derive.lyapunov import given_away
 def proof_chapter(facts: Facts) -> str:
     """Statement, equations, squares, constants, and the identities that were expanded to zero."""
     own = [equation_html(item) for item in facts.equations if item.section == CERTIFICATE]
+    if not facts.derivation.design.certifies:
+        return chapter(
+            "proof",
+            "Proof",
+            paragraph("This law comes without a Lyapunov function. What is proved of it is below."),
+            tag("h3", "Identities", id="identities"),
+            _identities(facts),
+        )
     words = (
         f"{inline_symbol('V')} {_claim(facts)}, whatever the applied input is. "
         "The rate below is an identity: its terms were expanded along the true dynamics, and what remains is "
