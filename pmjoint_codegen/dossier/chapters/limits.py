@@ -45,8 +45,8 @@ def limits(facts: Facts) -> Iterator[str]:
     adaptive = is_adaptive(facts.manifest)
     if adaptive:
         yield (
-            "The proof needs the plant’s own values within the ranges of their estimates, and the sign of b_m. "
-            "It does not say where estimates end: they are no identified parameters."
+            "The proof needs the plant’s own values within the ranges of their estimates, and the sign of "
+            "b_m. It does not say where estimates end: they are no identified parameters."
         )
     which = "Parameters that are not estimated" if adaptive else "Parameters of the plant"
     yield f"{which} are taken as known. A mismatch is simulated only where it is asked for."
