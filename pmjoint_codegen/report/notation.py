@@ -48,6 +48,7 @@ _WORDS = {
     "f_minus": "f_-",
     "f_plus": "f_+",
 }
+_PROSE = ("compensator", "leakage")  # words of a remark too
 _SPECIAL = {
     "\\": r"\textbackslash{}",
     "^": r"\textasciicircum{}",
@@ -301,7 +302,7 @@ def _is_symbol(word: str) -> bool:
     symbol = word.partition("^")[0]
     letter = len(symbol) == 1 and symbol not in "aAI"
     named = letter or symbol in _GREEK or symbol in _WORDS or re.search(r"\w[\d_]", symbol)
-    return bool(re.fullmatch(r"[A-Za-z]\w*", symbol) and named and symbol != "compensator")
+    return bool(re.fullmatch(r"[A-Za-z]\w*", symbol) and named and symbol not in _PROSE)
 
 
 def escape(text: str) -> str:

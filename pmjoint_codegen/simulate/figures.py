@@ -46,6 +46,7 @@ CAPTION_LINE = 0.165  # inches
 SHORT_LINE: Final = 0.92  # of the characters that fit on average: wide ones weigh more in a short line
 LONG_LEGEND: Final = 60  # characters of all labels, as Matplotlib's mathematics, above a panel of half a page
 FEW, WIDE = 5.0, 100.0  # ratios of a logarithmic axis' ends: ticks as on a linear axis, at 1, 2, 5, at 1
+SMALL: Final = 0.1  # ticks below this, less than a tenth of it apart, have three decimals
 SHADE = {-1: "#d9e3ee", 1: "#f3dcd6"}  # saturated below, above
 STYLE: Final = {
     "axes.labelsize": 10.0,
@@ -293,6 +294,10 @@ def set_ticks(axes: Axes, page: Page, decades: int = 0) -> None:
             axes.yaxis.set_major_locator(LogLocator(subs=subs, numticks=6))
             return
     axes.yaxis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 2, 5, 10], min_n_ticks=3))
+    ticks = axes.get_yticks()
+    if not decades and ticks.min() < 0 and np.abs(ticks).max() < SMALL and np.diff(ticks).min() < SMALL / 10:
+        axes.ticklabel_format(axis="y", scilimits=(0, 0))  # a label such as -0.005 would meet the axis label
+        axes.yaxis.get_offset_text().set_horizontalalignment("right")  # nothing is there, as in `_head`
 
 
 def clip_axis(axes: Axes, run: Record, panel: Panel, page: Page) -> None:
@@ -344,6 +349,7 @@ def _head(axes: Axes, panel: Panel, page: Page) -> None:
     """Write what stands above a panel: its remark on the left, the legend on the right."""
     if panel.remark:
         place: dict[str, Any] = {"ha": "left", "va": "bottom", "fontsize": 7.5 * page.scale, "color": GREY}
+        axes.yaxis.get_offset_text().set_horizontalalignment("right")  # a power of ten would meet the remark
         axes.text(0.0, 1.01, panel.remark, transform=axes.transAxes, **place)
     _legend(axes, panel, page)
 

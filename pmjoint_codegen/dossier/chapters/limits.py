@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pmjoint_codegen.check.oracles.certificate import Certificate
 from pmjoint_codegen.dossier.facts import Absent, Facts
 from pmjoint_codegen.dossier.markup import chapter, code, items, plain
+from pmjoint_codegen.simulate.estimates import is_adaptive
 from pmjoint_codegen.simulate.settings import left_out
 
 
@@ -41,5 +42,12 @@ def limits(facts: Facts) -> Iterator[str]:
     )
     yield "The proof is in real numbers and continuous time. Rounding and sampling are measured, not proved."
     yield "Margins are those of a linearisation; the region is a grid of runs up to the horizon."
-    yield "Parameters of the plant are taken as known. A mismatch is simulated only where it is asked for."
+    adaptive = is_adaptive(facts.manifest)
+    if adaptive:
+        yield (
+            "The proof needs the plant’s own values within the ranges of their estimates, and the sign of "
+            "b_m. It does not say where estimates end: they are no identified parameters."
+        )
+    which = "Parameters that are not estimated" if adaptive else "Parameters of the plant"
+    yield f"{which} are taken as known. A mismatch is simulated only where it is asked for."
     yield "No experiment is part of this report."

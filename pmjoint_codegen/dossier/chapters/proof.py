@@ -34,7 +34,7 @@ def proof_chapter(facts: Facts) -> str:
             _identities(facts),
         )
     words = (
-        f"{inline_symbol('V')} decreases up to the effect of the disturbance, whatever the applied input is. "
+        f"{inline_symbol('V')} {_claim(facts)}, whatever the applied input is. "
         "The rate below is an identity: its terms were expanded along the true dynamics, and what remains is "
         "exactly zero. The squares are subtracted, so leaving them out gives an upper bound. They are "
         "squares with positive factors because every gain is positive."
@@ -64,6 +64,13 @@ def proof_chapter(facts: Facts) -> str:
         tag("h3", "Identities", id="identities"),
         _identities(facts),
     )
+
+
+def _claim(facts: Facts) -> str:
+    """What V does: estimates have a share in it that need not decay."""
+    if facts.derivation.design.decays:
+        return "decreases up to the effect of the disturbance"
+    return "does not rise, but for the effects of disturbance and leakage"
 
 
 def _constants(certificate: Certificate | Absent) -> str:
