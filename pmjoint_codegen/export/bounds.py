@@ -96,6 +96,10 @@ def bounded_operations(precision: Precision) -> dict[str, Operation]:
     def sign(a: Bounded) -> Bounded:
         return Bounded(np.sign(a.value), np.where((abs(a.value) <= a.error) & (a.error > 0), 2.0, 0.0))
 
+    def between(a: Bounded, low: Bounded, high: Bounded) -> Bounded:
+        error = np.maximum(a.error, np.maximum(low.error, high.error))
+        return Bounded(np.clip(a.value, low.value, high.value), error)
+
     return {
         "number": literal,
         "add": lambda a, b: rounded(a.value + b.value, a.error + b.error),
@@ -118,5 +122,6 @@ def bounded_operations(precision: Precision) -> dict[str, Operation]:
         "fmin": lambda a, b: Bounded(np.fmin(a.value, b.value), np.maximum(a.error, b.error)),
         "fmax": lambda a, b: Bounded(np.fmax(a.value, b.value), np.maximum(a.error, b.error)),
         "fabs": lambda a: Bounded(abs(a.value), a.error),
+        "between": between,
         "sign": sign,
     }

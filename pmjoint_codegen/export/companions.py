@@ -12,9 +12,10 @@ from pmjoint_codegen.export import fields
 from pmjoint_codegen.export.example import example_plant, in_numbers
 from pmjoint_codegen.export.fields import INTEGER
 from pmjoint_codegen.export.hold import BAKED, COMPUTED
+from pmjoint_codegen.export.learning import ranged_estimates
 from pmjoint_codegen.export.lines import Line, Printer, comment, spellings
+from pmjoint_codegen.export.program import Program
 from pmjoint_codegen.export.source import TEMPLATES, Identity, banner, filled, joined, words_of
-from pmjoint_codegen.export.statements import Program
 from pmjoint_codegen.export.tree import Precision
 from pmjoint_derive import real_symbol
 
@@ -68,7 +69,10 @@ def _analysis(program: Program, precision: Precision) -> tuple[dict[str, list[Li
     filtered = "filter" in model.chain  # then y is a state of the controller's own
     kept = [*program.states, *program.kept, *([s.y] if filtered else [])]
     wide = f"any(-@NAME@{limit}, @NAME@{limit})"
-    any_of = {state: f"any({low}, {high})" for state, (low, high) in _ranges(program, printer).items()}
+    any_of = {
+        state: f"any({printer.text(low)}, {printer.text(high)})"
+        for state, (low, high) in ranged_estimates(program.derivation).items()
+    }
     lines = {
         "inputs": [f"    in->{text}" for text in reference],
         "any_reference": [f"    s->{text}" for text in reference],
@@ -86,17 +90,6 @@ def _analysis(program: Program, precision: Precision) -> tuple[dict[str, list[Li
     words |= {"finite_function": "__finitef" if precision.suffix else "__finite"}  # Frama-C's isfinite
     words |= {"rates": precision.literal(_RATES * max(abs(low), abs(high)))}
     return {name: [Line(text) for text in texts] for name, texts in lines.items()}, words
-
-
-def _ranges(program: Program, printer: Printer) -> dict[sp.Symbol, tuple[str, str]]:
-    """Estimate -> the ends of its range in C."""
-    adaptation = program.derivation.model.adaptation
-    entries = () if adaptation is None else adaptation.unknown
-    return {
-        entry.estimate: (printer.text(entry.ends[0]), printer.text(entry.ends[1]))
-        for entry in entries
-        if entry.range is not None
-    }
 
 
 def _library_words(program: Program, identity: Identity) -> dict[str, str]:

@@ -16,14 +16,16 @@ import numpy.typing as npt
 
 from pmjoint_codegen.export.bounds import Bounded, relative
 from pmjoint_codegen.export.package import Export
+from pmjoint_codegen.export.program import Program
 from pmjoint_codegen.export.recording import twin_of
-from pmjoint_codegen.export.statements import Program
 from pmjoint_codegen.export.tree import DOUBLE, operations_in, tree_of
 from pmjoint_codegen.export.twin import COMMAND, bounded_arithmetic
 
 Array = npt.NDArray[np.float64]
 
-_EXACT: Final = frozenset({"add", "sub", "mul", "div", "neg", "fmin", "fmax", "fabs", "sqrt", "sign"})
+_EXACT: Final = frozenset(
+    {"add", "sub", "mul", "div", "neg", "fmin", "fmax", "between", "fabs", "sqrt", "sign"}
+)
 _LEAVES: Final = frozenset({"number", "name"})
 
 

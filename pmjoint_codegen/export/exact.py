@@ -46,6 +46,7 @@ def exact_operations(context: Any) -> dict[str, Any]:
         "pow": operator.pow,
         "fmin": min,
         "fmax": max,
+        "between": lambda value, low, high: max(low, min(value, high)),
         **{name: getattr(context, name) for name in named},
     }
 

@@ -12,7 +12,7 @@ import sympy as sp
 from pmjoint_codegen.chain import LIMIT, LINKS
 from pmjoint_codegen.export.learning import conditions
 from pmjoint_codegen.export.lines import identifier
-from pmjoint_codegen.export.statements import Program
+from pmjoint_codegen.export.program import Program
 from pmjoint_codegen.export.tree import Precision
 from pmjoint_codegen.values import SI, from_si
 from pmjoint_derive import real_symbol

@@ -13,7 +13,7 @@ import numpy as np
 import sympy as sp
 
 from pmjoint_codegen.export.fields import defaults
-from pmjoint_codegen.export.statements import Program
+from pmjoint_codegen.export.program import Program
 from pmjoint_codegen.export.tree import Precision, Tree, evaluated, number, tree_of
 from pmjoint_codegen.export.twin import DEGREE
 

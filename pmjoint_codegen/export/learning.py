@@ -74,6 +74,13 @@ def rest_values(derivation: Derivation) -> dict[sp.Symbol, sp.Expr]:
     return {state: known.get(state, sp.Integer(0)) for state in derivation.signals.controller_state}
 
 
+def ranged_estimates(derivation: Derivation) -> dict[sp.Symbol, tuple[sp.Symbol, sp.Symbol]]:
+    """Estimate -> the ends of the range that the update keeps it in, if it has one."""
+    adaptation = derivation.model.adaptation
+    entries = () if adaptation is None else adaptation.unknown
+    return {entry.estimate: entry.ends for entry in entries if entry.range is not None}
+
+
 def conditions(derivation: Derivation) -> tuple[Relational, ...]:
     """What guesses, ranges and gains must fulfil: inequalities between parameters."""
     adaptation = derivation.model.adaptation

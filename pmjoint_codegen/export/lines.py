@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import sympy as sp
 
-from pmjoint_codegen.export.statements import MatrixEntry, Program, Statement
+from pmjoint_codegen.export.program import MatrixEntry, Program, Statement
 from pmjoint_codegen.export.tree import Precision, c_text, tree_of
 
 WIDTH = 96  # characters of a statement before it is broken at its terms

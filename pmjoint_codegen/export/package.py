@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 from pmjoint_codegen.export.companions import companion_files
 from pmjoint_codegen.export.hold import COMPUTED
+from pmjoint_codegen.export.program import Program
 from pmjoint_codegen.export.recording import recorded, self_test_lines
 from pmjoint_codegen.export.source import Identity, header_text, joined, source_lines
-from pmjoint_codegen.export.statements import Program, program_of
+from pmjoint_codegen.export.statements import program_of
 from pmjoint_codegen.export.trace import trace_of, trace_text
 from pmjoint_codegen.export.tree import DOUBLE, Precision
 from pmjoint_derive import Derivation

@@ -16,8 +16,8 @@ import sympy as sp
 from pmjoint_codegen.export import fields
 from pmjoint_codegen.export.fields import INTEGER, defaults, nearest
 from pmjoint_codegen.export.lines import Line
+from pmjoint_codegen.export.program import Program
 from pmjoint_codegen.export.source import TEMPLATES, Identity, replaced
-from pmjoint_codegen.export.statements import Program
 from pmjoint_codegen.export.tree import Precision
 from pmjoint_codegen.export.twin import COMMAND, Arithmetic, Twin, bounded_arithmetic, exact_arithmetic
 

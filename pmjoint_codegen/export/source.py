@@ -11,9 +11,9 @@ from typing import Final
 from pmjoint_codegen.export import fields
 from pmjoint_codegen.export.fields import INTEGER, MATRIX, SAMPLE_TIME, Field
 from pmjoint_codegen.export.hold import BAKED, COMPUTED, baked_matrices, shaping
-from pmjoint_codegen.export.learning import conditions
+from pmjoint_codegen.export.learning import conditions, ranged_estimates
 from pmjoint_codegen.export.lines import Line, Printer, comment, identifier, spellings
-from pmjoint_codegen.export.statements import Program, next_symbol
+from pmjoint_codegen.export.program import Program, next_symbol
 from pmjoint_codegen.export.tree import Precision, operations_in
 from pmjoint_codegen.export.twin import DEGREE
 
@@ -117,6 +117,7 @@ def source_lines(
     """
     baked = hold == BAKED
     printer = Printer(spellings(program), precision)
+    free = [state for state in program.states if state not in ranged_estimates(program.derivation)]
     template = (TEMPLATES / "controller.c.in").read_text(encoding="utf-8")
     blocks = {
         "banner": banner(program, identity, precision),
@@ -132,7 +133,7 @@ def source_lines(
         "rest": list(_rest(program, printer)),
         "start": [Line("    " + line.text) for line in _start(program, printer)],
         "update": list(_update(program, printer)),
-        "confine": [Line(f"    s->{item} = confined(s->{item}, &flags);") for item in program.states],
+        "confine": [Line(f"    s->{item} = confined(s->{item}, &flags);") for item in free],
         "law": [*printer.locals(program.law), *_outputs(program), *_keeping(program)],
         "actuate": list(_actuate(program, printer)),
         "measure": list(_measure(program, precision)),

@@ -9,16 +9,16 @@ moves these too; see `learning`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence, Set
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Final
 
 import sympy as sp
 
 from pmjoint_codegen.errors import ModelError
-from pmjoint_codegen.export.learning import kept_symbols, learnt_states, rest_values
-from pmjoint_codegen.export.tree import Tree, joined, tree_of
+from pmjoint_codegen.export.learning import kept_symbols, learnt_states
+from pmjoint_codegen.export.program import MatrixEntry, Program, Statement, drive_symbol, next_symbol
+from pmjoint_codegen.export.tree import bounded_from_both_sides
 from pmjoint_codegen.report.notation import scaled_sum
 from pmjoint_derive import Derivation, real_symbol
 from pmjoint_derive.compensator_matrix import compensator_matrix
@@ -32,128 +32,27 @@ from pmjoint_derive.start import start_symbol
 CHAINED: Final = ("rate", "dead_zone", "filter")  # keys of actuator and sensor that the controller acts on
 
 
-@dataclass(frozen=True)
-class Statement:
-    """``symbol = factor (sum of terms)`` in C.
+def is_whole(terms: Sequence[sp.Expr], fixed: Set[sp.Symbol]) -> bool:
+    """Whether a factor and the sum of some terms are computed as one term: nothing in the sum moves.
 
-    Attributes:
-        symbol: the left-hand side.
-        factor: of all terms; 1 for a plain sum.
-        terms: what is added.
-        equation: name of the derivation's equation that it belongs to.
-        number: the equation's number, such as ``(29)``, or empty.
-        meaning: one line for the reader.
-        unit: physical unit of the left-hand side, empty if it has none.
-        sources: the derivation's own form of each term, in the same order; empty where it is a part only.
+    Args:
+        terms: of the sum.
+        fixed: parameters and constants.
     """
-
-    symbol: sp.Symbol
-    factor: sp.Expr
-    terms: tuple[sp.Expr, ...]
-    equation: str
-    number: str
-    meaning: str
-    unit: str
-    sources: tuple[sp.Expr, ...] = ()
-
-    @property
-    def divisor(self) -> sp.Expr | None:
-        """What the sum is divided by, where the factor is an inverse."""
-        return 1 / self.factor if self.factor.is_Pow and self.factor.exp.could_extract_minus_sign() else None
-
-    @cached_property
-    def tree(self) -> Tree:
-        """The right-hand side, in the order of its operations in C."""
-        total = joined(list(self.terms))
-        if self.factor == 1:
-            return total
-        if self.divisor is not None:
-            return Tree("div", (total, tree_of(self.divisor)))
-        return Tree("mul", (tree_of(self.factor), total))
+    return len(terms) == 1 or all(term.free_symbols <= fixed for term in terms)
 
 
-@dataclass(frozen=True)
-class MatrixEntry:
-    """An entry of A0 of (14) or of the matrix of (23) that is not zero, and the terms that it stands for.
+def gathered(terms: Sequence[sp.Expr], fixed: Set[sp.Symbol]) -> tuple[sp.Expr, ...]:
+    """Terms of a sum, those of parameters alone as one term, which is then one constant.
 
-    Attributes:
-        matrix: ``A0`` or ``Ar``.
-        row: from 0.
-        column: from 0.
-        value: an expression of parameters.
-        number: of the equations.
-        sources: (equation, term) of each term of a rate that this entry gives.
+    Args:
+        terms: of the sum.
+        fixed: parameters and constants.
     """
-
-    matrix: str
-    row: int
-    column: int
-    value: sp.Expr
-    number: str
-    sources: tuple[tuple[str, sp.Expr], ...]
-
-
-@dataclass(frozen=True)
-class Program:
-    """All statements of one controller.
-
-    Attributes:
-        derivation: where they come from.
-        hold: symbols of the exact hold.
-        parameters: symbols that the statements use, in the order of the model file, then gains.
-        matrices: entries of the matrices that the hold is made of.
-        constants: computed once.
-        law: at a sample, from y, the controller's states and the reference.
-        update: over the hold that ends there, from y, u, v and the states at its beginning.
-        start: the matched start, from y and the reference.
-        states: the controller's states.
-        estimate: symbols of x_hat.
-        kept: what the law finds at a sample and the update at the end of its hold reads.
-    """
-
-    derivation: Derivation
-    hold: Hold
-    parameters: tuple[sp.Symbol, ...]
-    matrices: tuple[MatrixEntry, ...]
-    constants: tuple[Statement, ...]
-    law: tuple[Statement, ...]
-    update: tuple[Statement, ...]
-    start: tuple[Statement, ...]
-    states: tuple[sp.Symbol, ...]
-    estimate: tuple[sp.Symbol, ...]
-    kept: tuple[sp.Symbol, ...]
-
-    @cached_property
-    def learnt(self) -> tuple[sp.Symbol, ...]:
-        """The states that the controller learns in."""
-        return learnt_states(self.derivation)
-
-    @cached_property
-    def rest(self) -> dict[sp.Symbol, sp.Expr]:
-        """State -> its value at the start that is not matched."""
-        return rest_values(self.derivation)
-
-    @property
-    def starts(self) -> dict[sp.Symbol, sp.Expr]:
-        """State -> its value at the matched start, a name or 0; that of r without the factor compensator."""
-        made = {item.symbol for item in (*self.start, *self.constants)}
-        names = {state: start_symbol(state) for state in self.states}
-        return {state: name if name in made else sp.Integer(0) for state, name in names.items()}
-
-    @property
-    def size(self) -> int:
-        """Rows of the larger of the two matrices."""
-        return max(int(self.hold.F0.rows), int(self.hold.Fr.rows))
-
-
-def next_symbol(state: sp.Symbol) -> sp.Symbol:
-    """A state one sample later."""
-    return real_symbol(f"{state.name}_next")
-
-
-def drive_symbol(state: sp.Symbol) -> sp.Symbol:
-    """What drives a linear state: the part of its rate without states of its own block."""
-    return real_symbol(f"{state.name}_drive")
+    still = [term for term in terms if term.free_symbols <= fixed]
+    if len(still) < 2:
+        return tuple(terms)
+    return (sp.Add(*still), *(term for term in terms if term not in still))
 
 
 def program_of(derivation: Derivation) -> Program:
@@ -193,6 +92,7 @@ class _Reader:
         matrices = (*self.matrix("A0", filter_matrix(s)), *self.matrix("Ar", compensator_matrix(s)))
         kept = kept_symbols(d)
         law = self.group((*s.z, *s.alpha, s.v, *x_hat, *kept), taken=self.inputs - {s.v})
+        law = self.divided_once(law)
         update = self.updates(kept)
         start = self.group([start_symbol(state) for state in s.controller_state], self.inputs)
         program = Program(
@@ -251,15 +151,40 @@ class _Reader:
                 self.fixed.add(equation.symbol)
                 self.names.add(equation.name)
             return
-        if len(sources) == 1:
+        if is_whole(sources, self.fixed):
             factor, sources = sp.Integer(1), (equation.expression,)
         sources = tuple(sorted(sources, key=self.place))
+        if not equation.number:
+            sources = gathered(sources, self.fixed)
         lifted = tuple(self.lifted(term, equation.name) for term in sources)
         constant = factor.free_symbols <= self.fixed
         scale = (
             self.constant(factor, equation.name, "scale") if constant else self.lifted(factor, equation.name)
         )
         yield self.made(equation, scale, lifted, sources)
+
+    def divided_once(self, law: tuple[Statement, ...]) -> tuple[Statement, ...]:
+        """The law with one division by an estimate in place of many: the others multiply by its inverse."""
+        for hat in self.derivation.signals.estimates:
+            inverse = real_symbol(f"inverse_{hat}")
+            while inverse.name in self.names:
+                inverse = real_symbol(f"{inverse}_")
+            found = {
+                place: replace(
+                    item,
+                    factor=_multiplied(item.factor, hat, inverse),
+                    terms=tuple(_multiplied(term, hat, inverse) for term in item.terms),
+                )
+                for place, item in enumerate(law)
+            }
+            changed = [place for place, item in found.items() if item != law[place]]
+            if len(changed) > 1:
+                first, one = law[changed[0]], sp.Integer(1)
+                made = Statement(inverse, one, (1 / hat,), first.equation, "", f"inverse of {hat}", "")
+                items = [*found.values()]
+                law = (*items[: changed[0]], made, *items[changed[0] :])
+                self.names.add(inverse.name)
+        return law
 
     def place(self, term: sp.Expr) -> tuple[int, bool]:
         """Where a term is added: those that wait for other statements last, so that no processor waits."""
@@ -282,12 +207,19 @@ class _Reader:
             return self.constant(value, stem, "offset")
         if value.is_Mul:
             outer, inner = value.as_independent(*(value.free_symbols - self.fixed), as_Add=False)
-            moving = [self.lifted(part, stem) for part in sp.Mul.make_args(inner)]
+            pairs = [part.as_content_primitive() for part in sp.Mul.make_args(inner)]
+            outer *= sp.Mul(*(content for content, _ in pairs))
+            moving = [self.lifted(part, stem) for _, part in pairs]
             about = "_".join(sorted(str(symbol) for symbol in inner.free_symbols - self.fixed)[:2])
             return sp.Mul(self.constant(outer, stem, about), *moving)
         if value.is_Atom:
             return value
-        return value.func(*(self.lifted(part, stem) for part in value.args))
+        if value.is_Add:
+            taken_out = sp.factor_terms(value)
+            common = {*sp.Mul.make_args(taken_out)} & (value.free_symbols - self.fixed)
+            if common:
+                return self.lifted(taken_out, stem)
+        return bounded_from_both_sides(value.func(*(self.lifted(part, stem) for part in value.args)))
 
     def constant(self, value: sp.Expr, stem: str, about: str) -> sp.Expr:
         """A name for a value of parameters alone, unless it is a number or a parameter already."""
@@ -382,6 +314,13 @@ class _Reader:
         equation = self.derivation.equations[f"{state.name}_next"]
         terms = tuple(sp.Add.make_args(value))
         return self.made(equation, sp.Integer(1), terms, terms)
+
+
+def _multiplied(value: sp.Expr, hat: sp.Symbol, inverse: sp.Symbol) -> sp.Expr:
+    """An expression with powers of an inverse in place of divisions by a symbol."""
+    found = value.atoms(sp.Pow)
+    divisions = [item for item in found if item.base == hat and item.exp.is_Integer and item.exp < 0]
+    return value.xreplace({item: inverse**-item.exp for item in divisions})
 
 
 def _limits(derivation: Derivation) -> set[sp.Symbol]:

@@ -17,8 +17,9 @@ import sympy as sp
 
 from pmjoint_codegen.export.hold import BAKED, COMPUTED
 from pmjoint_codegen.export.lines import Line, identifier
+from pmjoint_codegen.export.program import Program, drive_symbol, next_symbol
 from pmjoint_codegen.export.recording import twin_of
-from pmjoint_codegen.export.statements import Program, drive_symbol, next_symbol
+from pmjoint_codegen.export.statements import gathered, is_whole
 from pmjoint_codegen.export.tree import DOUBLE
 from pmjoint_codegen.export.twin import bounded_arithmetic, exact_arithmetic
 from pmjoint_codegen.report.notation import scaled_sum
@@ -127,12 +128,15 @@ def _missing(
     left_out = moved | {*(s.r if s.braking else ())}
     rates = [derivative_name(state) for state in program.states if state not in left_out]
     terms = {name: sp.Add.make_args(equations[name].expression) for name in rates}
-    steps = (next_symbol(state).name for state in program.states if state in moved)
-    terms |= {name: tuple(scaled_sum(equations[name].expression)[1]) for name in steps}
+    fixed = {*program.parameters, *(item.symbol for item in program.constants)}
+    for state in (item for item in program.states if item in moved):
+        name = next_symbol(state).name
+        terms[name] = gathered(scaled_sum(equations[name].expression)[1], fixed)
     for item in (*program.law, *program.constants):
+        apart = fixed if item in program.law else frozenset()
         if item.equation not in rates and equations[item.equation].number in TRACED:
             factor, parts = scaled_sum(equations[item.equation].expression)
-            whole = factor != 1 and len(parts) == 1
+            whole = factor != 1 and is_whole(parts, apart)
             terms[item.equation] = (equations[item.equation].expression,) if whole else tuple(parts)
     return [
         f"{name}: no line has {term}"
@@ -160,6 +164,11 @@ class _Reader:
             for symbol in made
             if symbol.name not in d.equations
         }
+        self.helpers |= {
+            item.symbol: self.expression(self._definition(f"const double {identifier(item.symbol.name)} ="))
+            for item in program.law
+            if item.symbol.name not in d.equations
+        }
 
     def _groups(self) -> tuple[Any, ...]:
         return self.program.constants, self.program.law, self.program.update, self.program.start
@@ -186,7 +195,8 @@ class _Reader:
         """C as SymPy."""
         text = re.sub(r"c->(F0|G0|Fr|Gr)\[(\d)\]\[(\d)\]", _entry, text)
         text = re.sub(r"\b[cps]->", "", text)
-        functions = {"fabs": sp.Abs, "fmin": sp.Min, "fmax": sp.Max, "sign_of": sp.sign, "pow": sp.Pow}
+        functions: dict[str, Any] = {"between": lambda x, low, high: sp.Max(low, sp.Min(x, high))}
+        functions |= {"fabs": sp.Abs, "fmin": sp.Min, "fmax": sp.Max, "sign_of": sp.sign, "pow": sp.Pow}
         exact = re.sub(r"(?<![\w.])(\d+)\.0(?![\w])", r"\1", text)
         # Names such as lambda and E1 must not be read as Python's or SymPy's own.
         words = {word: self.names[word] for word in re.findall(r"[A-Za-z_]\w*", exact) if word in self.names}

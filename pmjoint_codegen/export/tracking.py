@@ -21,7 +21,7 @@ from pmjoint_codegen.export.bounds import Bounded
 from pmjoint_codegen.export.exact import context, exact_hold
 from pmjoint_codegen.export.example import example_plant, in_numbers
 from pmjoint_codegen.export.fields import INTEGER, SAMPLE_TIME, parameter_fields
-from pmjoint_codegen.export.statements import Program
+from pmjoint_codegen.export.program import Program
 from pmjoint_codegen.export.tree import DOUBLE, Precision, number
 from pmjoint_codegen.export.twin import COMMAND, Arithmetic, Twin, bounded_arithmetic
 
@@ -125,6 +125,7 @@ def plain_arithmetic() -> Arithmetic:
         "div": operator.truediv,
         "pow": np.power,
         "atan": np.arctan,
+        "between": np.clip,
         **{name: getattr(np, name) for name in names},
     }
 
@@ -146,7 +147,7 @@ class Loop:
         plant: around it.
         T: sample time.
         y_r: shape (rows, rho + 1).
-        Z: shape (rows, n + states + 4): x, the controller's states and what it keeps, y, u, v and the command.
+        Z: shape (rows, size): x, the controller's states, what it keeps, y, u, v and the command it holds.
     """
 
     program: Program

@@ -23,7 +23,7 @@ class Tree:
     """One operation, or a leaf.
 
     Attributes:
-        operation: a name of `pmjoint_codegen.operations`, or ``number`` or ``name``.
+        operation: a name of `pmjoint_codegen.operations`, or ``number``, ``name`` or ``between``.
         parts: operands.
         leaf: the number or the symbol.
     """
@@ -60,6 +60,24 @@ FLOAT: Final = Precision("float", "f", 2.0**-24, 2.0**-149)
 _LEVEL: Final = {"add": 1, "sub": 1, "mul": 2, "div": 2, "neg": 3}  # how tightly each binds in C
 _SIGNS: Final = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
 _ATOM: Final = 4
+_OWN: Final = {"sign": "sign_of", "between": "between"}  # functions that the exported C has itself
+
+
+class Between(sp.Function):  # type: ignore[misc]  # SymPy carries no types
+    """``Between(x, low, high)``: x, within two numbers; a NaN stays."""
+
+    nargs = 3
+
+
+def bounded_from_both_sides(value: sp.Expr) -> sp.Expr:
+    """``Max(low, Min(x, high))`` of two numbers as `Between`, which costs no call of the C library."""
+    if not (value.func is sp.Max and len(value.args) == 2):
+        return value
+    low, inner = sorted(value.args, key=lambda part: not part.is_number)
+    if not (low.is_number and inner.func is sp.Min and len(inner.args) == 2):
+        return value
+    high, x = sorted(inner.args, key=lambda part: not part.is_number)
+    return Between(x, low, high) if high.is_number and not x.is_number else value
 
 
 def name(symbol: sp.Symbol) -> Tree:
@@ -83,6 +101,8 @@ def tree_of(value: sp.Expr) -> Tree:
         return _product(value)
     if value.is_Pow:
         return _power(value.base, value.exp)
+    if value.func is Between:
+        return Tree("between", tuple(tree_of(part) for part in value.args))
     operation = by_sympy().get(value.func.__name__)
     if operation is None:
         raise ModelError(f"no C can evaluate {value.func.__name__}(...)", where="export", remedy=remedy())
@@ -180,7 +200,7 @@ def _printed(tree: Tree, spelling: Mapping[sp.Symbol, str], precision: Precision
     printed = [_printed(part, spelling, precision) for part in tree.parts]
     level = _LEVEL.get(tree.operation)
     if level is None:
-        function = "sign_of" if tree.operation == "sign" else tree.operation + precision.suffix
+        function = _OWN.get(tree.operation, tree.operation + precision.suffix)
         return f"{function}({', '.join(text for text, _ in printed)})", _ATOM
     if tree.operation == "neg":
         inner, binds = printed[0]

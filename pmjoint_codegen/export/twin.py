@@ -15,7 +15,7 @@ import sympy as sp
 
 from pmjoint_codegen.export.bounds import Bounded, bounded_operations
 from pmjoint_codegen.export.exact import context, exact_hold, exact_operations
-from pmjoint_codegen.export.statements import Program, Statement, next_symbol
+from pmjoint_codegen.export.program import Program, Statement, next_symbol
 from pmjoint_codegen.export.tree import Precision, Tree, evaluated, tree_of
 
 Values = dict[sp.Symbol, Any]

@@ -26,9 +26,9 @@ from pmjoint_codegen.check.subject import Subject
 from pmjoint_codegen.compile.compiler import Compiler
 from pmjoint_codegen.export.bounds import Bounded, relative
 from pmjoint_codegen.export.package import TRACE, Export, export_c
+from pmjoint_codegen.export.program import Program
 from pmjoint_codegen.export.recording import twin_of
 from pmjoint_codegen.export.source import Identity
-from pmjoint_codegen.export.statements import Program
 from pmjoint_codegen.export.trace import trace_faults
 from pmjoint_codegen.export.tree import DOUBLE
 from pmjoint_codegen.export.twin import COMMAND, Twin, bounded_arithmetic

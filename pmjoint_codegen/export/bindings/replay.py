@@ -25,8 +25,8 @@ from pmjoint_codegen.export.elsewhere import library_functions, step_ratios
 from pmjoint_codegen.export.fields import INTEGER
 from pmjoint_codegen.export.lines import Line
 from pmjoint_codegen.export.package import Export, export_c
+from pmjoint_codegen.export.program import Program
 from pmjoint_codegen.export.source import filled, joined, words_of
-from pmjoint_codegen.export.statements import Program
 from pmjoint_codegen.export.targets.target import Order
 from pmjoint_codegen.scratch import scratch
 from pmjoint_codegen.simulate.samples import record

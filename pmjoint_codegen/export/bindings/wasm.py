@@ -24,8 +24,8 @@ from pmjoint_codegen.export.companions import parameter_rows
 from pmjoint_codegen.export.fields import INTEGER, Field
 from pmjoint_codegen.export.lines import Line, comment
 from pmjoint_codegen.export.package import Export, export_c
+from pmjoint_codegen.export.program import Program
 from pmjoint_codegen.export.source import banner, filled, joined, words_of
-from pmjoint_codegen.export.statements import Program
 from pmjoint_codegen.export.targets.target import Delivery, Order, Report, Target
 from pmjoint_codegen.workspace import cache_dir
 

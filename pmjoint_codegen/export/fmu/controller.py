@@ -21,8 +21,8 @@ from pmjoint_codegen.export.fmu.variables import (
     switches,
 )
 from pmjoint_codegen.export.package import Export
+from pmjoint_codegen.export.program import Program
 from pmjoint_codegen.export.source import banner, filled, joined, words_of
-from pmjoint_codegen.export.statements import Program
 
 _RENAMED: Final = {"u_measured": "u_applied"}  # field of the C -> variable
 

@@ -12,8 +12,8 @@ from pmjoint_codegen.export.hold import COMPUTED
 from pmjoint_codegen.export.lines import comment
 from pmjoint_codegen.export.package import TRACE, Export, export_c
 from pmjoint_codegen.export.pil.chips import Chip
+from pmjoint_codegen.export.program import Program
 from pmjoint_codegen.export.source import Identity, banner, joined, replaced, words_of
-from pmjoint_codegen.export.statements import Program
 from pmjoint_codegen.export.tree import DOUBLE, FLOAT
 from pmjoint_derive import Derivation
 

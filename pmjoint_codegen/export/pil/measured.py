@@ -9,7 +9,7 @@ from typing import Any, Final
 from pmjoint_codegen.export.elsewhere import library_functions
 from pmjoint_codegen.export.fields import model_y
 from pmjoint_codegen.export.pil.chips import Chip
-from pmjoint_codegen.export.statements import Program
+from pmjoint_codegen.export.program import Program
 from pmjoint_codegen.export.targets.target import Report
 
 
