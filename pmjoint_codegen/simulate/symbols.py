@@ -59,6 +59,11 @@ def symbol(name: str) -> str:
     estimated = re.fullmatch(r"([a-zA-Z]+?)_?(\d*)_hat", name)
     if estimated is not None:
         return _estimate(*estimated.groups())
+    if name.startswith("gamma_"):
+        return f"$\\gamma_{{{symbol(name.removeprefix('gamma_')).strip('$')}}}$"
+    stated = re.fullmatch(r"(\w+)_(guess|low|high|prior)", name)
+    if stated is not None:
+        return f"${symbol(stated[1]).strip('$')}^{{\\mathrm{{{stated[2]}}}}}$"
     match = re.fullmatch(rf"({'|'.join(_STEMS)})(\d+)", name)
     if match is None:
         return "$\\mathrm{" + name.replace("_", "\\_") + "}$"

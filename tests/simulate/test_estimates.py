@@ -158,6 +158,8 @@ def test_leakage_that_is_faster_than_learning_is_named(loop: ClosedLoop, run: Ru
         ("rho_hat", r"$\hat{\varrho}$"),
         ("theta1_hat", r"$\hat{\theta}_{1}$"),
         ("mass_hat", r"$\widehat{\mathrm{mass}}$"),
+        ("gamma_b0", r"$\gamma_{b_{0}}$"),
+        ("b0_guess", r"$b_{0}^{\mathrm{guess}}$"),
         ("chi1", r"$\chi_{1}$"),
         ("x_hat2", r"$\hat{x}_{2}$"),
     ],
