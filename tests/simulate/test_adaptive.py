@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +9,9 @@ import numpy as np
 import pytest
 
 from pmjoint_codegen import ClosedLoop
+from pmjoint_codegen.loops.hold import hold_matrices
 from pmjoint_codegen.simulate.run import Run
+from pmjoint_codegen.simulate.settings import make_settings
 from tests.sampled_runs import loaded
 
 MODELS = ("paper-adaptive", "joint-load", "lag-adaptive")
@@ -63,20 +64,28 @@ def test_a_chained_loop_has_the_same_bits(chained: Path) -> None:
 
 @pytest.mark.parametrize("sample_time", [0.001, 0.03, 0.3, 1.0])
 @pytest.mark.parametrize("gain", [1.0, 1e3, 1e6])
-@pytest.mark.parametrize("start", ["zero", "matched"])
-def test_a_sampled_estimate_never_leaves_its_range(sample_time: float, gain: float, start: str) -> None:
-    """However long the sample and large the gain, whatever is read: no plant answers to u here."""
-    loop = loaded("paper-adaptive")
-    gains = {"gamma_b0": gain, "gamma_d1": gain}
-    controller = loop.controller(sample_time=sample_time, start=start, parameters=gains)
-    first = loop.manifest.blocks["Theta"][0] - loop.manifest.nx
-    low, high = np.array([0.3, -3.0]), np.array([6.0, 3.0])
-    found = []
-    for k in range(200):
-        controller.step(1.5 * math.cos(0.3 * k) + 0.5 * math.sin(2.1 * k))
-        found.append(controller.s[first : first + 2])
-    assert np.all((low < found) & (found < high))
-    assert np.ptp(found, axis=0).max() > 0.1
+@pytest.mark.parametrize("model", MODELS)
+def test_a_sampled_estimate_never_leaves_its_range(model: str, gain: float, sample_time: float) -> None:
+    """However long the sample, large the gain and large what moves it, 200 samples in a row."""
+    loop, random = loaded(model), np.random.default_rng(7)
+    manifest = loop.manifest
+    names = [item.name[:-4] for item in manifest.states[slice(*manifest.blocks["Theta"])]]
+    p = make_settings(manifest, parameters={f"gamma_{name}": gain for name in names}).p
+    values = dict(zip(manifest.parameter_names, p.tolist(), strict=True))
+    low, high = (np.array([values[f"{name}_{end}"] for name in names]) for end in ("low", "high"))
+    h = hold_matrices(loop.evaluator, p, sample_time)
+    hats = np.tile([values[f"{name}_guess"] for name in names], (50, 1))
+    first, last = (place - manifest.nx for place in manifest.blocks["Theta"])
+    for _ in range(200):
+        sizes = 10.0 ** random.uniform(-3.0, 6.0, (50, 1))
+        s = random.uniform(-1.0, 1.0, (50, manifest.nX - manifest.nx)) * sizes
+        s[:, first:last] = hats
+        y, u, v = (random.uniform(-2.0, 2.0, (50, 1)) for _ in range(3))
+        y_r = random.uniform(-2.0, 2.0, (50, manifest.rho + 1))
+        s_next = loop.evaluator.call("sampled_update", y, s, y_r, u, v, h, p)[0]
+        hats = s_next[:, first:last]
+        assert np.all((low < hats) & (hats < high))
+    assert np.ptp(hats, axis=0).max() > 0.5 * (high - low).min()
 
 
 def test_the_sampled_scheme_tends_to_the_continuous_loop() -> None:
