@@ -18,6 +18,7 @@ from pmjoint_codegen.export.program import Program
 from pmjoint_codegen.export.source import TEMPLATES, Identity, banner, filled, joined, words_of
 from pmjoint_codegen.export.tree import Precision
 from pmjoint_derive import real_symbol
+from pmjoint_derive.estimation import INSIDE
 
 _MOST: Final = 20_000  # samples of the example
 _ROWS: Final = 10  # of them printed
@@ -25,6 +26,7 @@ _FILES: Final = ("main.c", "analyse.c", "Makefile", "CMakeLists.txt", "README.md
 _LIBRARY: Final = ("library.properties", "library.json")  # of Arduino and of PlatformIO
 _WIDE: Final = 10.0  # range of y in the static analysis, times |y(0)|, where the model declares none
 _RATES: Final = 1000.0  # range of each derivative of the reference, times that of y
+_END: Final = (1 - INSIDE) / 2  # of a range: how near the update lets an estimate come to its ends
 _LONGEST: Final = 50  # characters of a name in PlatformIO
 
 
@@ -70,7 +72,7 @@ def _analysis(program: Program, precision: Precision) -> tuple[dict[str, list[Li
     kept = [*program.states, *program.kept, *([s.y] if filtered else [])]
     wide = f"any(-@NAME@{limit}, @NAME@{limit})"
     any_of = {
-        state: f"any({printer.text(low)}, {printer.text(high)})"
+        state: f"any({printer.text(low + _END * (high - low))}, {printer.text(high - _END * (high - low))})"
         for state, (low, high) in ranged_estimates(program.derivation).items()
     }
     lines = {
