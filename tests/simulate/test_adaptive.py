@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pmjoint_codegen import ClosedLoop
+from pmjoint_codegen import ClosedLoop, compare, tune
 from pmjoint_codegen.loops.hold import hold_matrices
 from pmjoint_codegen.simulate.run import Run
 from pmjoint_codegen.simulate.settings import make_settings
@@ -126,3 +126,23 @@ def test_a_true_value_outside_its_range_runs_without_v() -> None:
     run = loaded("paper-adaptive").simulate(horizon=1.0, parameters={"b0": 7.0}, controller="sampled")
     assert np.all(np.isnan(run["V"])) and np.all(np.isfinite(run.states))
     assert run.summary["status"] == "done"
+
+
+def test_gains_are_chosen_and_runs_compared_as_for_other_models() -> None:
+    """And the frozen law, whose gains of the estimates are 0, is another run of the same kernels."""
+    quiet: dict[str, Any] = {"notify": lambda line: None}
+    found = tune(
+        "paper-adaptive",
+        gains={"c1": (5.0, 30.0), "c2": (5.0, 30.0)},
+        generations=2,
+        population=4,
+        start="matched",
+        horizon=5.0,
+        **quiet,
+    )
+    assert "c1" in str(found)
+    loop = loaded("paper-adaptive")
+    frozen = loop.simulate(horizon=1.0, parameters={"gamma_b0": 0.0, "gamma_d1": 0.0})
+    assert np.ptp(frozen["b0_hat"]) == 0.0
+    shown = str(compare(loop.simulate(horizon=1.0), frozen))
+    assert "gamma_b0" in shown and "ISE" in shown
