@@ -39,11 +39,6 @@ LEARNING: dict[str, dict[str, Any]] = {
     "negative": NEGATIVE,
     "first-order": {},
 }
-    "inverse": INVERSE,
-    "squares": SQUARES,
-    "negative": NEGATIVE,
-    "first-order": {},
-}
 Make = Callable[..., Export]
 
 
