@@ -24,6 +24,7 @@ from pmjoint_codegen.export.tree import DOUBLE
 from pmjoint_codegen.export.twin import bounded_arithmetic, exact_arithmetic
 from pmjoint_codegen.report.notation import scaled_sum
 from pmjoint_derive import real_symbol
+from pmjoint_derive.equation import Equation
 from pmjoint_derive.signals import derivative_name
 
 _DIGITS: Final = 30
@@ -120,7 +121,8 @@ def _missing(
 ) -> list[str]:
     """Terms of the controller's equations that no line has: (14), (15), (21), (23)-(25) and (29).
 
-    Estimates and the compensator beside them have no rates in the C; there it is the terms of the update.
+    Of a controller with estimates, whose law has numbers in part only, it is all equations. The estimates and
+    their compensator have no rates in the C; there it is the terms of the update.
     """
     present = {(entry["equation"], entry["term"]) for entry in entries}
     s, equations = program.derivation.signals, program.derivation.equations
@@ -133,17 +135,29 @@ def _missing(
         name = next_symbol(state).name
         terms[name] = gathered(scaled_sum(equations[name].expression)[1], fixed)
     for item in (*program.law, *program.constants):
-        apart = fixed if item in program.law else frozenset()
-        if item.equation not in rates and equations[item.equation].number in TRACED:
-            factor, parts = scaled_sum(equations[item.equation].expression)
-            whole = factor != 1 and is_whole(parts, apart)
-            terms[item.equation] = (equations[item.equation].expression,) if whole else tuple(parts)
+        known = program.learnt or item.number in TRACED
+        if item.symbol.name == item.equation and item.equation not in rates and known:
+            terms[item.equation] = _terms(equations[item.equation], fixed - {item.symbol})
     return [
         f"{name}: no line has {term}"
         for name, parts in terms.items()
         for term in parts
         if (name, str(term)) not in present and (name, term) not in held
     ]
+
+
+def _terms(equation: Equation, fixed: Set[sp.Symbol]) -> tuple[sp.Expr, ...]:
+    """The terms that the lines of a statement have.
+
+    Args:
+        equation: of the law.
+        fixed: parameters and constants, but not the equation's own symbol.
+    """
+    factor, parts = scaled_sum(equation.expression)
+    moves = not equation.expression.free_symbols <= fixed
+    if factor != 1 and (is_whole(parts, fixed) if moves else len(parts) == 1):
+        return (equation.expression,)
+    return gathered(parts, fixed) if moves and not equation.number else tuple(parts)
 
 
 class _Reader:

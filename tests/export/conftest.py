@@ -24,6 +24,21 @@ CHAIN = {
     "actuator": {"lower": -8.0, "upper": 10.0, "rate": 2000.0, "dead_zone": 0.3},
     "sensor": {"resolution": 0.001, "filter": 300.0},
 }
+INVERSE = {"form": "inverse", "inverse": {"gain": 0.5, "leakage": 0.01}, "leakage": 0.01}
+SQUARES = {
+    "unknown": ["b0", "d1"],
+    "guess": {"b0": 1.2, "d1": -0.5},
+    "range": {"b0": [0.3, 6.0], "d1": [-3.0, 3.0]},
+    "estimator": "least_squares",
+}
+NEGATIVE = {"guess": {"b0": -1.2, "d1": -0.5}, "range": {"b0": [-6.0, -0.3], "d1": [-3.0, 3.0]}}
+FIRST_ORDER = {"order": 1, "Phi": [["y"]], "theta": ["d1"], "b": ["b0"], "disturbance": ["0"]}
+LEARNING: dict[str, dict[str, Any]] = {
+    "inverse": INVERSE,
+    "squares": SQUARES,
+    "negative": NEGATIVE,
+    "first-order": {},
+}
 Make = Callable[..., Export]
 
 
@@ -32,6 +47,8 @@ def document(name: str) -> dict[str, Any]:
     if name == "third-nonlinear":
         file = ROOT / "tests" / "reference" / "third-nonlinear.toml"
         return tomllib.loads(file.read_text(encoding="utf-8"))
+    if name in LEARNING:
+        return learning(name)
     shipped = name if name not in ("braking", "chain", "pi") else "paper"
     place = ROOT / "models" / f"{shipped}.toml"
     file = place if place.is_file() else ROOT / "models" / "gallery" / f"{shipped}.toml"
@@ -46,6 +63,23 @@ def document(name: str) -> dict[str, Any]:
     return found
 
 
+def learning(name: str) -> dict[str, Any]:
+    """Return the paper's model with estimates, in a variant of its own."""
+    found = document("paper-adaptive")
+    if name == "squares":
+        found["adaptation"] = SQUARES
+    found["adaptation"] = {**found["adaptation"], **LEARNING[name]}
+    if name == "negative":
+        found["parameters"]["b0"]["value"] = -2.0
+    if name == "first-order":
+        found["parameters"]["d1"]["unit"] = "1/s"
+        found["parameters"]["b0"]["unit"] = "rad/(s V)"
+        found["plant"] = {**FIRST_ORDER, "disturbance_bound": 0.0}
+        found["design"] |= {"c": [5], "e": [0.1], "ck": [2], "k": [4]}
+        found["simulation"]["x0"] = [1.5]
+    return found
+
+
 @cache
 def made(name: str, precision: str) -> Export:
     """Export a model once."""
@@ -56,7 +90,7 @@ def made(name: str, precision: str) -> Export:
 
 @pytest.fixture(scope="session")
 def exports() -> Make:
-    """Export a model by name: a shipped one, ``braking``, ``chain``, ``pi`` or ``third-nonlinear``."""
+    """Export a model by name: a shipped one, a variant of the paper's, or ``third-nonlinear``."""
     return lambda name, precision="double": made(name, precision)
 
 

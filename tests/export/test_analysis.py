@@ -43,6 +43,8 @@ def analysed(export: Export, folder: Path, **changes: str) -> tuple[int, str]:
         ("joint-exact", "float"),
         ("chain", "double"),
         ("third-nonlinear", "double"),
+        ("paper-adaptive", "double"),
+        ("paper-adaptive", "float"),
     ],
 )
 def test_eva_has_no_alarm(name: str, precision: str, exports: Callable[..., Export], tmp_path: Path) -> None:

@@ -22,7 +22,9 @@ FILES = {"Makefile", "README.md", "CMakeLists.txt", "main.c", "trace.json"}
 FILES |= {"library.properties", "library.json", "analyse.c"}
 STRICT = "-O2 -std=c99 -Wall -Wextra -Wpedantic -Wconversion -Wdouble-promotion -Wshadow -Wmissing-prototypes"
 REAL = ("laas-axis", "maglev")  # of the gallery: a joint with a lag, and a plant by its own states
+LEARNERS = ("paper-adaptive", "squares", "first-order")
 MODELS = ("paper", "joint-exact", "joint-lag", "third-order", "braking", "chain", "third-nonlinear", *REAL)
+MODELS += LEARNERS
 
 
 def written(export: Export, folder: Path) -> Path:
@@ -135,7 +137,7 @@ def test_the_folder_is_a_library_of_arduino_and_platformio(
     assert subprocess.run([folder / "sketch"], check=False).returncode == 0
 
 
-@pytest.mark.parametrize("name", ["paper", "third-nonlinear"])
+@pytest.mark.parametrize("name", ["paper", "third-nonlinear", "paper-adaptive"])
 def test_the_object_has_no_globals_no_allocation_no_recursion(
     name: str, exports: Callable[..., Export], tmp_path: Path
 ) -> None:
@@ -191,7 +193,7 @@ def test_the_hold_is_exact(T: float, load: Callable[..., Exported]) -> None:
 
 
 @pytest.mark.parametrize("precision", ["double", "float"])
-@pytest.mark.parametrize("name", ["paper", "third-order", "braking", "chain"])
+@pytest.mark.parametrize("name", ["paper", "third-order", "braking", "chain", *LEARNERS])
 def test_cppcheck_and_its_misra_addon_find_nothing_in_the_controller(
     name: str, precision: str, exports: Callable[..., Export], tmp_path: Path
 ) -> None:

@@ -34,14 +34,37 @@ CHAIN = (
 STEPS = "reference = { steps = [[0, 0.0], [0.05, 0.4]], filter = 30 }\njitter = 0.0002"
 
 
-def variant(root: Path, folder: Path, *changes: tuple[str, str]) -> Subject:
-    """The paper's model with some text replaced, generated in a folder of its own."""
-    text = (root / "models" / "paper.toml").read_text(encoding="utf-8")
+INVERSE = 'form    = "inverse"\ninverse = { gain = 0.5, leakage = 0.01 }\nunknown = ['
+LOAD = [
+    ('unknown = ["b0", "d1"]', 'unknown = ["b0", "d1", "w"]\nload = true'),
+    ("d1 = [-3.0, 3.0] }", "d1 = [-3.0, 3.0], w = [-5.0, 5.0] }"),
+    ("leakage = 0.0", "leakage = 0.01"),
+    ("compensator = true", 'start = "matched"\ncompensator = true'),
+]
+SQUARES = [("gain    = { b0 = 1.0, d1 = 1.0 }\nleakage = 0.0", 'estimator = "least_squares"')]
+FIRST = [
+    ("order = 2", "order = 1"),
+    ('["0", "0"]\nPhi   = [["0"], ["y"]]', '["0"]\nPhi   = [["y"]]'),
+    ('["0", "0.1*sin(x2)*cos(t)"]', '["0"]'),
+    ("disturbance_bound = 0.1", "disturbance_bound = 0.0"),
+    ("[15, 15]", "[5]"),
+    ("[0.1, 0.1]", "[0.1]"),
+    ("[1, 1]", "[2]"),
+    ("[6, 8]", "[4]"),
+    ("[1.5, 0.0]", "[1.5]"),
+    ('"1/s^2"', '"1/s"'),
+    ('"rad/(s^2 V)"', '"rad/(s V)"'),
+]
+
+
+def variant(root: Path, folder: Path, *changes: tuple[str, str], model: str = "paper") -> Subject:
+    """A model with some text replaced, generated in a folder of its own."""
+    text = (root / "models" / f"{model}.toml").read_text(encoding="utf-8")
     for old, new in changes:
         assert old in text
         text = text.replace(old, new)
     (folder / "models").mkdir()
-    file = folder / "models" / "paper.toml"
+    file = folder / "models" / f"{model}.toml"
     file.write_text(text, encoding="utf-8")
     regenerate([str(file)])
     return load_subject(file, os.environ, lambda _line: None)
@@ -62,6 +85,18 @@ def variant(root: Path, folder: Path, *changes: tuple[str, str]) -> Subject:
 )
 def test_models_of_every_kind_pass(changes: list[tuple[str, str]], root: Path, tmp_path: Path) -> None:
     result = exported.check(variant(root, tmp_path, *changes))
+    assert result.verdict is Verdict.PASSED, result
+    assert result.figure is not None and 0.0 < result.figure <= 1.0
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [[("unknown = [", INVERSE)], LOAD, SQUARES, FIRST, [*FIRST, ("unknown = [", INVERSE)]],
+    ids=["inverse", "load and matched", "least squares", "first order", "inverse of first order"],
+)
+def test_controllers_with_estimates_pass(changes: list[tuple[str, str]], root: Path, tmp_path: Path) -> None:
+    subject = variant(root, tmp_path, *changes, model="paper-adaptive")
+    result = exported.check(subject)
     assert result.verdict is Verdict.PASSED, result
     assert result.figure is not None and 0.0 < result.figure <= 1.0
 
@@ -121,6 +156,52 @@ def test_every_mutant_of_the_exported_c_is_caught(
         loaded = Exported.open(export, library)
         tally("export", what, exported.judge(loaded, paper.compiled, paper.tapes, SAMPLES))
     assert count >= 30
+
+
+LEARNT = (
+    ("c->b0_turn_pull_b0 * s->pull_b0", "c->b0_turn_pull_b0 * 0.0"),
+    ("tanh(c->b0_turn", "tanh(-c->b0_turn"),
+    ("c->d1_turn_pull_d1 * s->pull_d1", "c->d1_turn_pull_d1 * s->pull_b0"),
+    ("s->pull_b0 = pull_b0;", "s->pull_b0 = tau_b0;"),
+    ("s->pull_d1 = pull_d1;", "s->pull_d1 = 1.001 * pull_d1;"),
+    ("if (s->learns != 0)", "if (s->learns == 0)"),
+    ("(b0_place + b0_turn) /", "(b0_place - b0_turn) /"),
+    ("((b0_place * b0_turn) + 1.0)", "(1.0)"),
+    ("s->b0_hat = b0_hat_next;", "s->b0_hat = s->b0_hat;"),
+    ("+ (s->b0_hat * ((c->Fr[1][2]", "+ (p->b0_guess * ((c->Fr[1][2]"),
+    ("c->Fr[1][2] * s->chi2", "c->Fr[2][2] * s->chi2"),
+    ("inverse_b0_hat = 1.0 / s->b0_hat", "inverse_b0_hat = 1.0 / p->b0_guess"),
+    ("zeta2 = z1 - (", "zeta2 = z1 + ("),
+    ("tau_b0 = omega_b0", "tau_b0 = omega_d1"),
+    ("(p->b0_high - s->b0_hat) * (s->b0_hat - p->b0_low)", "(p->b0_high - s->b0_hat)"),
+    ("+ (Gamma_b0 * dalpha1_db0_hat", "- (Gamma_b0 * dalpha1_db0_hat"),
+    ("+ (Gamma_d1 * dalpha1_dd1_hat", "+ 0.0 * (Gamma_d1 * dalpha1_dd1_hat"),
+    ("+ (dalpha1_dchi1 *", "- (dalpha1_dchi1 *"),
+    ("s->b0_hat - p->b0_prior", "s->b0_hat + p->b0_prior"),
+    ("alpha_bar = s->dy_r", "alpha_bar = -s->dy_r"),
+)
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+def test_every_mutant_of_the_update_of_estimates_is_caught(root: Path, tmp_path: Path, tally: Tally) -> None:
+    leaking = ("leakage = 0.0", "leakage = 0.01\nprior   = { b0 = 2.0, d1 = 0.3 }")
+    subject = variant(root, tmp_path, leaking, model="paper-adaptive")
+    assert subject.compiled is not None
+    export = export_c(subject.derivation, Identity("paper-adaptive", "", ""))
+    prefix = export.identity.prefix
+    source = export.source.replace("first = (start * ROWS) + k + 1;", "first = 0;")
+    (tmp_path / f"{prefix}.h").write_text(export.files[f"{prefix}.h"], encoding="utf-8")
+    for count, (old, new) in enumerate((("", ""), *LEARNT)):
+        assert not old or source.count(old) == 1, old
+        (tmp_path / f"{prefix}.c").write_text(source.replace(old, new) if old else source, encoding="utf-8")
+        library = tmp_path / f"{count}.so"
+        build = ["cc", "-std=c99", "-O0", "-ffp-contract=off", "-fPIC", "-shared", f"{prefix}.c", "-o"]
+        subprocess.run([*build, str(library), "-lm"], cwd=tmp_path, check=True, capture_output=True)
+        result = exported.judge(Exported.open(export, library), subject.compiled, subject.tapes, SAMPLES)
+        if old:
+            tally("export", new, result)
+        else:
+            assert result.verdict is Verdict.PASSED, result
 
 
 def test_a_trace_that_names_another_line_fails_the_gate(

@@ -55,6 +55,38 @@ def test_a_braking_compensator_passes(root: Path, tmp_path: Path) -> None:
     assert result.verdict is Verdict.PASSED, result
 
 
+@pytest.mark.parametrize("name", ["paper-adaptive", "lag-adaptive"])
+def test_controllers_with_estimates_pass_from_either_start(name: str, root: Path, tmp_path: Path) -> None:
+    text = (root / "models" / f"{name}.toml").read_text(encoding="utf-8")
+    result = exported_loop.check(generated(text, name, tmp_path))
+    assert result.verdict is Verdict.PASSED, result
+    assert result.figure is not None and result.figure > 0.0
+
+
+@pytest.mark.parametrize(
+    "old", ["s->b0_hat = p->b0_guess", "params->gamma_d1 = 1.0", "params->d1_low = -3.0"]
+)
+def test_estimates_that_start_or_move_wrong_in_the_eleventh_digit_are_seen(
+    old: str, root: Path, tmp_path: Path
+) -> None:
+    text = (root / "models" / "paper-adaptive.toml").read_text(encoding="utf-8")
+    subject = generated(text, "paper-adaptive", tmp_path)
+    if subject.compiler is None or subject.compiled is None:
+        pytest.skip("no C compiler")
+    export = exported.load(subject, subject.compiler).export
+    prefix = export.identity.prefix
+    assert export.source.count(f"{old};") == 1
+    source = export.source.replace(f"{old};", f"{old} * (1.0 + 1e-10);")
+    source = source.replace("first = (start * ROWS) + k + 1;", "first = 0;")
+    (tmp_path / f"{prefix}.h").write_text(export.files[f"{prefix}.h"], encoding="utf-8")
+    (tmp_path / f"{prefix}.c").write_text(source, encoding="utf-8")
+    build = [*subject.compiler.command, "-std=c99", "-O1", "-ffp-contract=off", "-fPIC", "-shared"]
+    subprocess.run([*build, f"{prefix}.c", "-o", "a.so", "-lm"], cwd=tmp_path, check=True)
+    loaded = Exported.open(export, tmp_path / "a.so")
+    result = exported_loop.judge(loaded, subject.compiled, subject.tapes, SAMPLES)
+    assert result.verdict is Verdict.FAILED, result
+
+
 def test_a_quantised_reading_has_no_bound(root: Path, tmp_path: Path) -> None:
     text = (root / "models" / "paper.toml").read_text(encoding="utf-8") + "\n[sensor]\nresolution = 0.001\n"
     result = exported_loop.check(generated(text, "paper", tmp_path))
