@@ -27,6 +27,7 @@ from pmjoint_codegen.kernels.evaluator import Array, Evaluator
 from pmjoint_codegen.loops.constants import DEFECT, GROWTH, ROUNDED_UP, SMALLEST_STEP, UNDECIDED_STEP
 from pmjoint_codegen.loops.polynomial import first_beyond, note_extremum, note_rate, note_value, passes
 from pmjoint_codegen.loops.problem import Memory, Problem, Progress
+from pmjoint_codegen.loops.ranges import keep_in_ranges
 from pmjoint_codegen.loops.segments import enter_segments, next_break
 from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.loops.stepper import Stepper
@@ -161,6 +162,7 @@ class _Loop:
             threshold = 0 <= index < problem.n_thresholds
             mode = progress.mode + (0 if not threshold else 1 if index == progress.mode else -1)
             values, slopes = arrive(self.c, tau)
+            keep_in_ranges(problem.ranges, values)
             following = self.expand(end, values[: self.v], mode)
             miss = self.missed(values, slopes, following, tau)
             if miss <= 1.0:

@@ -35,6 +35,8 @@ class Problem:
         breaks: instants at which the reference's next segment begins, s, inside the run.
         segments: shape (n_breaks + 1, n_segment), what ends p on each.
         n_breaks: length of `breaks`.
+        ranges: shape (n_ranges, 3), index in X, least and greatest value of each estimate with a range.
+        n_ranges: rows of `ranges`.
         n_segment: entries at the end of p that a segment sets; 0 if the reference is an expression. A run
             writes them: see `own_parameters`.
         hold: matrices of `sampled_update`; empty for the continuous loop.
@@ -86,6 +88,8 @@ class Problem:
     breaks: Array
     segments: Array
     n_breaks: int
+    ranges: Array
+    n_ranges: int
     n_segment: int
     hold: Array
     chain: Array

@@ -6,10 +6,15 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
+import numpy as np
+
+from pmjoint_codegen.kernels.evaluator import Array
+from pmjoint_codegen.loops.constants import RANGE_MARGIN
 from pmjoint_codegen.simulate.estimates import LEAKAGE, estimates, is_frozen, leaking
 from pmjoint_codegen.values import COMPENSATOR
 
 FAST: Final = 1.0  # 1/s, of leakage times gain
+AT_AN_END: Final = 4.0 * RANGE_MARGIN  # of a range: nearer to its end, an estimate has no digits left
 
 if TYPE_CHECKING:
     from pmjoint_codegen.simulate.record import Record
@@ -96,6 +101,12 @@ def parts_of(run: Record, notes: Sequence[str] = ()) -> dict[str, tuple[str, ...
     }
 
 
+def _at_an_end(values: Array, low: float, high: float) -> bool:
+    """Whether an estimate comes nearer to an end of its range than its numbers tell apart."""
+    nearest = min(float(np.min(values)) - low, high - float(np.max(values)))
+    return nearest <= AT_AN_END * (high - low)
+
+
 def remarks(run: Record) -> tuple[str, ...]:
     """What a reader of an adaptive run must know: leakage that is faster than learning, and plain clipping.
 
@@ -113,6 +124,12 @@ def remarks(run: Record) -> tuple[str, ...]:
         found[-1] += (
             f"; above {FAST:g} 1/s an estimate forgets sooner than it learns: set {LEAKAGE} to 0 or less gain"
         )
+    found += [
+        f"{item.name} came to an end of its range, to the last digits that a run has; from there on it is no "
+        "solution of the equations, which come nearer still: less gain, a wider range, or leakage"
+        for item in estimates(run)
+        if item.range is not None and _at_an_end(run[item.name], *item.range)
+    ]
     if not is_frozen(run) and not values[COMPENSATOR]:
         found.append("plain clipping misleads estimates, which may destroy the loop: keep the compensator")
     return tuple(found)

@@ -24,6 +24,7 @@ from pmjoint_codegen.loops.hold import hold_matrices
 from pmjoint_codegen.loops.metrics import last_exit
 from pmjoint_codegen.loops.modes import Actuator
 from pmjoint_codegen.loops.problem import Memory, Problem, Progress, make_memory, own_parameters
+from pmjoint_codegen.loops.ranges import ranges_of
 from pmjoint_codegen.loops.select import Advance, CompiledLoop, make_loop
 from pmjoint_codegen.loops.status import Status, sentence
 from pmjoint_codegen.manifest import Manifest
@@ -305,6 +306,7 @@ def make_problem(evaluator: Evaluator, settings: Settings, actuator: Actuator) -
     chain = make_chain(manifest, settings.parameters, settings.sample_time) if chained else None
     times = settings.times()
     breaks, segments = inside(settings.reference, settings.horizon)
+    ranges = np.empty((0, 3)) if sampled else ranges_of(manifest, settings.p)
     return Problem(
         **fixed_constants(manifest, sampled=sampled, tolerance=settings.tolerance),
         n_thresholds=len(actuator.thresholds),
@@ -314,6 +316,8 @@ def make_problem(evaluator: Evaluator, settings: Settings, actuator: Actuator) -
         breaks=breaks,
         segments=segments,
         n_breaks=len(breaks),
+        ranges=ranges,
+        n_ranges=len(ranges),
         n_segment=segments.shape[1],
         hold=hold_matrices(evaluator, settings.p, settings.sample_time) if sampled else np.empty(0),
         chain=chain.vector() if chain else np.empty(0),
@@ -339,6 +343,8 @@ def _integrate(
         _drive(make_loop(evaluator, given, state, memory), given, state, progress)
         if state.status != Status.TOO_MANY_SWITCHES or given.max_switches == problem.max_switches:
             break
+    for place, low, high in problem.ranges.tolist():  # a row inside a step has the step's own error
+        np.clip(memory.rows[:, int(place)], low, high, out=memory.rows[:, int(place)])
     return memory, state
 
 

@@ -88,6 +88,8 @@ typedef struct {
     const double *breaks;     /* [n_breaks] instants at which the reference's next segment begins, ascending, inside the run */
     const double *segments;   /* [n_breaks + 1][n_segment] what ends p on each */
     long long n_breaks;
+    const double *ranges;     /* [n_ranges][3] index in X, least and greatest value of each estimate with a range */
+    long long n_ranges;
     long long n_segment;      /* 0: the reference is an expression of t */
     const double *hold;       /* sampled: zero-order-hold matrices of `sampled_update` */
     const double *chain;      /* sampled: a `pmj_chain` of pmjoint_chain.h; used by pmj_chained alone */

@@ -296,6 +296,20 @@ static pmj_mask guard(const pmj_sweep *sweep, const pmj_flow *flow, pmj_group *a
     return ready & ~all->runs.stalled;
 }
 
+/* Beyond the end of its range the gain of an estimate has the other sign: no step ends there. */
+static void keep_in_ranges(const pmj_sweep *sweep, const pmj_group *all, pmj_lanes *X)
+{
+    for (long long r = 0; r < sweep->n_ranges; ++r) {
+        const double *range = sweep->ranges + 3 * r;
+        pmj_lanes *value = X + (long long)range[0];
+        const pmj_lanes low = all->runs.p[(long long)range[1]];
+        const pmj_lanes high = all->runs.p[(long long)range[2]];
+        const pmj_lanes margin = PMJ_RANGE_MARGIN * (high - low);
+        *value = pmj_select(*value < low + margin, low + margin, *value);
+        *value = pmj_select(*value > high - margin, high - margin, *value);
+    }
+}
+
 /* Make a step in the lanes that are ready; the others do not advance. */
 static void advance(const pmj_sweep *sweep, const pmj_flow *flow, pmj_group *all, const pmj_lanes *c, pmj_mask ready)
 {
@@ -331,6 +345,7 @@ static void advance(const pmj_sweep *sweep, const pmj_flow *flow, pmj_group *all
     all->t_before = all->runs.t;
     all->runs.t = pmj_select(ready, end, all->runs.t);
     pmj_arrive_lanes(c, &all->h, X, all->slope, all->ends, all->v, all->e, &all->square);
+    keep_in_ranges(sweep, all, X);
     for (int i = 0; i < PMJ_NS; ++i) {
         all->X_before[i] = all->runs.X[i];
         all->runs.X[i] = pmj_select(ready, X[i], all->runs.X[i]);

@@ -30,6 +30,8 @@ typedef struct {
     const double *breaks;    /* [n_breaks] instants at which the reference's next segment begins, ascending, inside the run */
     const double *segments;  /* [n_breaks + 1][n_segment] what ends p on each */
     long long n_breaks;
+    const double *ranges;    /* [n_ranges][3] index in X of each estimate with a range, of its ends in p */
+    long long n_ranges;
     long long n_segment;     /* 0: the reference is an expression of t */
     const double *chain;     /* [runs][13] a `pmj_chain` of pmjoint_chain.h each; null: none */
     long long looped;        /* sampled: whether the loop acts on sensor, actuator and clock */
