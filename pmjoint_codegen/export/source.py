@@ -71,6 +71,8 @@ def words_of(
     baked = hold == BAKED
     return {
         "or_baked": ", or the baked-in hold is of another sample_time or gain" if baked else "",
+        "or_guess": ", or a guess, range or gain makes no sense" if conditions(program.derivation) else "",
+        "rest": ", estimates rest" if program.learnt else "",
         "prepared": "the baked-in hold" if baked else "the exact hold for params->sample_time",
         "baked_for": ", ".join(f"`{name}`" for name in _shaping_fields(program)),
         "name": identity.prefix,
