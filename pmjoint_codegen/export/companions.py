@@ -15,7 +15,7 @@ from pmjoint_codegen.export.hold import BAKED, COMPUTED
 from pmjoint_codegen.export.learning import ranged_estimates
 from pmjoint_codegen.export.lines import Line, Printer, comment, spellings
 from pmjoint_codegen.export.program import Program
-from pmjoint_codegen.export.source import TEMPLATES, Identity, banner, filled, joined, words_of
+from pmjoint_codegen.export.source import TEMPLATES, Identity, banner, filled, joined, replaced, words_of
 from pmjoint_codegen.export.tree import Precision
 from pmjoint_derive import real_symbol
 from pmjoint_derive.estimation import INSIDE
@@ -45,6 +45,7 @@ def companion_files(
     }
     about = (TEMPLATES / "baked.md.in").read_text(encoding="utf-8")
     blocks["baked"] = [Line(text) for text in about.splitlines()] if hold == BAKED else []
+    blocks["learning"] = _learning(program)
     example, numbers = _example(program, precision)
     found = {}
     for name in (*_FILES, *_LIBRARY):
@@ -92,6 +93,16 @@ def _analysis(program: Program, precision: Precision) -> tuple[dict[str, list[Li
     words |= {"finite_function": "__finitef" if precision.suffix else "__finite"}  # Frama-C's isfinite
     words |= {"rates": precision.literal(_RATES * max(abs(low), abs(high)))}
     return {name: [Line(text) for text in texts] for name, texts in lines.items()}, words
+
+
+def _learning(program: Program) -> list[Line]:
+    """The section on estimates; nothing where all is known."""
+    adaptation = program.derivation.model.adaptation
+    if adaptation is None or not adaptation.unknown:
+        return []
+    about = (TEMPLATES / "learning.md.in").read_text(encoding="utf-8")
+    unknown = ", ".join(f"`{entry.name}`" for entry in adaptation.unknown)
+    return [Line(text) for text in replaced(about, {"unknown": unknown}).splitlines()]
 
 
 def _library_words(program: Program, identity: Identity) -> dict[str, str]:

@@ -71,6 +71,8 @@ def words_of(
     baked = hold == BAKED
     return {
         "or_baked": ", or the baked-in hold is of another sample_time or gain" if baked else "",
+        "or_guess": ", or a guess, range or gain makes no sense" if conditions(program.derivation) else "",
+        "rest": ", estimates rest" if program.learnt else "",
         "prepared": "the baked-in hold" if baked else "the exact hold for params->sample_time",
         "baked_for": ", ".join(f"`{name}`" for name in _shaping_fields(program)),
         "name": identity.prefix,
@@ -128,7 +130,7 @@ def source_lines(
         "constants": [*_filter_gain(program, precision), *printer.constants(program.constants)],
         "finite": _finite(program),
         "take": [Line(f"    s->{y_r} = in->{y_r};") for y_r in program.derivation.signals.y_r],
-        "sense": _sense(program, printer),
+        "can_start": _can_start(program, printer),
         "zeros": _zeros(program, printer),
         "rest": list(_rest(program, printer)),
         "start": [Line("    " + line.text) for line in _start(program, printer)],
@@ -223,13 +225,15 @@ def _finite(program: Program) -> list[Line]:
     ]
 
 
-def _sense(program: Program, printer: Printer) -> list[Line]:
+def _can_start(program: Program, printer: Printer) -> list[Line]:
     """The check of guesses, ranges and gains; nothing where all is known."""
     found = conditions(program.derivation)
     if not found:
         return []
-    sides = [(printer.text(item.lhs), item.rel_op, printer.text(item.rhs)) for item in found]
-    said = [f"({left} {sign} {right})" for left, sign, right in sides]
+    said = [
+        f"({printer.operand(item.lhs, tight=True)} {item.rel_op} {printer.operand(item.rhs, tight=True)})"
+        for item in found
+    ]
     return [
         Line("/* Whether guesses, ranges and gains are such that the estimates keep the sign of b_m. */"),
         Line("static int can_start(const @name@_params *p)"),

@@ -23,8 +23,8 @@ FILES |= {"library.properties", "library.json", "analyse.c"}
 STRICT = "-O2 -std=c99 -Wall -Wextra -Wpedantic -Wconversion -Wdouble-promotion -Wshadow -Wmissing-prototypes"
 REAL = ("laas-axis", "maglev")  # of the gallery: a joint with a lag, and a plant by its own states
 LEARNERS = ("paper-adaptive", "squares", "first-order")
-KNOWN = ("paper", "joint-exact", "joint-lag", "third-order", "braking", "chain", "third-nonlinear", *REAL)
-MODELS = (*KNOWN, *LEARNERS)
+KNOWERS = ("paper", "joint-exact", "joint-lag", "third-order", "braking", "chain", "third-nonlinear", *REAL)
+MODELS = (*KNOWERS, *LEARNERS)
 
 
 def written(export: Export, folder: Path) -> Path:

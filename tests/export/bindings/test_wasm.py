@@ -58,7 +58,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Written
     return write
 
 
-@pytest.mark.parametrize("name", ["paper", "braking", "third-nonlinear"])
+@pytest.mark.parametrize("name", ["paper", "braking", "third-nonlinear", "paper-adaptive"])
 def test_recorded_samples_have_the_bits_of_this_machine_or_are_within_the_bound(
     written: Callable[[str], Written], name: str
 ) -> None:

@@ -46,7 +46,7 @@ def with_compiler() -> None:
 
 
 @pytest.mark.usefixtures("with_compiler")
-@pytest.mark.parametrize("name", ["paper", "gallery/laas-axis"])
+@pytest.mark.parametrize("name", ["paper", "gallery/laas-axis", "paper-adaptive"])
 def test_the_units_follow_the_sampled_run(name: str, tmp_path: Path) -> None:
     order = ordered(name)
     record: dict[str, Any] = dict(fmu.run(order, written(order, tmp_path)).record)

@@ -33,7 +33,7 @@ Change = Callable[[Built, str, str, str], Built]
 
 
 def reported(chip: str, document: dict[str, Any], export: Export, folder: Path, count: int) -> Report:
-    """What a run of the paper's target reports."""
+    """What a run of a shipped model's target reports."""
     tools_of(chip)
     order = Order(
         export.program.derivation,
@@ -41,7 +41,7 @@ def reported(chip: str, document: dict[str, Any], export: Export, folder: Path, 
         document,
         export.precision,
         os.environ,
-        file=ROOT / "models" / "paper.toml",
+        file=ROOT / "models" / f"{export.identity.model}.toml",
     )
     write(folder, deliver(chip_named(chip), order).files)  # type: ignore[arg-type]  # it has text alone
     return run(chip_named(chip), order, folder, count)
@@ -56,6 +56,18 @@ def report(
     """The report of the paper's controller on a Cortex-M4F."""
     folder = tmp_path_factory.mktemp("cortex")
     return reported("cortex-m4f", documents("paper"), exports("paper"), folder, 10_000)
+
+
+@pytest.fixture(scope="module")
+def adaptive(
+    exports: Callable[..., Export],
+    documents: Callable[[str], dict[str, Any]],
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Report:
+    """The report of the paper's controller with estimates on a Cortex-M4F."""
+    folder = tmp_path_factory.mktemp("adaptive")
+    name = "paper-adaptive"
+    return reported("cortex-m4f", documents(name), exports(name), folder, 10_000)
 
 
 @pytest.fixture
@@ -85,14 +97,25 @@ def test_a_step_in_float_takes_few_instructions(cortex: dict[str, Any]) -> None:
     assert cortex["double"]["step_instructions"] > 10 * cortex["float"]["step_instructions"]
 
 
-def test_the_page_shows_what_the_command_prints(report: Report) -> None:
+def test_estimates_cost_no_second_evaluation_of_the_law(adaptive: Report, cortex: dict[str, Any]) -> None:
+    found = dict(adaptive.record)
+    assert found["library_functions"] == ["tanh"]
+    for precision in ("double", "float"):
+        assert found[precision]["step_over_bound"] <= 1.0 and found[precision]["loop_over_bound"] <= 1.0
+    assert found["float"]["step_instructions_most"] <= BAR
+    assert found["float"]["step_instructions"] < 2.0 * cortex["float"]["step_instructions"]
+    assert found["double"]["loop_deviation"] < 1e-11
+
+
+def test_the_page_shows_what_the_command_prints(report: Report, adaptive: Report) -> None:
     compiler = chip_named("cortex-m4f").compiler
     done = subprocess.run([compiler, "-dumpversion"], capture_output=True, text=True, check=True)
     if not done.stdout.startswith("12.2."):
         pytest.skip("the page has the numbers of another compiler")
     page = (ROOT / "docs" / "export.md").read_text(encoding="utf-8")
-    (shown,) = re.findall(r"^```text\n(.*?)^```$", page, re.DOTALL | re.MULTILINE)
+    shown, of_estimates = re.findall(r"^```text\n(.*?)^```$", page, re.DOTALL | re.MULTILINE)
     assert shown.splitlines() == list(report.lines[2:])
+    assert set(of_estimates.splitlines()) <= set(adaptive.lines[2:])
 
 
 def test_a_risc_v_runs_the_same_program(
