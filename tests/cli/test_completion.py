@@ -41,7 +41,7 @@ def completed(shell: str, arguments: list[str], incomplete: str) -> list[tuple[s
 def test_names_of_models_are_offered(shell: str, here: Path) -> None:
     offered = completed(shell, ["simulate"], "")
     assert {("plain", "paper"), ("plain", "elbow"), ("plain", "kite.toml")} <= set(offered)
-    assert completed(shell, ["simulate"], "pa") == [("plain", "paper")]
+    assert completed(shell, ["simulate"], "pa") == [("plain", "paper"), ("plain", "paper-adaptive")]
 
 
 @pytest.mark.parametrize("command", WITH_MODELS)
