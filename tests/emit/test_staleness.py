@@ -208,7 +208,7 @@ def test_every_verdict_but_current_has_a_remedy() -> None:
 
 SLIPS = [  # file, what stands there, what a slip would make of it, an equation that then differs
     ("derive/filters.py", "shift_matrix(n) - gain", "shift_matrix(n) + gain", "xi1_dot"),
-    ("derive/compensator.py", "-signals.ck[i] if", "signals.ck[i] if", "r1_dot"),
+    ("derive/compensator_matrix.py", "-signals.ck[i] if", "signals.ck[i] if", "r1_dot"),
     ("derive/closed_loop.py", "+ sp.Matrix(disturbance_symbols", "- sp.Matrix(disturbance_symbols", "x2_dot"),
     ("derive/backstepping.py", "s.y - s.y_r[0] - s.r[0]", "s.y - s.y_r[0] + s.r[0]", "z1"),
     (
@@ -217,7 +217,7 @@ SLIPS = [  # file, what stands there, what a slip would make of it, an equation 
         "rate = -(s.c[i - 1] - weight * s.e",
         "v",
     ),
-    ("derive/sampling.py", "F * sp.Matrix(states) + G", "F * sp.Matrix(states) - G", "xi1_next"),
+    ("derive/hold.py", "F * sp.Matrix(states) + G", "F * sp.Matrix(states) - G", "xi1_next"),
     ("pmjoint_codegen/emit/taylor.py", "rate[k - 1].times(1 / k)", "rate[k - 1].times(2 / k)", None),
     ("pmjoint_codegen/emit/pipeline.py", "TAYLOR_ORDER = 16", "TAYLOR_ORDER = 15", None),
 ]
