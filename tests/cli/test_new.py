@@ -13,6 +13,7 @@ import pytest
 
 from pmjoint_codegen.cli.main import run
 from pmjoint_codegen.cli.new import TEMPLATES
+from pmjoint_codegen.modelfile.adaptation import AdaptationSpec
 from pmjoint_codegen.modelfile.bench import SensorSpec
 from pmjoint_codegen.modelfile.joint import JointSpec
 from pmjoint_codegen.modelfile.reader import read_document
@@ -115,7 +116,7 @@ def test_a_folder_that_cannot_be_written_is_a_line(capsys: pytest.CaptureFixture
 def test_templates_show_every_key(kind: str) -> None:
     text = (TEMPLATES / f"{kind}.toml").read_text(encoding="utf-8")
     physics = {"joint": JointSpec, "system": SystemSpec, "plant": PlantSpec}
-    tables: list[Any] = [DesignSpec, SimulationSpec, SensorSpec, physics[kind]]
+    tables: list[Any] = [DesignSpec, SimulationSpec, SensorSpec, AdaptationSpec, physics[kind]]
     keys = [key for table in tables for key in table.model_fields]
     assert [key for key in keys if f"\n{key} " not in text and f"\n# {key} " not in text] == []
     document = read_document(TEMPLATES / f"{kind}.toml")

@@ -35,7 +35,7 @@ def test_gains_are_one_table(paper: dict[str, Any]) -> None:
     model = model_of(paper, "m.toml")
     signals = Signals.of(model.plant)
     others = ["compensator", INPUT_SCALE, "poles", "bandwidth", "saturation", "braking", "start"]
-    assert [*DesignSpec.model_fields] == [*kinds, *others]
+    assert [*DesignSpec.model_fields] == ["law", "observer", *kinds, *others]
     assert [*model.gains.by_kind] == [*signals.gains_by_kind] == kinds
     named = [name for kind in GAINS for name in kind.names(model.plant.order, model.plant.rho)]
     assert [str(gain) for gain in signals.gains] == [*named, COMPENSATOR, INPUT_SCALE]
