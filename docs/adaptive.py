@@ -16,6 +16,7 @@ import numpy as np
 
 from pmjoint_codegen import ClosedLoop, Run
 from pmjoint_codegen.errors import SimulationError
+from pmjoint_codegen.simulate.assumptions import remarks
 
 MODELS = Path(__file__).resolve().parent.parent / "models"
 LATE = 12.0  # s: from there on the paper's runs are late
@@ -118,8 +119,13 @@ def cells(row: Row, reference: str | None = None) -> list[str]:
         "never" if settled is None else said(settled),
         said(found.summary["max_abs_v"], 4),
         said(float(np.max(np.abs(found["e"][found["t"] >= LATE]))), 3),
-        ", ".join(f"{float(found[name][-1]):.3f}" for name in names) or "–",
+        at_ends(found) or ", ".join(f"{float(found[name][-1]):.3f}" for name in names) or "–",
     ]
+
+
+def at_ends(run: Run) -> str:
+    """What is said of estimates that no digits are left of; nothing of others."""
+    return "at their ends" if any("came to an end" in text for text in remarks(run)) else ""
 
 
 def said(value: float, digits: int = 3) -> str:

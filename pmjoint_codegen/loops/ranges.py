@@ -42,7 +42,7 @@ def ranges_of(manifest: Manifest, p: Array) -> Array:
     """
     found = ranged_states(manifest)
     low, high = p[found[:, 1].astype(int)], p[found[:, 2].astype(int)]
-    margin = RANGE_MARGIN * (high - low)
+    margin = RANGE_MARGIN * (np.abs(low) + np.abs(high))
     return np.ascontiguousarray(np.column_stack([found[:, 0], low + margin, high - margin]))
 
 
@@ -51,3 +51,9 @@ def keep_in_ranges(ranges: Array, X: Array) -> None:
     for place, low, high in ranges.tolist():
         value = float(X[int(place)])
         X[int(place)] = low if value < low else high if value > high else value
+
+
+def keep_rows_in_ranges(ranges: Array, rows: Array) -> None:
+    """The same for output rows, shape (rows, nX): inside a step they have the step's own error."""
+    for place, low, high in ranges.tolist():
+        np.clip(rows[:, int(place)], low, high, out=rows[:, int(place)])

@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from pmjoint_codegen.kernels.evaluator import Array
-from pmjoint_codegen.loops.constants import RANGE_MARGIN
 from pmjoint_codegen.simulate.estimates import LEAKAGE, estimates, is_frozen, leaking
 from pmjoint_codegen.values import COMPENSATOR
 
 FAST: Final = 1.0  # 1/s, of leakage times gain
-AT_AN_END: Final = 4.0 * RANGE_MARGIN  # of a range: nearer to its end, an estimate has no digits left
+AT_AN_END: Final = 1e-12  # of a range: nearer to its end, the distance of an estimate has few digits left
 
 if TYPE_CHECKING:
     from pmjoint_codegen.simulate.record import Record

@@ -24,7 +24,7 @@ from pmjoint_codegen.loops.hold import hold_matrices
 from pmjoint_codegen.loops.metrics import last_exit
 from pmjoint_codegen.loops.modes import Actuator
 from pmjoint_codegen.loops.problem import Memory, Problem, Progress, make_memory, own_parameters
-from pmjoint_codegen.loops.ranges import ranges_of
+from pmjoint_codegen.loops.ranges import keep_rows_in_ranges, ranges_of
 from pmjoint_codegen.loops.select import Advance, CompiledLoop, make_loop
 from pmjoint_codegen.loops.status import Status, sentence
 from pmjoint_codegen.manifest import Manifest
@@ -262,6 +262,7 @@ class Simulator:
         self, prepared: _Preparation, start: Array, rows: Array, memory: Memory, state: Progress
     ) -> dict[str, Any]:
         """The immediate fields of a run that reached its horizon, and the source of the rest."""
+        keep_rows_in_ranges(prepared.problem.ranges, rows)
         rows.flags.writeable = False  # signals are computed from them, perhaps later
         evaluator, problem = self.evaluator, prepared.problem
         holds = Holds.of(memory, state)
@@ -343,8 +344,6 @@ def _integrate(
         _drive(make_loop(evaluator, given, state, memory), given, state, progress)
         if state.status != Status.TOO_MANY_SWITCHES or given.max_switches == problem.max_switches:
             break
-    for place, low, high in problem.ranges.tolist():  # a row inside a step has the step's own error
-        np.clip(memory.rows[:, int(place)], low, high, out=memory.rows[:, int(place)])
     return memory, state
 
 

@@ -64,6 +64,7 @@ def test_estimates_that_clipping_drives_to_their_ends_stay_inside(
         assert low < run[name].min() and run[name].max() < high
     if kind == "compiled":  # the other run is too short for that
         assert any("came to an end of its range" in text for text in remarks(run))
+        assert any("clipping" in text for text in remarks(run))
 
 
 def test_a_run_that_keeps_away_from_its_ends_is_not_remarked(forced: Load) -> None:

@@ -304,7 +304,7 @@ static void keep_in_ranges(const pmj_sweep *sweep, const pmj_group *all, pmj_lan
         pmj_lanes *value = X + (long long)range[0];
         const pmj_lanes low = all->runs.p[(long long)range[1]];
         const pmj_lanes high = all->runs.p[(long long)range[2]];
-        const pmj_lanes margin = PMJ_RANGE_MARGIN * (high - low);
+        const pmj_lanes margin = PMJ_RANGE_MARGIN * (pmj_max(low, -low) + pmj_max(high, -high));
         *value = pmj_select(*value < low + margin, low + margin, *value);
         *value = pmj_select(*value > high - margin, high - margin, *value);
     }
