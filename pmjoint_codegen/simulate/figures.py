@@ -294,7 +294,8 @@ def set_ticks(axes: Axes, page: Page, decades: int = 0) -> None:
             axes.yaxis.set_major_locator(LogLocator(subs=subs, numticks=6))
             return
     axes.yaxis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 2, 5, 10], min_n_ticks=3))
-    ticks = axes.get_yticks()
+    low, high = axes.get_ylim()
+    ticks = np.array([tick for tick in axes.get_yticks() if low <= tick <= high])
     if not decades and ticks.min() < 0 and np.abs(ticks).max() < SMALL and np.diff(ticks).min() < SMALL / 10:
         axes.ticklabel_format(axis="y", scilimits=(0, 0))  # a label such as -0.005 would meet the axis label
         axes.yaxis.get_offset_text().set_horizontalalignment("right")  # nothing is there, as in `_head`

@@ -71,6 +71,13 @@ def native(library: BatchLibrary, runs: Runs) -> bytes:
     return b"".join(part.tobytes() for part in (outcome.metrics, outcome.final, outcome.trajectories))
 
 
+def without_signs(answered: bytes) -> bytes:
+    """The same with one NaN for all: a new one has a sign bit on x86-64, and none on ARM."""
+    numbers = np.frombuffer(answered, dtype=np.float64).copy()
+    numbers[np.isnan(numbers)] = np.nan
+    return numbers.tobytes()
+
+
 @needs_arm64
 @pytest.mark.parametrize("model", MODELS)
 def test_arm64_gives_the_same_bits(root: Path, cache: Path, model: str, tmp_path: Path) -> None:
@@ -80,7 +87,8 @@ def test_arm64_gives_the_same_bits(root: Path, cache: Path, model: str, tmp_path
     )
     runs = make_runs(one, 7, horizon=0.5, times=np.linspace(0.0, 0.5, 6))
     for kind in (runs, sampled(one, runs, 0.001)):
-        assert answer(one.manifest, kind, EMULATOR, program) == native(one, kind)
+        found, wanted = answer(one.manifest, kind, EMULATOR, program), native(one, kind)
+        assert without_signs(found) == without_signs(wanted)
 
 
 @needs_arm64
