@@ -21,7 +21,7 @@ from tests.sampled_runs import T, loaded, sampled
 Array = npt.NDArray[np.float64]
 
 MODELS = ("paper", "joint", "joint-damped", "joint-exact", "joint-lag", "third-order")
-ADAPTIVE = ("paper-adaptive", "joint-load", "lag-adaptive")
+ADAPTIVE = ("paper-adaptive", "joint-load")
 
 
 @pytest.fixture(params=["compiled", "interpreted"])

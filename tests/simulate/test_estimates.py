@@ -29,7 +29,7 @@ from pmjoint_codegen.simulate.style import styled
 from pmjoint_codegen.simulate.symbols import symbol
 from tests.figure_texts import flaws
 
-NAMES = ("paper-adaptive", "joint-load", "lag-adaptive")
+NAMES = ("paper-adaptive", "joint-load")
 SMALL = page_of("paper", "ieee", caption=True)
 
 

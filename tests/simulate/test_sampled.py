@@ -22,7 +22,7 @@ from pmjoint_codegen.simulate.run import Run, run
 from pmjoint_codegen.simulate.settings import Settings, make_settings
 
 MODELS = ("paper", "joint", "joint-damped", "joint-exact", "joint-lag", "third-order")
-ADAPTIVE = ("paper-adaptive", "joint-load", "lag-adaptive")
+ADAPTIVE = ("paper-adaptive", "joint-load")
 EPSILON = np.finfo(float).eps
 
 
