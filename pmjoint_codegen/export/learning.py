@@ -7,24 +7,11 @@ of a step. What depends on the applied input waits until that is known, at the e
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import sympy as sp
 from sympy.core.relational import Relational
 
 from pmjoint_derive import Derivation, real_symbol
-from pmjoint_derive.adaptation import (
-    LEAKAGE,
-    LS_FORGETTING,
-    LS_K_MAX,
-    LS_KAPPA,
-    LS_P0,
-    RHO_GAMMA,
-    RHO_GUESS,
-    RHO_LEAKAGE,
-    Adaptation,
-    Entry,
-)
+from pmjoint_derive.conditions import conditions_of
 from pmjoint_derive.sampling import SECTION as SAMPLED
 from pmjoint_derive.start import estimate_starts
 
@@ -82,38 +69,15 @@ def ranged_estimates(derivation: Derivation) -> dict[sp.Symbol, tuple[sp.Symbol,
 
 
 def conditions(derivation: Derivation) -> tuple[Relational, ...]:
-    """What guesses, ranges and gains must fulfil: inequalities between parameters."""
+    """What guesses, ranges and gains must fulfil: inequalities between parameters.
+
+    Where a run asks for a guess of b_m other than 0, the C holds on to the sign of the model's.
+    """
     adaptation = derivation.model.adaptation
-    return () if adaptation is None else tuple(item.canonical for item in _conditions(adaptation))
-
-
-def _conditions(adaptation: Adaptation) -> Iterator[Relational]:
-    for entry in adaptation.entries:
-        if entry.place == 0:  # the law knows the sign of b_m
-            yield entry.guess_symbol * adaptation.sign > 0
-        if entry.unknown:
-            yield from _of_estimate(entry, adaptation)
-    if adaptation.unknown and adaptation.least_squares is None:
-        yield LEAKAGE >= 0
-    if adaptation.inverse is not None:
-        yield RHO_GUESS * adaptation.sign > 0
-        yield RHO_GAMMA >= 0
-        yield RHO_LEAKAGE >= 0
-    if adaptation.least_squares is not None:
-        yield from (LS_KAPPA > 0, LS_FORGETTING >= 0, LS_P0 > 0)
-        yield len(adaptation.unknown) * LS_P0 <= LS_K_MAX
-
-
-def _of_estimate(entry: Entry, adaptation: Adaptation) -> Iterator[Relational]:
-    tuned = adaptation.least_squares is None
-    if tuned:
-        yield entry.gamma >= 0
-    if entry.range is None:
-        return
-    low, high = entry.ends
-    inside = (entry.guess_symbol, entry.prior_symbol) if tuned else (entry.guess_symbol,)
-    for value in inside:
-        yield low < value
-        yield value < high
-    if entry.place == 0:  # the law divides by the estimate
-        yield low > 0 if adaptation.sign > 0 else high < 0
+    found = []
+    for item in conditions_of(adaptation):
+        relation = item.relation
+        if adaptation is not None and isinstance(relation, sp.Ne):
+            relation = sp.StrictGreaterThan(adaptation.sign * relation.lhs, 0)
+        found.append(relation.canonical)
+    return tuple(found)

@@ -33,6 +33,7 @@ BROKEN: list[tuple[dict[str, float], str]] = [
     ({"b0_guess": -1.2}, "b0_guess: not inside the range of b0_hat: b0_guess - b0_low = -1.5; "),
     ({"d1_guess": 3.5}, "d1_guess: not inside the range of d1_hat: d1_high - d1_guess = -0.5; "),
     ({"d1_low": 1.0, "d1_high": 0.0}, "d1_guess: not inside the range of d1_hat: d1_guess - d1_low = -1.5; "),
+    ({"b0_prior": 6.5}, "b0_prior: not inside the range of b0_hat: b0_high - b0_prior = -0.5; "),
     ({"b0_low": -0.1}, "b0_low: the range of b0_hat contains 0, and the law divides by it: "),
     ({"gamma_d1": -1e-9}, "gamma_d1: is -1e-09; allowed: a number of 0 or greater"),
     ({"leakage": -0.01}, "leakage: is -0.01; allowed: a number of 0 or greater"),
