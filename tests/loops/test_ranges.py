@@ -9,11 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import pmjoint_codegen.simulate.run as simulate_run
 from pmjoint_codegen import ClosedLoop
 from pmjoint_codegen.loops.ranges import keep_in_ranges, ranged_states, ranges_of
 from pmjoint_codegen.simulate.assumptions import remarks
 
 ENDS = {"b0_hat": (0.3, 6.0), "d1_hat": (-3.0, 3.0)}
+NEAR = {"d1_guess": float(np.nextafter(3.0, 0.0)), "gamma_b0": 0.0, "gamma_d1": 0.0}
 Load = Callable[[str], ClosedLoop]
 
 
@@ -67,6 +69,21 @@ def test_estimates_that_clipping_drives_to_their_ends_stay_inside(
         assert any("clipping" in text for text in remarks(run))
 
 
+@pytest.mark.parametrize("kind", ["compiled", "interpreted"])
+def test_a_step_does_not_end_nearer_to_an_end(
+    forced: Load, kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(simulate_run, "keep_rows_in_ranges", lambda ranges, rows: None)  # the loop alone
+    run = forced(kind).simulate(parameters=NEAR, horizon=0.5)
+    assert run["d1_hat"][0] == NEAR["d1_guess"]
+    assert run["d1_hat"][-1] < 3.0 - 2e-15
+
+
+def test_rows_are_put_inside_too(forced: Load) -> None:
+    run = forced("compiled").simulate(parameters=NEAR, horizon=0.05)
+    assert run["d1_hat"].max() < 3.0 - 2e-15
+
+
 def test_a_run_that_keeps_away_from_its_ends_is_not_remarked(forced: Load) -> None:
     assert remarks(forced("compiled").simulate(horizon=1.0)) == ()
 
@@ -75,6 +92,9 @@ def test_lanes_stay_inside_too(forced: Load) -> None:
     pytest.importorskip("xarray")
     from pmjoint_codegen import sweep
 
+    still = {name: value for name, value in NEAR.items() if name != "gamma_b0"}
+    near = sweep(forced("compiled"), grid={"gamma_b0": [0.0, 1.0]}, parameters=still, horizon=0.05)
+    assert np.all(near["final_d1_hat"].values < 3.0 - 2e-15)
     data = sweep(forced("compiled"), grid={"gamma_b0": [0.5, 1.0, 2.0]}, saturation="clip", horizon=1.0)
     for name, (low, high) in ENDS.items():
         final = data[f"final_{name}"].values
