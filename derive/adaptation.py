@@ -62,6 +62,11 @@ class Entry:
         return real_symbol(f"{self.name}_hat")
 
     @property
+    def state(self) -> sp.Symbol:
+        """What is integrated: the estimate or, with a range, its logit ``b0_logit``, which has no ends."""
+        return self.estimate if self.range is None else real_symbol(f"{self.name}_logit")
+
+    @property
     def gamma(self) -> sp.Symbol:
         """The run-time parameter of the gain, ``gamma_b0``."""
         return real_symbol(f"gamma_{self.name}")
@@ -231,6 +236,7 @@ def adaptation_units(adaptation: Adaptation | None, y: Unit) -> dict[sp.Symbol, 
         return {}
     table = {item.symbol: item.unit or Unit({}) for item in settings_of(adaptation, y)}
     units = [parse_unit(entry.unit) for entry in adaptation.unknown]
+    table |= {entry.state: Unit({}) for entry in adaptation.unknown}
     table |= dict(zip((entry.estimate for entry in adaptation.unknown), units, strict=True))
     table |= {RHO_HAT: inverse_unit(adaptation)}
     for row, one in zip(adaptation.covariance, units, strict=False):

@@ -41,7 +41,8 @@ from pmjoint_derive.backstepping import (
 from pmjoint_derive.compensator import switched
 from pmjoint_derive.design import Sampled
 from pmjoint_derive.equation import Equation, Equations, real_symbol
-from pmjoint_derive.estimation import ALPHA_BAR, Estimator, inverse_pull, omega
+from pmjoint_derive.estimation import ALPHA_BAR, Estimator, estimate_equations, inverse_pull, omega
+from pmjoint_derive.filters import filter_equations
 from pmjoint_derive.hold import Hold
 from pmjoint_derive.least_squares import LeastSquares
 from pmjoint_derive.model import Plant
@@ -65,6 +66,7 @@ class Adaptive(Backstepping):
             Signals.of(plant),
             r=named("chi", plant.rho),
             estimates=tuple(entry.estimate for entry in adaptation.unknown),
+            learnt=tuple(entry.state for entry in adaptation.unknown),
             inverse=(RHO_HAT,) if adaptation.inverse else (),
             covariance=tuple(pairs),
         )
@@ -101,6 +103,11 @@ class Adaptive(Backstepping):
             return {chi[0]: -s.ck[0] * chi[0] + self.b_m * drive}
         following = (self.b_m * chi[1], *chi[2:], drive)
         return {state: -ck * state + then for state, ck, then in zip(chi, s.ck, following, strict=True)}
+
+    def filters(self) -> list[Equation]:
+        """The estimates, and the filters with them."""
+        assert self.adaptation is not None
+        return [*estimate_equations(self, self.adaptation), *filter_equations(self)]
 
     def compensator(self) -> list[Equation]:
         """``du`` and the rates of chi."""

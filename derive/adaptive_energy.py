@@ -51,8 +51,13 @@ def error_energy(s: Signals) -> sp.Expr:
 def estimate_energy(design: Design, adaptation: Adaptation) -> sp.Expr:
     """``V_Theta``: the distance of the estimates from the truth, weighted with the inverse of their gains.
 
-    With a range it is the distance that belongs to a gain that vanishes at the ends. An estimate whose gain
-    is 0 has no part in it.
+    With a range it is the distance that belongs to a gain that vanishes at the ends,
+
+        (h - l)/(4 gamma) ((Theta - l) ln((Theta - l)/(Theta_hat - l))
+                           + (h - Theta) ln((h - Theta)/(h - Theta_hat))),
+
+    written in the logit of the estimate, which tells how near to an end it is where the estimate itself does
+    not. An estimate whose gain is 0 has no part in it.
     """
     own = (*design.truth.b, *design.truth.theta)
     total = sum((_energy(entry, own[entry.place]) for entry in adaptation.unknown), sp.Integer(0))
@@ -67,9 +72,10 @@ def _energy(entry: Entry, true: sp.Expr) -> sp.Expr:
     if entry.range is None:
         return (true - hat) ** 2 / 2 * over(entry.gamma)
     low, high = entry.ends
-    below, above = true - low, high - true
-    entropy = below * sp.log(below / (hat - low)) + above * sp.log(above / (high - hat))
-    return (high - low) / 4 * entropy * over(entry.gamma)
+    below, above, whole = true - low, high - true, high - low
+    entropy = below * sp.log(below / whole) + above * sp.log(above / whole)
+    away = whole * sp.log(2 * sp.cosh(entry.state / 2)) - (below - above) / 2 * entry.state
+    return whole / 4 * (entropy + away) * over(entry.gamma)
 
 
 def over(gain: sp.Expr) -> sp.Expr:

@@ -19,7 +19,8 @@ xi_1``, whatever the errors do: there V_z' contains ``(sum w s z) Theta~' omega`
 the identifier has a V of its own, ``Theta~' Gamma^-1 Theta~/2``.
 
 Partial derivatives, gains and tuning functions stay names, as free symbols of a sparse polynomial ring
-(`sparse`); their definitions are proved or unfolded one by one.
+(`sparse`); their definitions are proved or unfolded one by one. What is differentiated is the estimate; that
+its logit, which a loop integrates, moves it at that rate is an identity of its own.
 """
 
 from __future__ import annotations
@@ -69,6 +70,7 @@ def prove(derivation: Derivation) -> tuple[Identity, ...]:
         *estimation_identities(derivation),
         *partial_identities(derivation, kept, remainder),
         *error_identities(derivation, kept, remainder),
+        *logit_identities(derivation),
     ]
     if _adaptation(derivation).least_squares is None:
         identities += [
@@ -91,7 +93,8 @@ def _kept(derivation: Derivation) -> frozenset[sp.Symbol]:
     """Names that identities of single errors treat as free: gains that move, factors of the regressor."""
     s, equations = derivation.signals, derivation.equations
     adaptation = _adaptation(derivation)
-    names = [f"Gamma_{entry.name}" for entry in adaptation.unknown]
+    names = [hat.name for hat in s.estimates]
+    names += [f"Gamma_{entry.name}" for entry in adaptation.unknown]
     names += [f"zeta{i}" for i in range(2, len(s.z) + 1)]
     if adaptation.least_squares is not None:  # the law counts on the rates as they are
         names += [derivative_name(hat) for hat in s.estimates]
@@ -128,10 +131,18 @@ def energies(derivation: Derivation) -> tuple[sp.Expr, sp.Expr, sp.Expr]:
     return first, second, third
 
 
-def estimate_rates(derivation: Derivation) -> dict[sp.Symbol, sp.Expr]:
-    """Rates of the estimates, in names."""
+def state_rates(derivation: Derivation) -> dict[sp.Symbol, sp.Expr]:
+    """Rates of the states of the estimates, in names."""
     s = derivation.signals
-    return {hat: derivation.equations[derivative_name(hat)].expression for hat in (*s.estimates, *s.inverse)}
+    states = (*s.learnt, *s.inverse)
+    return {state: derivation.equations[derivative_name(state)].expression for state in states}
+
+
+def in_estimate(entry: Entry, value: sp.Expr) -> sp.Expr:
+    """What is written in hyperbolic functions of half the state of an estimate with a range, in the estimate."""
+    half, (low, high) = entry.state / 2, entry.ends
+    tangent = value.xreplace({sp.sinh(half): sp.tanh(half) * sp.cosh(half)})
+    return tangent.xreplace({sp.tanh(half): (2 * entry.estimate - low - high) / (high - low)})
 
 
 def moving_gains(value: sp.Expr) -> sp.Expr:
@@ -154,17 +165,43 @@ def pulled(derivation: Derivation) -> sp.Expr:
 def estimate_identities(derivation: Derivation) -> list[Identity]:
     """``V_Theta' = -sum Theta~ pull``, estimate by estimate: gains, ranges and their distance agree."""
     _, V_Theta, _ = energies(derivation)
-    rates, wanted = estimate_rates(derivation), pulled(derivation)
+    rates, wanted = state_rates(derivation), pulled(derivation)
     pulls = {symbol for symbol in wanted.free_symbols if symbol.name.startswith("pull_")}
+    found = {entry.state: in_estimate(entry, sp.diff(V_Theta, entry.state)) for entry in _unknown(derivation)}
+    found |= {hat: sp.diff(V_Theta, hat) for hat in derivation.signals.inverse}
+    estimates = dict(zip(found, (*derivation.signals.estimates, *derivation.signals.inverse), strict=True))
     identities = []
-    for hat, rate in rates.items():
+    for state, slope in found.items():
+        hat = estimates[state]
         own = real_symbol(f"pull_{hat.name.removesuffix('_hat')}")
         claim = wanted.xreplace(dict.fromkeys(pulls - {own}, sp.Integer(0)))
-        found = moving_gains(sp.diff(V_Theta, hat)) * rate
-        rest = derivation.equations.expand(found - claim, _constants(derivation) | {own})
+        kept = _constants(derivation) | {own, hat}
+        rest = derivation.equations.expand(moving_gains(slope) * rates[state] - claim, kept)
         claimed = f"{hat} adds -(its error) {own} to V_Theta'"
         identities.append(Identity(f"V_Theta {hat}", claimed, remainder(rest, derivation.plant.sigma)))
     return identities
+
+
+def logit_identities(derivation: Derivation) -> list[Identity]:
+    """Each estimate whose state is its logit moves at the rate that the law counts on."""
+    equations, found = derivation.equations, []
+    for entry in _unknown(derivation):
+        if entry.range is None:
+            continue
+        hat, state = entry.estimate, entry.state
+        slope = in_estimate(entry, sp.diff(equations[hat.name].expression, state))
+        names = (derivative_name(hat), derivative_name(state))
+        claimed_rate, rate = (equations[name].expression for name in names)
+        kept = _constants(derivation) | _kept(derivation) - {real_symbol(f"Gamma_{entry.name}")}
+        pulls = {symbol for symbol in rate.free_symbols if symbol.name.startswith("pull_")}
+        rest = equations.expand(slope * rate - claimed_rate, kept | pulls)
+        claimed = f"{hat}' follows from {state}'"
+        found.append(Identity(str(state), claimed, remainder(rest, derivation.plant.sigma)))
+    return found
+
+
+def _unknown(derivation: Derivation) -> tuple[Entry, ...]:
+    return _adaptation(derivation).unknown
 
 
 def _constants(derivation: Derivation) -> frozenset[sp.Symbol]:
@@ -180,7 +217,9 @@ def _summed(derivation: Derivation) -> frozenset[sp.Symbol]:
     names = {real_symbol(partial_name(alpha, by)) for alpha in s.alpha for by in (s.y, *s.estimates)}
     for entry in adaptation.unknown:
         names |= {omega(entry), real_symbol(f"Gamma_{entry.name}")}
-    return frozenset({*names, *s.z, *s.epsilon, s.y, real_symbol("alpha_bar")}) | _constants(derivation)
+    return frozenset({*names, *s.z, *s.epsilon, *s.estimates, s.y, real_symbol("alpha_bar")}) | _constants(
+        derivation
+    )
 
 
 def energy_rate(derivation: Derivation) -> sp.Expr:

@@ -190,12 +190,12 @@ class Derivation:
         }
 
     def expanded(self, name: str) -> sp.Expr:
-        """An equation's right-hand side in y, u, states, the reference, epsilon and parameters only.
+        """An equation's right-hand side in y, u, states, estimates, the reference, epsilon, parameters only.
 
         Raises:
             KeyError: when no equation has that name.
         """
         s = self.signals
         return self.equations.expand(
-            self.equations[name].expression, keep=frozenset({s.y, s.u, *s.y_r, *s.epsilon})
+            self.equations[name].expression, keep=frozenset({s.y, s.u, *s.y_r, *s.epsilon, *s.estimates})
         )

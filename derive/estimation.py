@@ -12,8 +12,16 @@ range (l, h) its entry ``4 gamma (Theta_hat - l)(h - Theta_hat)/(h - l)^2`` vani
 estimate never leaves. Least squares does without errors: it fits ``y - xi_1 = Omega_1' Theta``, a relation
 that no control law enters, and so is not misled by saturation.
 
-One sample later tau counts as held. An estimate with a range then moves in ``s = ln((Theta_hat - l)/(h -
-Theta_hat))``, in which its range has no ends: it stays inside for any sample time.
+The state of an estimate with a range is its logit,
+
+    s = ln((Theta_hat - l)/(h - Theta_hat)),   Theta_hat = (l + h)/2 + (h - l)/2 tanh(s/2),
+    s' = 4 gamma/(h - l) (tau_rho - leakage (Theta_hat - prior)),
+
+in which the range has no ends and the gain is constant. Near an end Theta_hat has no digits left to say how
+near, and how soon it will be away again; s has them. No step can carry it across.
+
+One sample later tau counts as held. There s ends at +-14, within 1e-6 of half a range of its ends: float
+tells these apart, and a controller that has learnt too much finds back.
 """
 
 from __future__ import annotations
@@ -34,12 +42,12 @@ from pmjoint_derive.backstepping import Backstepping, Partials, sensitivity
 from pmjoint_derive.design import Sampled
 from pmjoint_derive.equation import Equation, real_symbol
 from pmjoint_derive.filters import input_filters
-from pmjoint_derive.units import SECOND, Unit
+from pmjoint_derive.signals import derivative_name
+from pmjoint_derive.units import SECOND
 
 SECTION = "Adaptation"
-SAMPLED = "Sampled"
 ALPHA_BAR = real_symbol("alpha_bar")  # b_m times virtual control 1
-INSIDE = sp.Rational(999999, 10**6)  # of half a range: how near a sampled estimate comes to its ends
+LARGEST = sp.Integer(14)  # of the logit of a sampled estimate
 
 
 def omega(entry: Entry) -> sp.Symbol:
@@ -101,6 +109,47 @@ def own_gain(entry: Entry) -> sp.Expr:
     return 4 * (entry.estimate - low) * (high - entry.estimate) / (high - low) ** 2
 
 
+def logit(entry: Entry, value: sp.Expr) -> sp.Expr:
+    """State of an estimate with a range where the estimate has a value."""
+    low, high = entry.ends
+    return sp.log((value - low) / (high - value))
+
+
+def place(entry: Entry, state: sp.Expr) -> sp.Expr:
+    """The estimate with a range at a value of its state."""
+    low, high = entry.ends
+    return (low + high) / 2 + (high - low) / 2 * sp.tanh(state / 2)
+
+
+def logit_rate(entry: Entry, rate: sp.Expr) -> sp.Expr:
+    """Rate of that state, for a rate of the estimate without `own_gain`."""
+    low, high = entry.ends
+    return 4 * rate / (high - low)
+
+
+def estimate_equations(step: Backstepping, adaptation: Adaptation) -> list[Equation]:
+    """The estimates whose states are their logits."""
+    return [
+        Equation(
+            entry.estimate,
+            place(entry, entry.state),
+            SECTION,
+            "",
+            f"estimate of {entry.name}, within its range",
+            step.units.of(entry.estimate),
+        )
+        for entry in adaptation.unknown
+        if entry.range is not None
+    ]
+
+
+def logit_equation(entry: Entry, rate: sp.Expr) -> Equation:
+    """Rate of the state of an estimate with a range; `rate` as of `logit_rate`."""
+    name = real_symbol(derivative_name(entry.state))
+    about = f"rate of the logit of {entry.estimate}"
+    return Equation(name, logit_rate(entry, rate), SECTION, "", about, SECOND**-1)
+
+
 def weighted(step: Backstepping, i: int) -> sp.Expr:
     """``w_i s_i z_i``."""
     s = step.signals
@@ -131,29 +180,20 @@ def inverse_pull(step: Backstepping, adaptation: Adaptation) -> sp.Expr:
     return -adaptation.sign * ALPHA_BAR * step.signals.z[0] - RHO_LEAKAGE * (RHO_HAT - RHO_PRIOR)
 
 
-def advanced(adaptation: Adaptation, rates: Sequence[sp.Expr], T: sp.Expr) -> Sampled:
-    """The estimates one sample later, and steps on the way, for rates that are held.
-
-    With a range, ``artanh q`` moves evenly, q = (Theta_hat - middle)/half: that is s/2.
+def advanced(adaptation: Adaptation, rates: Sequence[sp.Expr], T: sp.Expr) -> dict[sp.Symbol, sp.Expr]:
+    """The states of the estimates one sample later, for rates that are held.
 
     Args:
         adaptation: what is estimated.
         rates: of the estimates, without `own_gain`.
         T: sample time.
     """
-    steps: list[Equation] = []
     found: dict[sp.Symbol, sp.Expr] = {}
     for entry, rate in zip(adaptation.unknown, rates, strict=True):
-        hat = entry.estimate
+        state = entry.state
         if entry.range is None:
-            found[hat] = hat + T * rate
-            continue
-        (low, high), place = entry.ends, real_symbol(f"{entry.name}_place")
-        middle, half, turn = (low + high) / 2, (high - low) / 2, real_symbol(f"{entry.name}_turn")
-        about = f"{hat} in its range, from -1 to 1"
-        steps.append(Equation(place, (hat - middle) / half, SAMPLED, "", about, Unit({})))
-        about = f"what one hold turns {hat} by"
-        steps.append(Equation(turn, sp.tanh(T * rate / half), SAMPLED, "", about, Unit({})))
-        then = (place + turn) / (1 + place * turn)
-        found[hat] = middle + half * sp.Max(-INSIDE, sp.Min(then, INSIDE))
-    return steps, found
+            found[state] = state + T * rate
+        else:
+            then = state + T * logit_rate(entry, rate)
+            found[state] = sp.Max(-LARGEST, sp.Min(then, LARGEST))
+    return found

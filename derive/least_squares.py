@@ -11,7 +11,15 @@ from pmjoint_derive.adaptation import LS_FORGETTING, LS_K_MAX, LS_KAPPA, Adaptat
 from pmjoint_derive.backstepping import Backstepping, Partials
 from pmjoint_derive.design import Sampled
 from pmjoint_derive.equation import Equation, real_symbol
-from pmjoint_derive.estimation import SECTION, advanced, omega_1, own_gain, regressor, regressor_equation
+from pmjoint_derive.estimation import (
+    SECTION,
+    advanced,
+    logit_equation,
+    omega_1,
+    own_gain,
+    regressor,
+    regressor_equation,
+)
 from pmjoint_derive.signals import derivative_name
 from pmjoint_derive.units import SECOND
 
@@ -90,8 +98,9 @@ class LeastSquares:
         return [], sum(terms, sp.Integer(0))
 
     def equations(self) -> list[Equation]:
-        """Rates of the gain matrix."""
-        forgetting, found = self._forgetting(), []
+        """Rates of logits, and of the gain matrix."""
+        forgetting, unknown = self._forgetting(), enumerate(self.adaptation.unknown)
+        found = [logit_equation(entry, self._drive(i)) for i, entry in unknown if entry.range is not None]
         for (i, j), symbol in self._entries().items():
             learnt = LS_KAPPA * self._filtered(i) * self._filtered(j) / NORM
             rate = forgetting * symbol - learnt
@@ -120,8 +129,8 @@ class LeastSquares:
             (omega_1(entry) * value for entry, value in zip(unknown, filtered, strict=True)), sp.Integer(0)
         )
         weight = LS_KAPPA / (NORM + LS_KAPPA * T * information)
-        steps, found = advanced(self.adaptation, [weight * value * ERROR for value in filtered], T)
+        found = advanced(self.adaptation, [weight * value * ERROR for value in filtered], T)
         grown = 1 + T * self._forgetting()
         for (i, j), symbol in self._entries().items():
             found[symbol] = grown * (symbol - T * weight * filtered[i] * filtered[j])
-        return steps, found
+        return [], found

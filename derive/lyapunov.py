@@ -67,7 +67,7 @@ def primitive(derivation: Derivation) -> frozenset[sp.Symbol]:
         *(*plant.b, *certified.b),
         plant.sigma,
     )
-    return frozenset({s.y, s.u, *s.y_r}).union(*(entry.free_symbols for entry in entries))
+    return frozenset({s.y, s.u, *s.y_r, *s.estimates}).union(*(entry.free_symbols for entry in entries))
 
 
 def sensitivities(derivation: Derivation) -> tuple[sp.Expr, ...]:
@@ -101,7 +101,7 @@ def true_rates(derivation: Derivation, keep: frozenset[sp.Symbol] = NOTHING) -> 
     if plant.rho == 1:
         y_dot += plant.b[0] * plant.sigma * s.u
     rates = {s.y: y_dot}
-    for state in s.controller_state:
+    for state in s.had:
         name = real_symbol(derivative_name(state))
         rate = name if name in keep else unfold(derivation, name.name, keep | {s.v})
         rates[state] = rate.xreplace({s.compensator: sp.Integer(1)})

@@ -24,7 +24,7 @@ def _number(signals: Signals, state: sp.Symbol) -> str:
         return "(23)" if known else ""
     if signals.observer:
         return ""
-    return "" if state in (*signals.estimates, *signals.inverse, *signals.covariance) else "(14)"
+    return "" if state in (*signals.learnt, *signals.inverse, *signals.covariance) else "(14)"
 
 
 def sampling_equations(design: Design, equations: Equations) -> list[Equation]:

@@ -53,6 +53,7 @@ class Signals:
         braking: the share of the limit that a braking compensator reckons with, alone; else empty.
         observer: the bandwidth of an extended-state observer, alone; else empty.
         estimates: estimates of the unknown entries of Theta; empty where all are known.
+        learnt: the state of each estimate: itself or, with a range, its logit.
         inverse: the estimate of 1/b_m, alone; else empty.
         covariance: upper triangle of the gain matrix of least squares, row by row; else empty.
         adaptation: run-time parameters of guesses and estimates.
@@ -81,6 +82,7 @@ class Signals:
     braking: tuple[sp.Symbol, ...] = ()
     observer: tuple[sp.Symbol, ...] = ()
     estimates: tuple[sp.Symbol, ...] = ()
+    learnt: tuple[sp.Symbol, ...] = ()
     inverse: tuple[sp.Symbol, ...] = ()
     covariance: tuple[sp.Symbol, ...] = ()
     adaptation: tuple[sp.Symbol, ...] = ()
@@ -114,7 +116,7 @@ class Signals:
 
     @property
     def controller_state(self) -> tuple[sp.Symbol, ...]:
-        """What the controller integrates: xi, Xi row by row, lambda, r, estimates."""
+        """What the controller integrates: xi, Xi row by row, lambda, r, what it learns."""
         return tuple(chain.from_iterable(self.controller_blocks.values()))
 
     @property
@@ -122,13 +124,19 @@ class Signals:
         """The same by block."""
         Xi = tuple(chain.from_iterable(self.Xi))
         found = {"xi": self.xi, "Xi": Xi, "lambda": self.lambda_, "r": self.r}
-        learnt = {"Theta": self.estimates, "rho": self.inverse, "Gamma": self.covariance}
+        learnt = {"Theta": self.learnt, "rho": self.inverse, "Gamma": self.covariance}
         return found | {block: symbols for block, symbols in learnt.items() if symbols}
 
     @property
     def measurable(self) -> tuple[sp.Symbol, ...]:
-        """What a virtual control may depend on besides parameters: y, controller states, the reference."""
-        return (self.y, *self.controller_state, *self.y_r)
+        """What a virtual control may depend on besides parameters: y, `had`, the reference."""
+        return (self.y, *self.had, *self.y_r)
+
+    @property
+    def had(self) -> tuple[sp.Symbol, ...]:
+        """The controller's state, with the estimates themselves for their states."""
+        blocks = self.controller_blocks | ({"Theta": self.estimates} if self.estimates else {})
+        return tuple(chain.from_iterable(blocks.values()))
 
     @property
     def gains(self) -> tuple[sp.Symbol, ...]:

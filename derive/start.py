@@ -16,6 +16,7 @@ import sympy as sp
 from pmjoint_derive.adaptation import LS_P0, RHO_GUESS, RHO_HAT
 from pmjoint_derive.design import Design
 from pmjoint_derive.equation import Equation, Equations, real_symbol
+from pmjoint_derive.estimation import logit
 from pmjoint_derive.shield import multiplied_out
 
 SECTION = "Start"
@@ -27,11 +28,14 @@ def start_symbol(symbol: sp.Symbol) -> sp.Symbol:
 
 
 def estimate_starts(design: Design) -> dict[sp.Symbol, sp.Expr]:
-    """Where the estimates start, whatever the rest of the controller does: at their guesses."""
+    """Where their states start, whatever the rest of the controller does: estimates at their guesses."""
     adaptation = design.adaptation
     if adaptation is None:
         return {}
-    found: dict[sp.Symbol, sp.Expr] = {entry.estimate: entry.guess_symbol for entry in adaptation.unknown}
+    found: dict[sp.Symbol, sp.Expr] = {
+        entry.state: entry.guess_symbol if entry.range is None else logit(entry, entry.guess_symbol)
+        for entry in adaptation.unknown
+    }
     if adaptation.inverse is not None:
         found[RHO_HAT] = RHO_GUESS
     for i, row in enumerate(adaptation.covariance):
@@ -67,6 +71,9 @@ class _Start:
             self._values[state] = self._name(state, value, f"matched start of {state}")
         for state, value in estimate_starts(self._design).items():
             self._values[state] = self._name(state, value, f"start of {state}")
+        adaptation = self._design.adaptation
+        for entry in () if adaptation is None else adaptation.unknown:
+            self._values.setdefault(entry.estimate, entry.guess_symbol)
         for z, r in zip(s.z, s.r, strict=False):
             meaning = f"matched start of {r}: {z} = 0 there; 0 without compensator"
             self._values[r] = self._name(r, self._solved(z, r), meaning)

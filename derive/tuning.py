@@ -16,6 +16,7 @@ from pmjoint_derive.estimation import (
     SECTION,
     advanced,
     inverse_pull,
+    logit_equation,
     omega,
     own_gain,
     pull,
@@ -137,6 +138,8 @@ class Tuning:
                     units.of(hat) / SECOND,
                 ),
             ]
+            if entry.range is not None:
+                found.append(logit_equation(entry, entry.gamma * pull(entry)))
         if self.adaptation.inverse is not None:
             found += self._of_inverse()
         return found
@@ -165,7 +168,7 @@ class Tuning:
     def sampled(self, T: sp.Expr) -> Sampled:
         """The pulls act over one hold."""
         rates = [entry.gamma * pull(entry) for entry in self.adaptation.unknown]
-        steps, found = advanced(self.adaptation, rates, T)
+        found = advanced(self.adaptation, rates, T)
         if self.adaptation.inverse is not None:
             found[RHO_HAT] = RHO_HAT + T * RHO_GAMMA * real_symbol("pull_rho")
-        return steps, found
+        return [], found

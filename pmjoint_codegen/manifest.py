@@ -24,6 +24,7 @@ from pmjoint_codegen.values import OWN_SUFFIX, SI, Rule, from_si
 FILE_NAME: Final = "model.json"
 LANES: Final = "lanes.c"
 SCHEMA: Final = 3
+LOGIT: Final = "_logit"  # end of the name of an estimate's state, where that is not the estimate itself
 ADAPTATION: Final = "adaptation"  # kind of guesses and of what estimates depend on
 SEGMENT: Final = "reference"  # kind of the parameters of a reference's present segment, at the end of p
 _REMEDY: Final = "run pmjoint regenerate"

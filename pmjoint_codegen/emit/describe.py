@@ -171,7 +171,7 @@ def _states(derivation: Derivation, words: Vocabulary) -> tuple[Variable, ...]:
     others = {
         "x": "plant state",
         "r": "compensator state" if derivation.signals.estimates else "compensator state (23)",
-        "Theta": "estimate",
+        "Theta": "estimate, or its logit",
         "rho": "estimate of 1/b_m",
         "Gamma": "gain of least squares",
     }
@@ -207,7 +207,7 @@ def start_of(derivation: Derivation, words: Vocabulary) -> Start:
     """The states in x0, and the plant's states as functions of them and of the plant's own parameters."""
     model = derivation.model
     known = estimate_starts(derivation.design)
-    guesses = tuple(known[state].name if known.get(state) else "" for state in words.s)
+    guesses = tuple(_python(known[state]) if known.get(state) else "" for state in words.s)
     if model.start is None:
         own = _states(derivation, words)[: len(words.x)]
         return Start(own, model.plant.order, tuple(state.name for state in own), guesses)
@@ -356,6 +356,7 @@ class _PythonPrinter(PythonCodePrinter):  # type: ignore[misc]  # SymPy carries 
 def _signal(derivation: Derivation, symbol: sp.Symbol) -> Variable:
     item = derivation.equations[symbol.name]
     name = column_name(derivation.model, symbol)
+    truth = _truths(derivation).get(symbol, "")
     measures, s = derivation.model.measures, derivation.signals
     scale = {s.y: measures.y, s.u: measures.u}.get(symbol, SI)
-    return Variable(name, str(item.unit) if item.unit else "", item.meaning, scale)
+    return Variable(name, str(item.unit) if item.unit else "", item.meaning, scale, truth)

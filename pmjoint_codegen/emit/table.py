@@ -230,10 +230,10 @@ def kernel_table(derivation: Derivation) -> tuple[Kernel, ...]:
 def _estimation(derivation: Derivation, inputs: tuple[Block, ...]) -> tuple[Kernel, ...]:
     """The rates of what a controller estimates of its plant, if it does."""
     s = derivation.signals
-    learnt = (*s.estimates, *s.inverse, *s.covariance)
+    learnt = (*s.learnt, *s.inverse, *s.covariance)
     if not learnt:
         return ()
-    return (Kernel("estimation", inputs, (rate_block("Theta", learnt),), "", "rates of the estimates"),)
+    return (Kernel("estimation", inputs, (rate_block("Theta", learnt),), "", "rates of what it learns"),)
 
 
 def _named(derivation: Derivation, symbols: Iterable[sp.Symbol]) -> list[sp.Symbol]:

@@ -106,9 +106,10 @@ def vocabulary(derivation: Derivation) -> Vocabulary:
 
 
 def reported(derivation: Derivation) -> tuple[Equation, ...]:
-    """Further signals that a run reports: those of the physics, a valve's, a sensor's."""
-    equations, model = derivation.equations, derivation.model
-    names = ("V", "y_m", "y_f", *((COMMAND.name, VALVE.name) if model.dead_zone is not None else ()))
+    """Further signals that a run reports: the physics', estimates, V, a valve's, a sensor's."""
+    equations, model, s = derivation.equations, derivation.model, derivation.signals
+    moved = (hat.name for hat, state in zip(s.estimates, s.learnt, strict=True) if hat != state)
+    names = (*moved, "V", "y_m", "y_f", *((COMMAND.name, VALVE.name) if model.dead_zone is not None else ()))
     return (*model.reported, *(equations[name] for name in names if name in equations))
 
 

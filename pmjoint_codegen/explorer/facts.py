@@ -15,6 +15,7 @@ from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.reference.segments import make_segments
 from pmjoint_codegen.report.mathml import equation
 from pmjoint_codegen.simulate.blocks import compensator_states
+from pmjoint_codegen.simulate.estimates import estimate_columns
 from pmjoint_codegen.simulate.pace import leading_terms
 from pmjoint_codegen.simulate.settings import default_controller
 from pmjoint_codegen.values import filter_gains, from_si, positive_gains
@@ -73,13 +74,12 @@ def facts_of(manifest: Manifest, folder: Path) -> dict[str, Any]:
             "names": list(manifest.start.names),
             "variables": [vars(item) for item in manifest.start.variables],
             "terms": [tree(ast.parse(term, mode="eval").body) for term in manifest.start.terms],
-            "guesses": list(manifest.start.guesses),
+            "guesses": [tree(ast.parse(text or "0", mode="eval").body) for text in manifest.start.guesses],
         },
         "compensator": list(compensator_states(manifest)),
         "estimates": [
             {"name": item.name, "truth": tree(ast.parse(item.truth, mode="eval").body)}
-            for item in manifest.states
-            if item.truth
+            for item in estimate_columns(manifest)
         ],
         "simulation": _simulation(manifest),
         "reference": _reference(manifest),

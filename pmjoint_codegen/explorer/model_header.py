@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from pmjoint_codegen.loops.chain import is_looped
-from pmjoint_codegen.loops.ranges import ranged_states
+from pmjoint_codegen.loops.reach import boundless_states
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.fixed import fixed_constants
 from pmjoint_codegen.simulate.settings import DEFAULT_TOLERANCE
@@ -32,7 +32,6 @@ def _lines(manifest: Manifest) -> Iterator[str]:
         name: fixed_constants(manifest, sampled=name == "SAMPLED", tolerance=DEFAULT_TOLERANCE)
         for name in ("CONTINUOUS", "SAMPLED")
     }
-    ranges = ranged_states(manifest)
     sizes = {
         "N_ORDER": manifest.n,
         "N_RHO": manifest.rho,
@@ -41,7 +40,6 @@ def _lines(manifest: Manifest) -> Iterator[str]:
         "N_SEGMENT": manifest.segment,
         "CAN_HOLD": int(manifest.can_hold),
         "LOOPED": int(is_looped(manifest)),
-        "N_RANGES": len(ranges),
         "MOST_ORDER": max(problem["order"] for problem in problems.values()),
         "MOST_CHANNELS": max(problem["n_channels"] for problem in problems.values()),
     }
@@ -49,8 +47,9 @@ def _lines(manifest: Manifest) -> Iterator[str]:
     sizes |= {f"SIGNAL_{name.upper()}": places[name] for name in _NEEDED}
     sizes |= {f"SIGNAL_{name.upper()}": places.get(name, -1) for name in _OPTIONAL}
     yield from (f"#define {name} ({value})" for name, value in sizes.items())
-    numbers = ", ".join(str(int(place)) for place in ranges.ravel()) or "0"
-    yield f"static const int ranged[] = {{{numbers}}}; /* state, low, high of each estimate with a range */"
+    free = boundless_states(manifest)
+    marks = ", ".join(str(int(place in free)) for place in range(manifest.nX))
+    yield f"static const int boundless[] = {{{marks}}}; /* states that may go anywhere */"
     for name in ("signals", "disturbance"):  # results side by side, as in a run's table
         yield f"#define {name.upper()}_RESULTS(out) {_side_by_side(manifest, name)}"
     for name, problem in problems.items():

@@ -12,13 +12,13 @@ from pmjoint_codegen.export import fields
 from pmjoint_codegen.export.example import example_plant, in_numbers
 from pmjoint_codegen.export.fields import INTEGER
 from pmjoint_codegen.export.hold import BAKED, COMPUTED
-from pmjoint_codegen.export.learning import ranged_estimates
+from pmjoint_codegen.export.learning import logits
 from pmjoint_codegen.export.lines import Line, Printer, comment, spellings
 from pmjoint_codegen.export.program import Program
 from pmjoint_codegen.export.source import TEMPLATES, Identity, banner, filled, joined, replaced, words_of
 from pmjoint_codegen.export.tree import Precision
 from pmjoint_derive import real_symbol
-from pmjoint_derive.estimation import INSIDE
+from pmjoint_derive.estimation import LARGEST
 
 _MOST: Final = 20_000  # samples of the example
 _ROWS: Final = 10  # of them printed
@@ -26,7 +26,6 @@ _FILES: Final = ("main.c", "analyse.c", "Makefile", "CMakeLists.txt", "README.md
 _LIBRARY: Final = ("library.properties", "library.json")  # of Arduino and of PlatformIO
 _WIDE: Final = 10.0  # range of y in the static analysis, times |y(0)|, where the model declares none
 _RATES: Final = 1000.0  # range of each derivative of the reference, times that of y
-_END: Final = (1 - INSIDE) / 2  # of a range: how near the update lets an estimate come to its ends
 _LONGEST: Final = 50  # characters of a name in PlatformIO
 
 
@@ -72,10 +71,8 @@ def _analysis(program: Program, precision: Precision) -> tuple[dict[str, list[Li
     filtered = "filter" in model.chain  # then y is a state of the controller's own
     kept = [*program.states, *program.kept, *([s.y] if filtered else [])]
     wide = f"any(-@NAME@{limit}, @NAME@{limit})"
-    any_of = {
-        state: f"any({printer.text(low + _END * (high - low))}, {printer.text(high - _END * (high - low))})"
-        for state, (low, high) in ranged_estimates(program.derivation).items()
-    }
+    far = precision.literal(float(LARGEST))
+    any_of = dict.fromkeys(logits(program.derivation), f"any(-{far}, {far})")
     lines = {
         "inputs": [f"    in->{text}" for text in reference],
         "any_reference": [f"    s->{text}" for text in reference],

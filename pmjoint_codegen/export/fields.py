@@ -142,7 +142,7 @@ def state_fields(program: Program) -> tuple[Field, ...]:
         "Xi": "filter (14), driven by Phi(y)",
         "lambda": "filter (14), driven by u",
         "r": "compensator" if s.estimates else "compensator (23)",
-        "Theta": "estimate",
+        "Theta": "estimate, or its logit: where it is in its range",
         "rho": "estimate of 1/b_m",
         "Gamma": "gain of least squares",
     }

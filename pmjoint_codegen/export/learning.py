@@ -19,11 +19,14 @@ from pmjoint_derive.start import estimate_starts
 def learnt_states(derivation: Derivation) -> tuple[sp.Symbol, ...]:
     """The states of the controller that it learns in: estimates, and the gain matrix of least squares."""
     s = derivation.signals
-    return (*s.estimates, *s.inverse, *s.covariance)
+    return (*s.learnt, *s.inverse, *s.covariance)
 
 
 def kept_symbols(derivation: Derivation) -> tuple[sp.Symbol, ...]:
-    """What the law finds at a sample and the update of the estimates reads, in the order of the equations."""
+    """What the law finds at a sample and the update of the estimates reads, in the order of the equations.
+
+    The estimates are among it: a caller may want to see them where their states are their logits.
+    """
     s, equations = derivation.signals, derivation.equations
     given = {s.y, s.u, s.v, *s.y_r, *s.controller_state}
     late: dict[sp.Symbol, bool] = {}
@@ -51,6 +54,7 @@ def kept_symbols(derivation: Derivation) -> tuple[sp.Symbol, ...]:
 
     for state in learnt_states(derivation):
         read(real_symbol(f"{state.name}_next"))
+    found |= {hat for hat in s.estimates if hat not in given}
     places = {name: place for place, name in enumerate(equations)}
     return tuple(sorted(found, key=lambda symbol: places[symbol.name]))
 
@@ -61,11 +65,10 @@ def rest_values(derivation: Derivation) -> dict[sp.Symbol, sp.Expr]:
     return {state: known.get(state, sp.Integer(0)) for state in derivation.signals.controller_state}
 
 
-def ranged_estimates(derivation: Derivation) -> dict[sp.Symbol, tuple[sp.Symbol, sp.Symbol]]:
-    """Estimate -> the ends of the range that the update keeps it in, if it has one."""
-    adaptation = derivation.model.adaptation
-    entries = () if adaptation is None else adaptation.unknown
-    return {entry.estimate: entry.ends for entry in entries if entry.range is not None}
+def logits(derivation: Derivation) -> tuple[sp.Symbol, ...]:
+    """The states that the update itself keeps within bounds."""
+    s = derivation.signals
+    return tuple(state for state, hat in zip(s.learnt, s.estimates, strict=True) if state != hat)
 
 
 def conditions(derivation: Derivation) -> tuple[Relational, ...]:

@@ -11,7 +11,7 @@ from typing import Final
 from pmjoint_codegen.export import fields
 from pmjoint_codegen.export.fields import INTEGER, MATRIX, SAMPLE_TIME, Field
 from pmjoint_codegen.export.hold import BAKED, COMPUTED, baked_matrices, shaping
-from pmjoint_codegen.export.learning import conditions, ranged_estimates
+from pmjoint_codegen.export.learning import conditions, logits
 from pmjoint_codegen.export.lines import Line, Printer, comment, identifier, spellings
 from pmjoint_codegen.export.program import Program, next_symbol
 from pmjoint_codegen.export.tree import Precision, operations_in
@@ -119,7 +119,7 @@ def source_lines(
     """
     baked = hold == BAKED
     printer = Printer(spellings(program), precision)
-    free = [state for state in program.states if state not in ranged_estimates(program.derivation)]
+    free = [state for state in program.states if state not in logits(program.derivation)]
     template = (TEMPLATES / "controller.c.in").read_text(encoding="utf-8")
     blocks = {
         "banner": banner(program, identity, precision),

@@ -20,7 +20,7 @@ from pmjoint_codegen.kernels.processor import Level
 from pmjoint_codegen.loops.chain import longest_history
 from pmjoint_codegen.loops.guard import HOLD_RATIOS, discs, hold_factors
 from pmjoint_codegen.loops.metrics import Column, rows_header
-from pmjoint_codegen.loops.ranges import ranged_states
+from pmjoint_codegen.loops.reach import reach_of
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.storage import sha256_file
 from pmjoint_codegen.values import SETTLED
@@ -153,13 +153,12 @@ class BatchLibrary:
         waiting = longest_history(runs.chain) if runs.looped else 0
         history = np.zeros(waiting * self.manifest.nw * self.width)
         names = ("x0", "p", "hold", "times", "breaks", "segments", "chain")
-        ranges = ranged_states(self.manifest)
-        arrays = {**{name: getattr(runs, name) for name in names}, "history": history, "ranges": ranges}
+        reach = reach_of(self.manifest, runs.divergence)
+        arrays = {**{name: getattr(runs, name) for name in names}, "history": history, "reach": reach}
         inputs = {name: self._pointer(array) for name, array in arrays.items()}
         sweep = self._ffi.new("pmj_sweep *", {name: value for name, value in inputs.items() if len(value)})
         sweep.runs, sweep.rows = count, rows
         sweep.n_breaks, sweep.n_segment = len(runs.breaks), runs.segments.shape[1]
-        sweep.n_ranges = len(ranges)
         sweep.looped, sweep.n_history = int(runs.looped), waiting
         sweep.hold_stride = runs.hold.shape[1] if len(runs.hold) > 1 else 0
         kept = self._set_rules(sweep, runs)

@@ -18,7 +18,6 @@ JUMPED: Final = (
 )
 
 SMALLEST_STEP: Final = 1e-14  # relative to max(1 s, t): below it, time does not advance
-RANGE_MARGIN: Final = 4.440892098500626e-16  # of |low| + |high|: no estimate ends a step nearer to an end
 UNDECIDED_STEP: Final = 1e-7  # s; the step that ignores the thresholds
 DEFECT: Final = (
     10.0  # a step may deviate from the right-hand side by this multiple of the tolerance, anywhere

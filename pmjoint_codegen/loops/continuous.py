@@ -27,7 +27,6 @@ from pmjoint_codegen.kernels.evaluator import Array, Evaluator
 from pmjoint_codegen.loops.constants import DEFECT, GROWTH, ROUNDED_UP, SMALLEST_STEP, UNDECIDED_STEP
 from pmjoint_codegen.loops.polynomial import first_beyond, note_extremum, note_rate, note_value, passes
 from pmjoint_codegen.loops.problem import Memory, Problem, Progress
-from pmjoint_codegen.loops.ranges import keep_in_ranges
 from pmjoint_codegen.loops.segments import enter_segments, next_break
 from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.loops.stepper import Stepper
@@ -130,8 +129,8 @@ class _Loop:
             note_value(float(self.c[1, 0]), 0.0, self.e + 1, self.memory.peaks, self.memory.peak_times)
 
     def beyond(self) -> bool:
-        """Whether any state is beyond the limit of divergence."""
-        return bool(np.any(np.abs(self.X) > self.problem.divergence))
+        """Whether any state is beyond its limit of divergence."""
+        return bool(np.any(np.abs(self.X) > self.problem.reach))
 
     def step(self) -> None:
         """One step, to the first threshold or kink; cut until guard and points of comparison accept it."""
@@ -156,13 +155,12 @@ class _Loop:
             if index >= 0 and tau == 0.0:
                 self.pass_at_once(index)
                 return
-            diverging, tau = first_beyond(self.c[:, : self.v], problem.divergence, tau)
+            diverging, tau = first_beyond(self.c[:, : self.v], problem.reach, tau)
             index = -1 if diverging else index
             end = progress.t + tau if tau < remaining else last
             threshold = 0 <= index < problem.n_thresholds
             mode = progress.mode + (0 if not threshold else 1 if index == progress.mode else -1)
             values, slopes = arrive(self.c, tau)
-            keep_in_ranges(problem.ranges, values)
             following = self.expand(end, values[: self.v], mode)
             miss = self.missed(values, slopes, following, tau)
             if miss <= 1.0:

@@ -207,16 +207,16 @@ def exceeds(c: Sequence[float], limit: float, tau: float) -> float | None:
     return found
 
 
-def first_beyond(c: Array, limit: float, tau: float) -> tuple[bool, float]:
-    """Whether any channel's magnitude passes `limit` inside a step of size tau, and the first time, or tau.
+def first_beyond(c: Array, limits: Array | float, tau: float) -> tuple[bool, float]:
+    """Whether any channel's magnitude passes its limit inside a step of size tau, and the first time, or tau.
 
     Args:
         c: shape (N + 1, channels).
-        limit: on all of them.
+        limits: shape (channels,), or one on all of them.
         tau: s.
     """
     found = False
-    for column in c.T.tolist():
+    for column, limit in zip(c.T.tolist(), np.broadcast_to(limits, c.shape[1]).tolist(), strict=True):
         when = exceeds(column, limit, tau)
         found, tau = (found, tau) if when is None else (True, when)
     return found, tau

@@ -35,8 +35,6 @@ class Problem:
         breaks: instants at which the reference's next segment begins, s, inside the run.
         segments: shape (n_breaks + 1, n_segment), what ends p on each.
         n_breaks: length of `breaks`.
-        ranges: shape (n_ranges, 3), index in X, least and greatest value of each estimate with a range.
-        n_ranges: rows of `ranges`.
         n_segment: entries at the end of p that a segment sets; 0 if the reference is an expression. A run
             writes them: see `own_parameters`.
         hold: matrices of `sampled_update`; empty for the continuous loop.
@@ -69,7 +67,9 @@ class Problem:
         safety: factor on the step that the last two coefficients allow.
         hold_fraction: of the radius of convergence; up to it a hold is one step of the lower order N of
             ``sample``. Its N-th power is the tolerance.
-        divergence: |X_i| above it ends the run, at the instant of passing for the channels searched.
+        divergence: of a sampled run: |X_i| above it ends the run, at the instant of passing for the channels
+            searched.
+        reach: of a continuous one: the same state by state, shape (nX,); infinite where one may go anywhere.
         max_steps: limit.
         max_switches: limit.
     """
@@ -88,8 +88,6 @@ class Problem:
     breaks: Array
     segments: Array
     n_breaks: int
-    ranges: Array
-    n_ranges: int
     n_segment: int
     hold: Array
     chain: Array
@@ -119,6 +117,7 @@ class Problem:
     safety: float
     hold_fraction: float
     divergence: float
+    reach: Array
     max_steps: int
     max_switches: int
 

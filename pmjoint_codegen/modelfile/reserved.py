@@ -17,7 +17,7 @@ _OF_DESIGN: Final = re.compile(
 )
 _OF_ENTRY: Final = ("omega_{}", "omega1_{}", "tau_{}", "pull_{}", "Gamma_{}", "Gamma_{}_start")
 _OF_ESTIMATE: Final = ("{}", "{}_dot", "{}_next", "{}_start")
-_ON_THE_WAY: Final = ("{}_place", "{}_turn")
+_OF_RANGE: Final = ("{}_logit", "{}_logit_dot", "{}_logit_next", "{}_logit_start")
 
 
 def own_names(adaptation: Adaptation) -> tuple[str, ...]:
@@ -48,4 +48,4 @@ def is_taken(name: str, adaptation: Adaptation) -> bool:
 
 
 def _of_entry(entry: Entry) -> list[str]:
-    return [form.format(entry.name) for form in (*_OF_ENTRY, *_ON_THE_WAY)]
+    return [form.format(entry.name) for form in (*_OF_ENTRY, *_OF_RANGE)]

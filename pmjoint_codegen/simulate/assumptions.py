@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from pmjoint_codegen.kernels.evaluator import Array
-from pmjoint_codegen.simulate.estimates import LEAKAGE, estimates, is_frozen, leaking
+from pmjoint_codegen.manifest import LOGIT
+from pmjoint_codegen.simulate.estimates import HAT, LEAKAGE, estimates, is_frozen, leaking
 from pmjoint_codegen.values import COMPENSATOR
 
 FAST: Final = 1.0  # 1/s, of leakage times gain
-AT_AN_END: Final = 1e-12  # of a range: nearer to its end, the distance of an estimate has few digits left
+AT_AN_END: Final = 36.0  # of a logit: from there on the estimate is its end but for the last digit
 
 if TYPE_CHECKING:
     from pmjoint_codegen.simulate.record import Record
@@ -100,10 +100,15 @@ def parts_of(run: Record, notes: Sequence[str] = ()) -> dict[str, tuple[str, ...
     }
 
 
-def _at_an_end(values: Array, low: float, high: float) -> bool:
-    """Whether an estimate comes nearer to an end of its range than its numbers tell apart."""
-    nearest = min(float(np.min(values)) - low, high - float(np.max(values)))
-    return nearest <= AT_AN_END * (high - low)
+def _ends_reached(run: Record) -> Iterator[tuple[str, str]]:
+    """Each estimate that came nearer to an end of its range than its digits tell, and the end."""
+    for item in estimates(run):
+        logit = f"{item.name.removesuffix(HAT)}{LOGIT}"
+        if item.range is not None:
+            least, most = float(np.min(run[logit])), float(np.max(run[logit]))
+            low, high = (f"{end:g}" for end in item.range)
+            if max(-least, most) > AT_AN_END:
+                yield item.name, low if -least > most else high
 
 
 def remarks(run: Record) -> tuple[str, ...]:
@@ -124,10 +129,9 @@ def remarks(run: Record) -> tuple[str, ...]:
             f"; above {FAST:g} 1/s an estimate forgets sooner than it learns: set {LEAKAGE} to 0 or less gain"
         )
     found += [
-        f"{item.name} came to an end of its range, to the last digits that a run has; from there on it is no "
-        "solution of the equations, which come nearer still: less gain, a wider range, or leakage"
-        for item in estimates(run)
-        if item.range is not None and _at_an_end(run[item.name], *item.range)
+        f"{name} came to {end}, an end of its range, to the last digit, and is as long in coming back: less "
+        "gain, a wider range, or leakage"
+        for name, end in _ends_reached(run)
     ]
     if not is_frozen(run) and not values[COMPENSATOR]:
         found.append("plain clipping misleads estimates, which may destroy the loop: keep the compensator")

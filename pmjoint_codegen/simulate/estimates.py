@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from pmjoint_codegen.initial import Variable
 from pmjoint_codegen.kernels.evaluator import Array
-from pmjoint_codegen.manifest import ADAPTATION, Manifest
+from pmjoint_codegen.manifest import ADAPTATION, LOGIT, Manifest
 from pmjoint_codegen.values import evaluate
 
 if TYPE_CHECKING:
@@ -73,24 +74,41 @@ def estimates(run: Record) -> tuple[Estimate, ...]:
 
 
 def _estimates(manifest: Manifest, values: Mapping[str, float]) -> Iterator[Estimate]:
-    guesses = dict(
-        zip((item.name for item in manifest.states[manifest.nx :]), manifest.start.guesses, strict=True)
-    )
     columns = {name: np.array(value) for name, value in values.items()}
-    for block in _OF_STATES:
-        for state in manifest.states[slice(*manifest.blocks.get(block, (0, 0)))]:
-            name = state.name.removesuffix(HAT)
-            ends = f"{name}_low", f"{name}_high"
-            with np.errstate(all="ignore"):  # a truth that is not finite is shown as such
-                truth = float(evaluate(ast.parse(state.truth, mode="eval").body, columns))
-            yield Estimate(
-                name=state.name,
-                of=f"1/b{manifest.m}" if state.name == RHO_HAT else name,
-                unit=state.unit,
-                guess=values[guesses[state.name]],
-                truth=truth,
-                range=(values[ends[0]], values[ends[1]]) if ends[0] in values else None,
-            )
+    for item in estimate_columns(manifest):
+        name = item.name.removesuffix(HAT)
+        with np.errstate(all="ignore"):  # a truth that is not finite is shown as such
+            truth = float(evaluate(ast.parse(item.truth, mode="eval").body, columns))
+        yield Estimate(
+            name=item.name,
+            of=f"1/b{manifest.m}" if item.name == RHO_HAT else name,
+            unit=item.unit,
+            guess=values[f"{name}_guess"],
+            truth=truth,
+            range=range_of(item.name, values),
+        )
+
+
+def estimate_columns(manifest: Manifest) -> tuple[Variable, ...]:
+    """The estimates, in the order of their states: a state, or of one with a range a signal."""
+    known = {item.name: item for item in (*manifest.states, *manifest.signals)}
+    names = (
+        state.name.removesuffix(LOGIT) + HAT if state.name.endswith(LOGIT) else state.name
+        for block in _OF_STATES
+        for state in manifest.states[slice(*manifest.blocks.get(block, (0, 0)))]
+    )
+    return tuple(known[name] for name in names)
+
+
+def range_of(name: str, values: Mapping[str, float]) -> tuple[float, float] | None:
+    """The ends between which an estimate stays; None of one without a range.
+
+    Args:
+        name: of its column.
+        values: parameters by name.
+    """
+    low, high = (f"{name.removesuffix(HAT)}_{end}" for end in ("low", "high"))
+    return (values[low], values[high]) if low in values else None
 
 
 def leaking(name: str) -> tuple[str, str, str]:

@@ -24,7 +24,7 @@ from pmjoint_codegen.loops.hold import hold_matrices
 from pmjoint_codegen.loops.metrics import last_exit
 from pmjoint_codegen.loops.modes import Actuator
 from pmjoint_codegen.loops.problem import Memory, Problem, Progress, make_memory, own_parameters
-from pmjoint_codegen.loops.ranges import keep_rows_in_ranges, ranges_of
+from pmjoint_codegen.loops.reach import reach_of
 from pmjoint_codegen.loops.select import Advance, CompiledLoop, make_loop
 from pmjoint_codegen.loops.status import Status, sentence
 from pmjoint_codegen.manifest import Manifest
@@ -262,7 +262,6 @@ class Simulator:
         self, prepared: _Preparation, start: Array, rows: Array, memory: Memory, state: Progress
     ) -> dict[str, Any]:
         """The immediate fields of a run that reached its horizon, and the source of the rest."""
-        keep_rows_in_ranges(prepared.problem.ranges, rows)
         rows.flags.writeable = False  # signals are computed from them, perhaps later
         evaluator, problem = self.evaluator, prepared.problem
         holds = Holds.of(memory, state)
@@ -307,7 +306,6 @@ def make_problem(evaluator: Evaluator, settings: Settings, actuator: Actuator) -
     chain = make_chain(manifest, settings.parameters, settings.sample_time) if chained else None
     times = settings.times()
     breaks, segments = inside(settings.reference, settings.horizon)
-    ranges = np.empty((0, 3)) if sampled else ranges_of(manifest, settings.p)
     return Problem(
         **fixed_constants(manifest, sampled=sampled, tolerance=settings.tolerance),
         n_thresholds=len(actuator.thresholds),
@@ -317,8 +315,6 @@ def make_problem(evaluator: Evaluator, settings: Settings, actuator: Actuator) -
         breaks=breaks,
         segments=segments,
         n_breaks=len(breaks),
-        ranges=ranges,
-        n_ranges=len(ranges),
         n_segment=segments.shape[1],
         hold=hold_matrices(evaluator, settings.p, settings.sample_time) if sampled else np.empty(0),
         chain=chain.vector() if chain else np.empty(0),
@@ -329,6 +325,7 @@ def make_problem(evaluator: Evaluator, settings: Settings, actuator: Actuator) -
         n_rows=len(times),
         sample_time=settings.sample_time if sampled else 0.0,
         divergence=settings.divergence,
+        reach=reach_of(manifest, settings.divergence),
         max_steps=settings.max_steps,
         max_switches=settings.max_switches,
     )

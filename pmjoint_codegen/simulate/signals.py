@@ -14,6 +14,7 @@ from pmjoint_codegen.loops.chain import ACTING, CLOCK, COMMAND, FILTERED, MEASUR
 from pmjoint_codegen.loops.constants import SAME_INSTANT
 from pmjoint_codegen.loops.problem import Memory, Problem
 from pmjoint_codegen.manifest import Manifest
+from pmjoint_codegen.simulate.estimates import range_of
 from pmjoint_codegen.simulate.located import Holds
 
 INSTANTANEOUS: Final = ("y", "y_r", "e")  # signals that a sampled controller does not hold constant
@@ -33,7 +34,9 @@ def signals_of(evaluator: Evaluator, problem: Problem, states: Array, memory: Me
     rows = len(states)
     times = problem.times[:rows, np.newaxis]
     if not problem.sample_time:
-        return _reported(evaluator, problem, holds, "signals", times, states)
+        return _inside(
+            evaluator.manifest, problem.p, _reported(evaluator, problem, holds, "signals", times, states)
+        )
     if problem.n_history:
         return _chained_signals(evaluator, problem, states, memory, holds)
     # Constant since the last sample, except for the plant and the reference.
@@ -41,6 +44,19 @@ def signals_of(evaluator: Evaluator, problem: Problem, states: Array, memory: Me
     signals = _evaluated(evaluator, problem, "signals", since, samples)
     w = _actuated(evaluator, problem, signals[:, _place(evaluator.manifest, "v")])
     _put_live(evaluator, problem, states, w, signals, holds)
+    return signals
+
+
+def _inside(manifest: Manifest, p: Array, signals: Array) -> Array:
+    """The same with each estimate inside its range: its logit is, where its own digits do not tell."""
+    values = dict(zip(manifest.parameter_names, p.tolist(), strict=True))
+    for place, item in enumerate(manifest.signals):
+        ends = range_of(item.name, values) if item.truth else None
+        if ends is not None:
+            low, high = ends
+            np.clip(
+                signals[:, place], np.nextafter(low, high), np.nextafter(high, low), out=signals[:, place]
+            )
     return signals
 
 

@@ -20,7 +20,7 @@ _BLOCK_GROUPS = {  # the other blocks of X are those of the filters
     "rho": "adaptation",
     "Gamma": "adaptation",
 }
-_SIGNAL_GROUPS = ((r"x_hat\d+", "estimate"), (r"D\d+", "disturbance"), ("V", "adaptation"))
+_SIGNAL_GROUPS = ((r"x_hat\d+", "estimate"), (r"D\d+", "disturbance"), (r"V|.+_hat", "adaptation"))
 
 
 def csv_columns(manifest: Manifest) -> tuple[str, ...]:

@@ -33,6 +33,7 @@ from pmjoint_codegen.kernels.evaluator import Evaluator
 from pmjoint_codegen.loops.status import Status
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.blocks import compensator_states
+from pmjoint_codegen.simulate.estimates import estimate_columns, range_of
 from pmjoint_codegen.simulate.run import Run
 from pmjoint_codegen.values import BRAKING, MATCHED
 from pmjoint_derive import Derivation, Model
@@ -109,10 +110,10 @@ def estimates_stay(run: Run) -> list[Finding]:
     """``low < estimate < high`` of every estimate with a range, as its place from -1 to 1."""
     values, manifest = run.settings.parameters, run.manifest
     found = []
-    for item in manifest.states[slice(*manifest.blocks.get("Theta", (0, 0)))]:
-        name = item.name.removesuffix("_hat")
-        if f"{name}_low" in values:
-            low, high = values[f"{name}_low"], values[f"{name}_high"]
+    for item in estimate_columns(manifest):
+        ends = range_of(item.name, values)
+        if ends is not None:
+            low, high = ends
             beyond = np.maximum(low - run[item.name], run[item.name] - high)
             place = float(1 + 2 * np.max(beyond) / (high - low))
             found.append((f"{item.name} in its range", place, 1 - ROUNDOFF))

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from pmjoint_codegen.manifest import Function, Manifest
+from pmjoint_codegen.manifest import LOGIT, Function, Manifest
 
 Array = npt.NDArray[np.float64]
 
@@ -48,12 +48,12 @@ def _placed(
     count = len(next(iter(p.values())))
     first, last = manifest.blocks["Theta"]
     for i in range(first, last):
-        name = manifest.states[i].name.removesuffix("_hat")
-        if f"{name}_low" in p:
-            low, high = p[f"{name}_low"], p[f"{name}_high"]
-            yield i, low + (high - low) * random.uniform(*INSIDE, count)
+        name = manifest.states[i].name
+        if name.endswith(LOGIT):
+            place = random.uniform(*INSIDE, count)
+            yield i, np.log(place / (1 - place))
         else:
-            yield i, p[f"{name}_guess"] * random.uniform(*NEAR, count)
+            yield i, p[f"{name.removesuffix('_hat')}_guess"] * random.uniform(*NEAR, count)
     for i in range(*manifest.blocks.get("rho", (0, 0))):
         yield i, p["rho_guess"] * random.uniform(*NEAR, count)
     first, last = manifest.blocks.get("Gamma", (0, 0))

@@ -14,7 +14,7 @@ double explorer_compensator[N_COMPENSATOR * N_COMPENSATOR];
 static double state[PMJ_NS];
 static double settings[SETTINGS];
 static double limits[4 * PMJ_NW];
-static double ranges[3 * N_RANGES + 1];
+static double reach[PMJ_NS];
 static double thresholds[MOST_THRESHOLDS];
 static double modes[(MOST_THRESHOLDS + 1) * 2 * PMJ_NW];
 static double chain[13];
@@ -107,15 +107,9 @@ static void pose(int sampled)
     problem.chain = chain;
     problem.sample_time = sampled ? settings[SAMPLE_TIME] : 0.0;
     problem.n_history = sampled ? (long long)settings[N_HISTORY] : 0;
-    problem.ranges = ranges;
-    problem.n_ranges = sampled ? 0 : N_RANGES;
-    for (long long r = 0; r < problem.n_ranges; ++r) { /* as in pmjoint_codegen/loops/ranges.py */
-        const double low = explorer_p[ranged[3 * r + 1]];
-        const double high = explorer_p[ranged[3 * r + 2]];
-        const double margin = PMJ_RANGE_MARGIN * (fabs(low) + fabs(high));
-        ranges[3 * r] = (double)ranged[3 * r];
-        ranges[3 * r + 1] = low + margin;
-        ranges[3 * r + 2] = high - margin;
+    problem.reach = reach;
+    for (int i = 0; i < PMJ_NS; ++i) { /* as in pmjoint_codegen/loops/reach.py */
+        reach[i] = boundless[i] ? HUGE_VAL : settings[DIVERGENCE];
     }
 }
 

@@ -207,13 +207,13 @@ static void note_peaks(const pmj_problem *problem, const pmj_progress *progress,
     }
 }
 
-/* Whether a state passes the limit of divergence inside a step of size *tau, which then becomes the time until that. */
+/* Whether a state passes its limit of divergence inside a step of size *tau, which then becomes the time until that. */
 static int first_beyond(const pmj_problem *problem, const pmj_memory *memory, const double *c, double *tau)
 {
     int found = 0;
     for (long long i = 0; i < problem->n_states; ++i) {
-        if (memory->term_sums[i] * PMJ_ROUNDED_UP > problem->divergence) {
-            found |= pmj_exceeds(c + i, problem->n_channels, problem->order, problem->divergence, tau);
+        if (memory->term_sums[i] * PMJ_ROUNDED_UP > problem->reach[i]) {
+            found |= pmj_exceeds(c + i, problem->n_channels, problem->order, problem->reach[i], tau);
         }
     }
     return found;
@@ -288,16 +288,6 @@ static void enter(const pmj_problem *problem, const pmj_kernels *run, pmj_progre
     }
 }
 
-/* Beyond the end of its range the gain of an estimate has the other sign: no step ends there. */
-static void keep_in_ranges(const pmj_problem *problem, double *X)
-{
-    for (long long r = 0; r < problem->n_ranges; ++r) {
-        const double *range = problem->ranges + 3 * r;
-        double *value = X + (long long)range[0];
-        *value = *value < range[1] ? range[1] : *value > range[2] ? range[2] : *value;
-    }
-}
-
 /* One step, to the first threshold or kink; cut until the guard and the points of comparison accept it. */
 static void step(const pmj_problem *problem, const pmj_kernels *run, pmj_progress *progress, const pmj_memory *memory)
 {
@@ -334,7 +324,6 @@ static void step(const pmj_problem *problem, const pmj_kernels *run, pmj_progres
         const long long mode = progress->mode
                                + (index < 0 || index >= problem->n_thresholds ? 0 : index == progress->mode ? 1 : -1);
         pmj_arrive(c, width, problem->order, tau, memory->trial, memory->slope);
-        keep_in_ranges(problem, memory->trial);
         if (expand(problem, run, progress, memory, end, memory->trial, mode, 1 - progress->buffer)) {
             progress->status = PMJ_KERNEL_FAILED;
             return;

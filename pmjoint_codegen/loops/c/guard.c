@@ -25,11 +25,11 @@ long long pmj_mode_at(const pmj_problem *problem, double v)
     return mode;
 }
 
-/* Whether any state is beyond the limit of divergence. */
+/* Whether any state is beyond its limit of divergence. */
 int pmj_beyond(const pmj_problem *problem, const double *X)
 {
     for (long long i = 0; i < problem->n_states; ++i) {
-        if (fabs(X[i]) > problem->divergence) {
+        if (fabs(X[i]) > problem->reach[i]) {
             return 1;
         }
     }

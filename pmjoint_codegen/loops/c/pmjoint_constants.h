@@ -20,7 +20,6 @@
 /* Below this step, relative to max(1 s, t), time does not advance. */
 #define PMJ_SMALLEST_STEP 1e-14
 /* No estimate ends a step nearer to an end of its range than this part of |low| + |high|: some roundings of either. */
-#define PMJ_RANGE_MARGIN 4.440892098500626e-16
 /* A threshold on which rounding alone decides the side is ignored for this long, s. */
 #define PMJ_UNDECIDED_STEP 1e-7
 /* A step may deviate from the right-hand side by this multiple of the tolerance, anywhere. */

@@ -88,8 +88,6 @@ typedef struct {
     const double *breaks;     /* [n_breaks] instants at which the reference's next segment begins, ascending, inside the run */
     const double *segments;   /* [n_breaks + 1][n_segment] what ends p on each */
     long long n_breaks;
-    const double *ranges;     /* [n_ranges][3] index in X, least and greatest value of each estimate with a range */
-    long long n_ranges;
     long long n_segment;      /* 0: the reference is an expression of t */
     const double *hold;       /* sampled: zero-order-hold matrices of `sampled_update` */
     const double *chain;      /* sampled: a `pmj_chain` of pmjoint_chain.h; used by pmj_chained alone */
@@ -118,7 +116,8 @@ typedef struct {
     double tolerance;         /* local error, relative to max(1, |value|) */
     double safety;            /* factor on the step that the last two coefficients allow */
     double hold_fraction;     /* sampled: part of the radius of convergence up to which a hold is one step */
-    double divergence;        /* |X_i| above it ends the run */
+    double divergence;        /* sampled: |X_i| above it ends the run */
+    const double *reach;      /* continuous: [nX] the same state by state; infinite where one may go anywhere */
     long long max_steps;
     long long max_switches;
 } pmj_problem;

@@ -163,7 +163,7 @@ static int settle(const pmj_sweep *sweep, pmj_group *all, const pmj_lanes *next,
     all->stuck[w] = one->undecided > 0 ? -1 : 0;
     all->alert[w] = all->touching[w] | all->stuck[w];
     for (int i = 0; i < PMJ_NS; ++i) {
-        if (fabs(all->runs.X[i][w]) > sweep->divergence) {
+        if (fabs(all->runs.X[i][w]) > sweep->reach[i]) {
             return PMJ_DIVERGED;
         }
     }
@@ -199,9 +199,9 @@ static pmj_mask judge(const pmj_sweep *sweep, const pmj_results *results, const 
     const pmj_lanes miss = missed(sweep, flow, all, next);
     const pmj_mask accepted = (miss <= 1.0) & all->on_trial;
     const pmj_mask rejected = all->on_trial & ~accepted;
-    pmj_lanes largest = pmj_abs(all->runs.X[0]);
+    pmj_mask beyond = pmj_abs(all->runs.X[0]) > sweep->reach[0];
     for (int i = 1; i < PMJ_NS; ++i) {
-        largest = pmj_max(pmj_abs(all->runs.X[i]), largest);
+        beyond |= pmj_abs(all->runs.X[i]) > sweep->reach[i];
     }
     const pmj_span step = {
         accepted,  all->t_before, all->h,      all->e,
@@ -212,7 +212,7 @@ static pmj_mask judge(const pmj_sweep *sweep, const pmj_results *results, const 
     pmj_note_control(&all->runs.metrics, all->v, PMJ_ORDER, accepted);
     all->runs.steps = all->runs.steps + pmj_select(accepted, pmj_all(1.0), pmj_all(0.0));
     all->h_most = pmj_select(accepted, pmj_all(HUGE_VAL), all->h_most);
-    const pmj_mask ended = (all->runs.t >= pmj_min(all->runs.next_break, pmj_all(sweep->horizon))) | (largest > sweep->divergence);
+    const pmj_mask ended = (all->runs.t >= pmj_min(all->runs.next_break, pmj_all(sweep->horizon))) | beyond;
     const pmj_mask spent_all = all->tried >= sweep->max_steps;
     const pmj_mask cut = all->h_guarded < all->h_first;
     all->last_cut = pmj_select(accepted, pmj_select(cut, all->h_guarded, pmj_all(HUGE_VAL)), all->last_cut);
@@ -296,20 +296,6 @@ static pmj_mask guard(const pmj_sweep *sweep, const pmj_flow *flow, pmj_group *a
     return ready & ~all->runs.stalled;
 }
 
-/* Beyond the end of its range the gain of an estimate has the other sign: no step ends there. */
-static void keep_in_ranges(const pmj_sweep *sweep, const pmj_group *all, pmj_lanes *X)
-{
-    for (long long r = 0; r < sweep->n_ranges; ++r) {
-        const double *range = sweep->ranges + 3 * r;
-        pmj_lanes *value = X + (long long)range[0];
-        const pmj_lanes low = all->runs.p[(long long)range[1]];
-        const pmj_lanes high = all->runs.p[(long long)range[2]];
-        const pmj_lanes margin = PMJ_RANGE_MARGIN * (pmj_max(low, -low) + pmj_max(high, -high));
-        *value = pmj_select(*value < low + margin, low + margin, *value);
-        *value = pmj_select(*value > high - margin, high - margin, *value);
-    }
-}
-
 /* Make a step in the lanes that are ready; the others do not advance. */
 static void advance(const pmj_sweep *sweep, const pmj_flow *flow, pmj_group *all, const pmj_lanes *c, pmj_mask ready)
 {
@@ -345,7 +331,6 @@ static void advance(const pmj_sweep *sweep, const pmj_flow *flow, pmj_group *all
     all->t_before = all->runs.t;
     all->runs.t = pmj_select(ready, end, all->runs.t);
     pmj_arrive_lanes(c, &all->h, X, all->slope, all->ends, all->v, all->e, &all->square);
-    keep_in_ranges(sweep, all, X);
     for (int i = 0; i < PMJ_NS; ++i) {
         all->X_before[i] = all->runs.X[i];
         all->runs.X[i] = pmj_select(ready, X[i], all->runs.X[i]);

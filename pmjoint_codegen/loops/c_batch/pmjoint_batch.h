@@ -30,8 +30,6 @@ typedef struct {
     const double *breaks;    /* [n_breaks] instants at which the reference's next segment begins, ascending, inside the run */
     const double *segments;  /* [n_breaks + 1][n_segment] what ends p on each */
     long long n_breaks;
-    const double *ranges;    /* [n_ranges][3] index in X of each estimate with a range, of its ends in p */
-    long long n_ranges;
     long long n_segment;     /* 0: the reference is an expression of t */
     const double *chain;     /* [runs][13] a `pmj_chain` of pmjoint_chain.h each; null: none */
     long long looped;        /* sampled: whether the loop acts on sensor, actuator and clock */
@@ -47,7 +45,8 @@ typedef struct {
     pmj_rule rule;           /* of steps of `taylor_lanes`; sampled: of `plant_lanes` */
     pmj_rule hold_rule;      /* sampled: of holds without points of comparison; factors are those of rates */
     const double *hold_value_factors; /* [hold_rule.n_ratios] of values */
-    double divergence;       /* |X_i| above it ends a run */
+    double divergence;       /* sampled: |X_i| above it ends a run */
+    const double *reach;     /* continuous: [nX] the same state by state; infinite where one may go anywhere */
     double max_steps;        /* limit of steps tried */
 } pmj_sweep;
 
