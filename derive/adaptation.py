@@ -140,6 +140,11 @@ class Adaptation:
         return tuple(entry for entry in self.entries if entry.unknown)
 
     @property
+    def ranged(self) -> tuple[Entry, ...]:
+        """Those of them with a range: their states are their logits."""
+        return tuple(entry for entry in self.unknown if entry.range is not None)
+
+    @property
     def sign(self) -> int:
         """Sign of b_m, which the controller must know: that of its guess."""
         leading = self.entry_at(0)

@@ -139,7 +139,7 @@ def state_rates(derivation: Derivation) -> dict[sp.Symbol, sp.Expr]:
 
 
 def in_estimate(entry: Entry, value: sp.Expr) -> sp.Expr:
-    """What is written in hyperbolic functions of half the state of an estimate with a range, in the estimate."""
+    """What is written in hyperbolic functions of half the logit of an estimate, in the estimate."""
     half, (low, high) = entry.state / 2, entry.ends
     tangent = value.xreplace({sp.sinh(half): sp.tanh(half) * sp.cosh(half)})
     return tangent.xreplace({sp.tanh(half): (2 * entry.estimate - low - high) / (high - low)})
@@ -167,7 +167,8 @@ def estimate_identities(derivation: Derivation) -> list[Identity]:
     _, V_Theta, _ = energies(derivation)
     rates, wanted = state_rates(derivation), pulled(derivation)
     pulls = {symbol for symbol in wanted.free_symbols if symbol.name.startswith("pull_")}
-    found = {entry.state: in_estimate(entry, sp.diff(V_Theta, entry.state)) for entry in _unknown(derivation)}
+    unknown = _adaptation(derivation).unknown
+    found = {entry.state: in_estimate(entry, sp.diff(V_Theta, entry.state)) for entry in unknown}
     found |= {hat: sp.diff(V_Theta, hat) for hat in derivation.signals.inverse}
     estimates = dict(zip(found, (*derivation.signals.estimates, *derivation.signals.inverse), strict=True))
     identities = []
@@ -185,9 +186,7 @@ def estimate_identities(derivation: Derivation) -> list[Identity]:
 def logit_identities(derivation: Derivation) -> list[Identity]:
     """Each estimate whose state is its logit moves at the rate that the law counts on."""
     equations, found = derivation.equations, []
-    for entry in _unknown(derivation):
-        if entry.range is None:
-            continue
+    for entry in _adaptation(derivation).ranged:
         hat, state = entry.estimate, entry.state
         slope = in_estimate(entry, sp.diff(equations[hat.name].expression, state))
         names = (derivative_name(hat), derivative_name(state))
@@ -198,10 +197,6 @@ def logit_identities(derivation: Derivation) -> list[Identity]:
         claimed = f"{hat}' follows from {state}'"
         found.append(Identity(str(state), claimed, remainder(rest, derivation.plant.sigma)))
     return found
-
-
-def _unknown(derivation: Derivation) -> tuple[Entry, ...]:
-    return _adaptation(derivation).unknown
 
 
 def _constants(derivation: Derivation) -> frozenset[sp.Symbol]:

@@ -78,12 +78,16 @@ def start_identities(derivation: Derivation) -> list[Identity]:
     """
     s, plant = derivation.signals, derivation.plant
     known = derivation.equations
+    adaptation = derivation.design.adaptation
+    ranged = () if adaptation is None else adaptation.ranged
     # states as names of their start values: every name then has its value there
     states = [
         Equation(state, known[start_symbol(state).name].expression, "", "", "", None)
         for state in s.controller_state
     ]
-    there = Equations([*(item for name, item in known.items() if name != s.y.name), *states])
+    states += [Equation(entry.estimate, entry.guess_symbol, "", "", "", None) for entry in ranged]
+    given = {s.y.name, *(item.name for item in states)}
+    there = Equations([*(item for name, item in known.items() if name not in given), *states])
     keep = frozenset(s.y_r)
 
     def vanishes(value: sp.Expr) -> sp.Expr:
@@ -105,7 +109,20 @@ def start_identities(derivation: Derivation) -> list[Identity]:
         )
         for epsilon, expected in zip(s.epsilon, rest, strict=True)
     ]
-    return [*errors, *matched]
+    guessed = [
+        Identity(
+            f"{entry.estimate}(0)",
+            f"{entry.estimate} starts from {entry.guess_symbol}",
+            sp.simplify((there_too - entry.guess_symbol).rewrite(sp.exp)),
+        )
+        for entry in ranged
+        for there_too in [
+            known[entry.estimate.name].expression.xreplace(
+                {entry.state: known[start_symbol(entry.state).name].expression}
+            )
+        ]
+    ]
+    return [*errors, *matched, *guessed]
 
 
 def consistency_identities(derivation: Derivation) -> tuple[Identity, ...]:

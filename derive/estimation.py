@@ -138,8 +138,7 @@ def estimate_equations(step: Backstepping, adaptation: Adaptation) -> list[Equat
             f"estimate of {entry.name}, within its range",
             step.units.of(entry.estimate),
         )
-        for entry in adaptation.unknown
-        if entry.range is not None
+        for entry in adaptation.ranged
     ]
 
 

@@ -26,6 +26,8 @@ Array = npt.NDArray[np.float64]
 
 SEED = 20200530
 POINTS = 200  # of each kind
+ROUNDOFF = 2.0**-53
+OPERATIONS = 10  # a slope and its product, to be on the safe side
 
 
 def check(subject: Subject) -> GateResult:
@@ -59,8 +61,9 @@ def compare(subject: Subject, arguments: Sequence[Array], results: Array) -> Gat
     if stray:
         return failed(f"model.json names derivatives that do not exist: {', '.join(stray)}")
     worst, first = 0.0, None
+    by_state = _slopes(subject, arguments)
     for column, name in enumerate(names):
-        mine = _column(results, emitted, places.get(name))
+        mine = _along(_column(results, emitted, places.get(name)), by_state[column % len(by_state)])
         error, bound = np.abs(mine.value - jacobian.value[:, column]), mine.error + jacobian.error[:, column]
         ratio = np.divide(error, bound, out=np.where(error > 0, np.inf, 0.0), where=bound > 0)
         ratio = np.where(np.isfinite(jacobian.error[:, column]), ratio, 0.0)  # where `law` itself overflows
@@ -91,7 +94,36 @@ def jacobian_tape(law: Tape) -> Tape:
 def all_names(subject: Subject) -> list[str]:
     """Names of every conceivable partial derivative, in the order of :func:`jacobian_tape`."""
     s = subject.derivation.signals
-    return [f"d{alpha.name}_d{by.name}" for alpha in s.alpha for by in (s.y, *s.controller_state, *s.y_r)]
+    return [f"d{alpha.name}_d{by.name}" for alpha in s.alpha for by in s.measurable]
+
+
+def _slopes(subject: Subject, arguments: Sequence[Array]) -> list[Array | None]:
+    """What each measurable moves by with its state: None of one that is a state itself.
+
+    The states of estimates with a range are their logits, ``ln(q/(1 - q))`` with q the place in the range, and
+    by these the tape of `law` is differentiated.
+    """
+    manifest, s = subject.manifest, subject.derivation.signals
+    labels = [label for label, _ in manifest.function("partials").inputs]
+    state, p = (arguments[labels.index(label)] for label in ("s", "p"))
+    values = dict(zip(manifest.parameter_names, p.T, strict=True))
+    found: list[Array | None] = [None]
+    for place, (symbol, measured) in enumerate(zip(s.controller_state, s.had, strict=True)):
+        if symbol == measured:
+            found.append(None)
+            continue
+        name = measured.name.removesuffix("_hat")
+        q = 1 / (1 + np.exp(-state[:, place]))
+        found.append((values[f"{name}_high"] - values[f"{name}_low"]) * q * (1 - q))
+    return [*found, *(None for _ in s.y_r)]
+
+
+def _along(derivative: Bounded, slope: Array | None) -> Bounded:
+    """A derivative by a measurable as one by its state."""
+    if slope is None:
+        return derivative
+    value = derivative.value * slope
+    return Bounded(value, derivative.error * np.abs(slope) + OPERATIONS * ROUNDOFF * np.abs(value))
 
 
 def _column(results: Array, emitted: Bounded, place: int | None) -> Bounded:
