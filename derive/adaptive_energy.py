@@ -74,7 +74,8 @@ def _energy(entry: Entry, true: sp.Expr) -> sp.Expr:
     low, high = entry.ends
     below, above, whole = true - low, high - true, high - low
     entropy = below * sp.log(below / whole) + above * sp.log(above / whole)
-    away = whole * sp.log(2 * sp.cosh(entry.state / 2)) - (below - above) / 2 * entry.state
+    logit = entry.state + sp.log((entry.guess_symbol - low) / (high - entry.guess_symbol))
+    away = whole * sp.log(2 * sp.cosh(logit / 2)) - (below - above) / 2 * logit
     return whole / 4 * (entropy + away) * over(entry.gamma)
 
 

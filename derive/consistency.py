@@ -113,14 +113,12 @@ def start_identities(derivation: Derivation) -> list[Identity]:
         Identity(
             f"{entry.estimate}(0)",
             f"{entry.estimate} starts from {entry.guess_symbol}",
-            sp.simplify((there_too - entry.guess_symbol).rewrite(sp.exp)),
-        )
-        for entry in ranged
-        for there_too in [
             known[entry.estimate.name].expression.xreplace(
                 {entry.state: known[start_symbol(entry.state).name].expression}
             )
-        ]
+            - entry.guess_symbol,
+        )
+        for entry in ranged
     ]
     return [*errors, *matched, *guessed]
 

@@ -12,16 +12,17 @@ range (l, h) its entry ``4 gamma (Theta_hat - l)(h - Theta_hat)/(h - l)^2`` vani
 estimate never leaves. Least squares does without errors: it fits ``y - xi_1 = Omega_1' Theta``, a relation
 that no control law enters, and so is not misled by saturation.
 
-The state of an estimate with a range is its logit,
+The state of an estimate with a range is its logit, less that of the guess g, where it starts:
 
-    s = ln((Theta_hat - l)/(h - Theta_hat)),   Theta_hat = (l + h)/2 + (h - l)/2 tanh(s/2),
+    s = ln((Theta_hat - l)/(h - Theta_hat)) - ln((g - l)/(h - g)),   s(0) = 0,
+    Theta_hat = g + 2 (g - l)(h - g) T/(h - l + (2 g - l - h) T),    T = tanh(s/2),
     s' = 4 gamma/(h - l) (tau_rho - leakage (Theta_hat - prior)),
 
 in which the range has no ends and the gain is constant. Near an end Theta_hat has no digits left to say how
 near, and how soon it will be away again; s has them. No step can carry it across.
 
-One sample later tau counts as held. There s ends at +-14, within 1e-6 of half a range of its ends: float
-tells these apart, and a controller that has learnt too much finds back.
+One sample later tau counts as held. There s ends at +-14, about 1e-6 of a range from its ends: float tells
+these apart, and a controller that has learnt too much finds back.
 """
 
 from __future__ import annotations
@@ -109,16 +110,23 @@ def own_gain(entry: Entry) -> sp.Expr:
     return 4 * (entry.estimate - low) * (high - entry.estimate) / (high - low) ** 2
 
 
-def logit(entry: Entry, value: sp.Expr) -> sp.Expr:
-    """State of an estimate with a range where the estimate has a value."""
-    low, high = entry.ends
-    return sp.log((value - low) / (high - value))
+def half_turn(entry: Entry) -> sp.Expr:
+    """``tanh(s/2)`` of the state s of an estimate with a range."""
+    return sp.tanh(entry.state / 2)
 
 
-def place(entry: Entry, state: sp.Expr) -> sp.Expr:
-    """The estimate with a range at a value of its state."""
-    low, high = entry.ends
-    return (low + high) / 2 + (high - low) / 2 * sp.tanh(state / 2)
+def place(entry: Entry, turn: sp.Expr) -> sp.Expr:
+    """The estimate with a range where `half_turn` has a value."""
+    (low, high), guess = entry.ends, entry.guess_symbol
+    room = 2 * (guess - low) * (high - guess)
+    return guess + room * turn / (high - low + (2 * guess - low - high) * turn)
+
+
+def turn_at(entry: Entry, hat: sp.Expr) -> sp.Expr:
+    """Where `place` gives a value: its inverse."""
+    (low, high), guess = entry.ends, entry.guess_symbol
+    room = 2 * (guess - low) * (high - guess)
+    return (hat - guess) * (high - low) / (room - (hat - guess) * (2 * guess - low - high))
 
 
 def logit_rate(entry: Entry, rate: sp.Expr) -> sp.Expr:
@@ -132,7 +140,7 @@ def estimate_equations(step: Backstepping, adaptation: Adaptation) -> list[Equat
     return [
         Equation(
             entry.estimate,
-            place(entry, entry.state),
+            place(entry, half_turn(entry)),
             SECTION,
             "",
             f"estimate of {entry.name}, within its range",

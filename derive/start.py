@@ -16,7 +16,6 @@ import sympy as sp
 from pmjoint_derive.adaptation import LS_P0, RHO_GUESS, RHO_HAT
 from pmjoint_derive.design import Design
 from pmjoint_derive.equation import Equation, Equations, real_symbol
-from pmjoint_derive.estimation import logit
 from pmjoint_derive.shield import multiplied_out
 
 SECTION = "Start"
@@ -33,7 +32,7 @@ def estimate_starts(design: Design) -> dict[sp.Symbol, sp.Expr]:
     if adaptation is None:
         return {}
     found: dict[sp.Symbol, sp.Expr] = {
-        entry.state: entry.guess_symbol if entry.range is None else logit(entry, entry.guess_symbol)
+        entry.state: entry.guess_symbol if entry.range is None else sp.Integer(0)
         for entry in adaptation.unknown
     }
     if adaptation.inverse is not None:

@@ -16,7 +16,7 @@ import numpy as np
 
 from pmjoint_codegen import ClosedLoop, Run
 from pmjoint_codegen.errors import SimulationError
-from pmjoint_codegen.simulate.assumptions import remarks
+from pmjoint_codegen.simulate.estimates import estimates
 
 MODELS = Path(__file__).resolve().parent.parent / "models"
 LATE = 12.0  # s: from there on the paper's runs are late
@@ -67,6 +67,7 @@ ROWS = (
     Row("adaptive, γ = 1", BOTH),
     Row("adaptive, γ = 1, c_k = 5, matched", BOTH, MATCHED, FAST),
     Row("adaptive, γ = 0.01, clipped", FORCED, CLIP, {"gamma_b0": 0.01, "gamma_d1": 0.01}),
+    Row("adaptive, γ = 1, clipped", FORCED, CLIP),
     Row(
         "with a load of 1: b0, d1, w; γ = (1, 1, 100), c_k = 5, matched", LOADED, MATCHED, {**FAST, "w": 1.0}
     ),
@@ -112,20 +113,15 @@ def cells(row: Row, reference: str | None = None) -> list[str]:
     if found is None:
         return [row.name, *[LOST] * 5]
     settled = found.summary["settling_s"]
-    names = [state.name for state in found.manifest.states if state.name.endswith("_hat")]
+    names = [item.name for item in estimates(found)]
     return [
         row.name,
         said(found.summary["ise"], 4),
         "never" if settled is None else said(settled),
         said(found.summary["max_abs_v"], 4),
         said(float(np.max(np.abs(found["e"][found["t"] >= LATE]))), 3),
-        at_ends(found) or ", ".join(f"{float(found[name][-1]):.3f}" for name in names) or "–",
+        ", ".join(f"{float(found[name][-1]):.3f}" for name in names) or "–",
     ]
-
-
-def at_ends(run: Run) -> str:
-    """What is said of estimates that no digits are left of; nothing of others."""
-    return "at their ends" if any("came to an end" in text for text in remarks(run)) else ""
 
 
 def said(value: float, digits: int = 3) -> str:

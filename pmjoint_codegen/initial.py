@@ -41,8 +41,8 @@ class Start:
         required: how many of them must be given; the others start at 0.
         terms: the plant's states, each an expression of the variables and of parameters, in Python's
             notation. They use the plant's own parameters, so x0 means the same for all of their values.
-        guesses: for each state of the controller where it starts, an expression of parameters in Python's
-            notation, or nothing: at 0. Estimates start from their guesses.
+        guesses: for each state of the controller the parameter that it starts from, or nothing: it starts at
+            0. Estimates start from their guesses.
     """
 
     variables: tuple[Variable, ...]
@@ -59,11 +59,6 @@ class Start:
     def _trees(self) -> tuple[ast.expr, ...]:
         return tuple(ast.parse(term, mode="eval").body for term in self.terms)
 
-    @cached_property
-    def _starts(self) -> tuple[tuple[int, ast.expr], ...]:
-        given = ((i, text) for i, text in enumerate(self.guesses) if text)
-        return tuple((i, ast.parse(text, mode="eval").body) for i, text in given)
-
     def at_rest(self, parameters: Mapping[str, Numbers], runs: int) -> Numbers:
         """The controller's states at t = 0 where it is not matched to anything, shape (runs, ns).
 
@@ -72,9 +67,9 @@ class Start:
             runs: how many.
         """
         found = np.zeros((runs, len(self.guesses)))
-        with np.errstate(all="ignore"):  # the caller refuses or marks non-finite values
-            for i, tree in self._starts:
-                found[:, i] = evaluate(tree, parameters)
+        for i, name in enumerate(self.guesses):
+            if name:
+                found[:, i] = parameters[name]
         return found
 
     def states(self, x0: Numbers, parameters: Mapping[str, Numbers]) -> Numbers:

@@ -207,7 +207,7 @@ def start_of(derivation: Derivation, words: Vocabulary) -> Start:
     """The states in x0, and the plant's states as functions of them and of the plant's own parameters."""
     model = derivation.model
     known = estimate_starts(derivation.design)
-    guesses = tuple(_python(known[state]) if known.get(state) else "" for state in words.s)
+    guesses = tuple(known[state].name if known.get(state) else "" for state in words.s)
     if model.start is None:
         own = _states(derivation, words)[: len(words.x)]
         return Start(own, model.plant.order, tuple(state.name for state in own), guesses)

@@ -21,7 +21,7 @@ from pmjoint_codegen.simulate.settings import default_controller
 from pmjoint_codegen.values import filter_gains, from_si, positive_gains
 
 _OPERATORS: Final = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**"}
-_LAW: Final = re.compile(r"z\d+|alpha\d+|alpha_bar|v|u|du|(r|chi)\d+_dot|Omega|tau_\w+|\w+_hat_dot")
+_LAW: Final = re.compile(r"z\d+|alpha\d+|alpha_bar|v|u|du|(r|chi)\d+_dot|Omega|tau_\w+|\w+_(hat|logit)_dot")
 _SHOWN: Final = ("Filters", "Estimate", "Adaptation", "Backstepping", "Compensator", "Closed loop")
 _HIDDEN: Final = re.compile(r"epsilon\d+|e")
 
@@ -74,7 +74,7 @@ def facts_of(manifest: Manifest, folder: Path) -> dict[str, Any]:
             "names": list(manifest.start.names),
             "variables": [vars(item) for item in manifest.start.variables],
             "terms": [tree(ast.parse(term, mode="eval").body) for term in manifest.start.terms],
-            "guesses": [tree(ast.parse(text or "0", mode="eval").body) for text in manifest.start.guesses],
+            "guesses": list(manifest.start.guesses),
         },
         "compensator": list(compensator_states(manifest)),
         "estimates": [

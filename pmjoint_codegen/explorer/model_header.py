@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from pmjoint_codegen.loops.chain import is_looped
-from pmjoint_codegen.loops.reach import boundless_states
+from pmjoint_codegen.loops.logits import logit_states
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.fixed import fixed_constants
 from pmjoint_codegen.simulate.settings import DEFAULT_TOLERANCE
@@ -47,9 +47,9 @@ def _lines(manifest: Manifest) -> Iterator[str]:
     sizes |= {f"SIGNAL_{name.upper()}": places[name] for name in _NEEDED}
     sizes |= {f"SIGNAL_{name.upper()}": places.get(name, -1) for name in _OPTIONAL}
     yield from (f"#define {name} ({value})" for name, value in sizes.items())
-    free = boundless_states(manifest)
+    free = logit_states(manifest)
     marks = ", ".join(str(int(place in free)) for place in range(manifest.nX))
-    yield f"static const int boundless[] = {{{marks}}}; /* states that may go anywhere */"
+    yield f"static const int boundless[] = {{{marks}}}; /* logits, which may go anywhere */"
     for name in ("signals", "disturbance"):  # results side by side, as in a run's table
         yield f"#define {name.upper()}_RESULTS(out) {_side_by_side(manifest, name)}"
     for name, problem in problems.items():

@@ -19,8 +19,8 @@ from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.kernels.processor import Level
 from pmjoint_codegen.loops.chain import longest_history
 from pmjoint_codegen.loops.guard import HOLD_RATIOS, discs, hold_factors
+from pmjoint_codegen.loops.logits import reach_of
 from pmjoint_codegen.loops.metrics import Column, rows_header
-from pmjoint_codegen.loops.reach import reach_of
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.storage import sha256_file
 from pmjoint_codegen.values import SETTLED

@@ -42,6 +42,7 @@ _ENTRY: Final = re.compile(
     r"(?P<stem>omega|Gamma|gamma|tau|pull)(?P<number>1?)_(?!plant|max|min)(?P<name>\w+)"
 )
 _ESTIMATE: Final = re.compile(r"(?P<stem>[A-Za-z]+)(?P<number>\d*)_hat_(?P<change>dot|next)")
+_LOGIT: Final = re.compile(r"(?P<name>\w+?)_logit(?:_(?P<change>dot|next))?")
 _END: Final = re.compile(r"(?P<stem>[A-Za-z]+)(?P<number>\d*)_(?P<end>low|high)")
 _DERIVED_RATE: Final = re.compile(r"(?P<stem>[A-Za-z]+)_hat(?P<number>\d*)_dot(?P<rest>(?:_\w+)?)")
 _MARKS: Final = {"dot": "˙", "hat": "^"}
@@ -124,6 +125,12 @@ def symbol(name: str) -> str:
         return f"<msub>{_letters(found['stem'])}<mrow>{index}{symbol(found['name'])}</mrow></msub>"
     if found := _ESTIMATE.fullmatch(name):
         return _changed_estimate("ϱ" if found["stem"] == "rho" else found["stem"], found)
+    if found := _LOGIT.fullmatch(name):
+        letter = (
+            '<mover accent="true"><mi>ℓ</mi><mo>˙</mo></mover>' if found["change"] == "dot" else "<mi>ℓ</mi>"
+        )
+        later = "<mo>,</mo><mi>next</mi>" if found["change"] == "next" else ""
+        return f"<msub>{letter}<mrow>{symbol(found['name'])}{later}</mrow></msub>"
     if found := _END.fullmatch(name):
         over, line = ("munder", "_") if found["end"] == "low" else ("mover", "¯")
         return _below(f"<{over}>{_letters(found['stem'])}<mo>{line}</mo></{over}>", found["number"])

@@ -77,6 +77,7 @@ def _forms() -> tuple[tuple[str, Callable[..., str]], ...]:
     return (
         (r"rate_of_(.+)", lambda state: _accented("dot", state)),
         (r"(omega|omega1|Gamma|gamma|tau|pull)_(?!plant|max|min)(\w+?)", _of_entry),
+        (r"(\w+?)_logit(?:_(dot|next))?", _logit),
         (r"(.+)_start", lambda base: f"{latex_name(base)}(0)"),
         (
             r"d(\d*)([A-Za-z]+\d*)_d(.+)",
@@ -98,6 +99,13 @@ def _of_entry(stem: str, name: str) -> str:
     letter, subscript = _split(stem)
     below = f"{subscript},{latex_name(name)}" if subscript else latex_name(name)
     return f"{letter}_{{{below}}}"
+
+
+def _logit(name: str, change: str | None) -> str:
+    r"""Write the state of an estimate with a range, ``\ell_{b_0}``, its rate, or itself one sample later."""
+    letter = r"\dot{\ell}" if change == "dot" else r"\ell"
+    later = r",\mathrm{next}" if change == "next" else ""
+    return f"{letter}_{{{latex_name(name)}{later}}}"
 
 
 def _changed_estimate(name: str, change: str) -> str:

@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from pmjoint_codegen.manifest import LOGIT
-from pmjoint_codegen.simulate.estimates import HAT, LEAKAGE, estimates, is_frozen, leaking
+from pmjoint_codegen.simulate.estimates import LEAKAGE, estimates, is_frozen, leaking
 from pmjoint_codegen.values import COMPENSATOR
 
 FAST: Final = 1.0  # 1/s, of leakage times gain
-AT_AN_END: Final = 36.0  # of a logit: from there on the estimate is its end but for the last digit
+AT_AN_END: Final = 4.440892098500626e-16  # of |low| + |high|: from there on an estimate has no digits left
 
 if TYPE_CHECKING:
     from pmjoint_codegen.simulate.record import Record
@@ -103,12 +102,13 @@ def parts_of(run: Record, notes: Sequence[str] = ()) -> dict[str, tuple[str, ...
 def _ends_reached(run: Record) -> Iterator[tuple[str, str]]:
     """Each estimate that came nearer to an end of its range than its digits tell, and the end."""
     for item in estimates(run):
-        logit = f"{item.name.removesuffix(HAT)}{LOGIT}"
         if item.range is not None:
-            least, most = float(np.min(run[logit])), float(np.max(run[logit]))
-            low, high = (f"{end:g}" for end in item.range)
-            if max(-least, most) > AT_AN_END:
-                yield item.name, low if -least > most else high
+            low, high = item.range
+            near = AT_AN_END * (abs(low) + abs(high))
+            if float(np.min(run[item.name])) - low <= near:
+                yield item.name, f"{low:g}"
+            elif high - float(np.max(run[item.name])) <= near:
+                yield item.name, f"{high:g}"
 
 
 def remarks(run: Record) -> tuple[str, ...]:

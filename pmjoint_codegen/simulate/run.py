@@ -21,10 +21,10 @@ from pmjoint_codegen.kernels.evaluator import Array, Evaluator
 from pmjoint_codegen.logs.formats import save
 from pmjoint_codegen.loops.chain import actuator_of, is_looped, make_chain
 from pmjoint_codegen.loops.hold import hold_matrices
+from pmjoint_codegen.loops.logits import reach_of
 from pmjoint_codegen.loops.metrics import last_exit
 from pmjoint_codegen.loops.modes import Actuator
 from pmjoint_codegen.loops.problem import Memory, Problem, Progress, make_memory, own_parameters
-from pmjoint_codegen.loops.reach import reach_of
 from pmjoint_codegen.loops.select import Advance, CompiledLoop, make_loop
 from pmjoint_codegen.loops.status import Status, sentence
 from pmjoint_codegen.manifest import Manifest

@@ -12,6 +12,7 @@ import numpy as np
 from pmjoint_codegen.kernels.evaluator import Array, Evaluator
 from pmjoint_codegen.loops.chain import ACTING, CLOCK, COMMAND, FILTERED, MEASURED, U
 from pmjoint_codegen.loops.constants import SAME_INSTANT
+from pmjoint_codegen.loops.logits import inside
 from pmjoint_codegen.loops.problem import Memory, Problem
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.simulate.estimates import range_of
@@ -48,15 +49,12 @@ def signals_of(evaluator: Evaluator, problem: Problem, states: Array, memory: Me
 
 
 def _inside(manifest: Manifest, p: Array, signals: Array) -> Array:
-    """The same with each estimate inside its range: its logit is, where its own digits do not tell."""
+    """The same with each estimate strictly inside its range."""
     values = dict(zip(manifest.parameter_names, p.tolist(), strict=True))
     for place, item in enumerate(manifest.signals):
         ends = range_of(item.name, values) if item.truth else None
         if ends is not None:
-            low, high = ends
-            np.clip(
-                signals[:, place], np.nextafter(low, high), np.nextafter(high, low), out=signals[:, place]
-            )
+            signals[:, place] = inside(signals[:, place], *ends)
     return signals
 
 

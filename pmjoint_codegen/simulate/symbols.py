@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from typing import Final
 
+from pmjoint_codegen.manifest import LOGIT
+
 _GREEK: Final = {
     "lambda": "\\lambda",
     "xi": "\\xi",
@@ -59,6 +61,8 @@ def symbol(name: str) -> str:
     estimated = re.fullmatch(r"([a-zA-Z]+?)_?(\d*)_hat", name)
     if estimated is not None:
         return _estimate(*estimated.groups())
+    if name.endswith(LOGIT):
+        return f"$\\ell_{{{symbol(name.removesuffix(LOGIT)).strip('$')}}}$"
     if name.startswith("gamma_"):
         return f"$\\gamma_{{{symbol(name.removeprefix('gamma_')).strip('$')}}}$"
     stated = re.fullmatch(r"(\w+)_(guess|low|high|prior)", name)

@@ -15,6 +15,7 @@ from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.loops.batch import BatchLibrary, Runs
 from pmjoint_codegen.loops.chain import chain_rows, first_readings, is_looped
 from pmjoint_codegen.loops.hold import exponentials
+from pmjoint_codegen.loops.logits import put_estimates
 from pmjoint_codegen.loops.metrics import Column
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.sweep.metrics import INVALID
@@ -64,6 +65,8 @@ def simulate_chunk(library: BatchLibrary, request: Request, columns: Mapping[str
             y = first_readings(runs.chain, runs.x0[:, 0]) if runs.looped else runs.x0[:, 0]
             runs.x0[:, manifest.nx :] = library.starts(y, runs.p)
         outcome = library.simulate(runs)
+        put_estimates(manifest, runs.p, outcome.final)
+        put_estimates(manifest, runs.p, outcome.trajectories[..., : manifest.nX])
         table[among, : len(Column)] = outcome.metrics
         table[among, len(Column) :] = outcome.final
         trajectories[among] = outcome.trajectories

@@ -20,6 +20,7 @@ from pmjoint_codegen import __version__
 from pmjoint_codegen.chain import SAMPLE_TIME
 from pmjoint_codegen.errors import UsageError
 from pmjoint_codegen.kernels.evaluator import Array
+from pmjoint_codegen.loops.logits import reported_states
 from pmjoint_codegen.loops.metrics import Column
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.storage import explained, settle, write_text
@@ -301,4 +302,4 @@ def _trajectories(request: Request, manifest: Manifest) -> Iterator[tuple[str, _
 
 def trajectory_names(manifest: Manifest) -> tuple[str, ...]:
     """The signals of trajectories, in the batch library's order."""
-    return (*(state.name for state in manifest.states), "v", "e")
+    return (*reported_states(manifest), "v", "e")

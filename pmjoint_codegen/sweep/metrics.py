@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from pmjoint_codegen.kernels.evaluator import Array
+from pmjoint_codegen.loops.logits import reported_states
 from pmjoint_codegen.loops.metrics import Column, last_exit
 from pmjoint_codegen.loops.status import Status, holds
 from pmjoint_codegen.manifest import Manifest
@@ -71,13 +72,14 @@ def held_rows(table: Array) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
 def quantities(manifest: Manifest) -> tuple[Quantity, ...]:
     """Every variable with one value per run: the metrics, whether the joint is held, the final states."""
     units = {item.name: item.unit for item in manifest.signals}
+    known = {item.name: item.unit for item in manifest.states} | units
     metrics = (
         Quantity(item.variable, item.row.unit.format(**units), item.row.about, item.row.integer)
         for item in Column
         if manifest.can_hold or not item.row.of_kinks
     )
     states = (
-        Quantity(f"final_{item.name}", item.unit, f"{item.name} at the end") for item in manifest.states
+        Quantity(f"final_{name}", known[name], f"{name} at the end") for name in reported_states(manifest)
     )
     held = Quantity(HELD, "1", "1 where the joint stays bounded, 0 where it diverges or the run failed", True)
     return (*metrics, held, *states)

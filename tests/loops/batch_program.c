@@ -50,6 +50,7 @@ int main(void)
     const double *x0 = numbers(runs * states);
     const double *p = numbers(runs * (size_t)size[PARAMETERS]);
     const double *hold = numbers((size_t)(size[HOLD] * size[HOLD_ROWS]));
+    const double *reach = numbers(states);
     const pmj_sweep sweep = {
         .runs = size[RUNS],
         .rows = size[ROWS],
@@ -58,6 +59,7 @@ int main(void)
         .sample_time = number[SAMPLE_TIME],
         .tolerance = number[TOLERANCE],
         .divergence = number[DIVERGENCE],
+        .reach = reach,
         .max_steps = number[MAX_STEPS],
         .max_step = number[MAX_STEP],
         .settled = number[SETTLED],

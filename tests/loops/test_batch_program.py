@@ -14,6 +14,7 @@ from pmjoint_codegen.compile.library import FLAGS
 from pmjoint_codegen.kernels.processor import Level, known_levels, usable_levels
 from pmjoint_codegen.loops import batch
 from pmjoint_codegen.loops.batch import BatchLibrary, Runs, step_rules
+from pmjoint_codegen.loops.logits import reach_of
 from pmjoint_codegen.manifest import Manifest
 from pmjoint_codegen.values import SETTLED
 
@@ -57,7 +58,14 @@ def answer(manifest: Manifest, runs: Runs, *command: str | Path) -> bytes:
     steps = (rules.inside, rules.ratios, rules.factors, rules.hold_ratios, rules.hold_rate_factors)
     parts = (
         *(np.array(sizes, dtype=np.int64), np.array(numbers), np.array(lengths, dtype=np.float64), *steps),
-        *(rules.hold_value_factors, runs.x0, runs.p, runs.hold, runs.times),
+        *(
+            rules.hold_value_factors,
+            runs.x0,
+            runs.p,
+            runs.hold,
+            reach_of(manifest, runs.divergence),
+            runs.times,
+        ),
     )
     given = b"".join(part.tobytes() for part in parts)
     # The program ends without freeing what it asked for; the loops themselves allocate nothing.

@@ -10,6 +10,7 @@ import pytest
 
 from pmjoint_codegen import ClosedLoop, compare, tune
 from pmjoint_codegen.loops.hold import hold_matrices
+from pmjoint_codegen.loops.logits import place_of
 from pmjoint_codegen.simulate.run import Run
 from pmjoint_codegen.simulate.settings import make_settings
 from tests.sampled_runs import loaded
@@ -69,21 +70,23 @@ def test_a_sampled_estimate_never_leaves_its_range(model: str, gain: float, samp
     """However long the sample, large the gain and large what moves it, 200 samples in a row."""
     loop, random = loaded(model), np.random.default_rng(7)
     manifest = loop.manifest
-    names = [item.name[:-4] for item in manifest.states[slice(*manifest.blocks["Theta"])]]
+    names = [item.name.removesuffix("_logit") for item in manifest.states[slice(*manifest.blocks["Theta"])]]
     p = make_settings(manifest, parameters={f"gamma_{name}": gain for name in names}).p
     values = dict(zip(manifest.parameter_names, p.tolist(), strict=True))
     low, high = (np.array([values[f"{name}_{end}"] for name in names]) for end in ("low", "high"))
     h = hold_matrices(loop.evaluator, p, sample_time)
-    hats = np.tile([values[f"{name}_guess"] for name in names], (50, 1))
+    guess = np.array([values[f"{name}_guess"] for name in names])
+    logits = np.zeros((50, len(names)))
     first, last = (place - manifest.nx for place in manifest.blocks["Theta"])
     for _ in range(200):
         sizes = 10.0 ** random.uniform(-3.0, 6.0, (50, 1))
         s = random.uniform(-1.0, 1.0, (50, manifest.nX - manifest.nx)) * sizes
-        s[:, first:last] = hats
+        s[:, first:last] = logits
         y, u, v = (random.uniform(-2.0, 2.0, (50, 1)) for _ in range(3))
         y_r = random.uniform(-2.0, 2.0, (50, manifest.rho + 1))
         s_next = loop.evaluator.call("sampled_update", y, s, y_r, u, v, h, p)[0]
-        hats = s_next[:, first:last]
+        logits = s_next[:, first:last]
+        hats = place_of(logits, guess, low, high)
         assert np.all((low < hats) & (hats < high))
     assert np.ptp(hats, axis=0).max() > 0.5 * (high - low).min()
 
@@ -110,10 +113,10 @@ def test_a_saved_state_has_the_estimates() -> None:
     other.state = one.state
     assert [one.step(y) for y in readings[20:]] == [other.step(y) for y in readings[20:]]
     first = loop.manifest.blocks["Theta"][0] - loop.manifest.nx
-    assert one.s[first] != 1.2
+    assert one.s[first] != 0.0
     other.reset(1.5)
     other.step(1.5)
-    assert other.s[first] == 1.2  # the guess
+    assert other.s[first] == 0.0  # at the guess
 
 
 def test_other_guesses_need_no_new_kernels() -> None:

@@ -27,7 +27,7 @@ Array = npt.NDArray[np.float64]
 SEED = 20200530
 POINTS = 200  # of each kind
 ROUNDOFF = 2.0**-53
-OPERATIONS = 10  # a slope and its product, to be on the safe side
+OPERATIONS = 16  # a slope and its product, to be on the safe side
 
 
 def check(subject: Subject) -> GateResult:
@@ -100,8 +100,8 @@ def all_names(subject: Subject) -> list[str]:
 def _slopes(subject: Subject, arguments: Sequence[Array]) -> list[Array | None]:
     """What each measurable moves by with its state: None of one that is a state itself.
 
-    The states of estimates with a range are their logits, ``ln(q/(1 - q))`` with q the place in the range, and
-    by these the tape of `law` is differentiated.
+    The states of estimates with a range are their logits, ``ln(q/(1 - q))`` with q the place in the range,
+    less those of their guesses; by these the tape of `law` is differentiated.
     """
     manifest, s = subject.manifest, subject.derivation.signals
     labels = [label for label, _ in manifest.function("partials").inputs]
@@ -113,8 +113,9 @@ def _slopes(subject: Subject, arguments: Sequence[Array]) -> list[Array | None]:
             found.append(None)
             continue
         name = measured.name.removesuffix("_hat")
-        q = 1 / (1 + np.exp(-state[:, place]))
-        found.append((values[f"{name}_high"] - values[f"{name}_low"]) * q * (1 - q))
+        low, high, guess = (values[f"{name}_{which}"] for which in ("low", "high", "guess"))
+        q = 1 / (1 + (high - guess) / (guess - low) * np.exp(-state[:, place]))
+        found.append((high - low) * q * (1 - q))
     return [*found, *(None for _ in s.y_r)]
 
 

@@ -50,8 +50,11 @@ def _placed(
     for i in range(first, last):
         name = manifest.states[i].name
         if name.endswith(LOGIT):
+            low, high, guess = (
+                p[f"{name.removesuffix(LOGIT)}_{which}"] for which in ("low", "high", "guess")
+            )
             place = random.uniform(*INSIDE, count)
-            yield i, np.log(place / (1 - place))
+            yield i, np.log(place / (1 - place)) - np.log((guess - low) / (high - guess))
         else:
             yield i, p[f"{name.removesuffix('_hat')}_guess"] * random.uniform(*NEAR, count)
     for i in range(*manifest.blocks.get("rho", (0, 0))):

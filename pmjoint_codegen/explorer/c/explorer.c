@@ -108,7 +108,7 @@ static void pose(int sampled)
     problem.sample_time = sampled ? settings[SAMPLE_TIME] : 0.0;
     problem.n_history = sampled ? (long long)settings[N_HISTORY] : 0;
     problem.reach = reach;
-    for (int i = 0; i < PMJ_NS; ++i) { /* as in pmjoint_codegen/loops/reach.py */
+    for (int i = 0; i < PMJ_NS; ++i) { /* as in pmjoint_codegen/loops/logits.py */
         reach[i] = boundless[i] ? HUGE_VAL : settings[DIVERGENCE];
     }
 }

@@ -143,7 +143,7 @@ class Engine {
 
     const state = this.view("state", facts.states.length).fill(0);
     state.set(this.startStates(settings.x0, values));
-    state.set(facts.start.guesses.map((tree) => evaluate(tree, values)), facts.nx);
+    facts.start.guesses.forEach((name, i) => { if (name) state[facts.nx + i] = values[name]; });
     if (settings.start === "matched") wasm.explorer_match(looped ? wasm.explorer_read(state[0]) : state[0]);
     const count = this.putTimes(settings);
     this.view("settings", 7).set([settings.horizon, period, this.divergence(values, settings), count,
