@@ -1,36 +1,41 @@
-r"""A derivation as a LaTeX document (class article, package amsmath) in the paper's notation."""
+r"""A derivation as a LaTeX document (class article, packages of every LaTeX) in the paper's notation."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator
-
-import sympy as sp
+from itertools import starmap
 
 from pmjoint_codegen.report.notation import (
     escape,
-    latex_expression,
     latex_name,
     latex_number,
     latex_prose,
     latex_unit,
-    scaled_sum,
 )
+from pmjoint_codegen.report.rows import equation_rows, too_wide
 from pmjoint_codegen.report.sections import by_section, own_parameters
 from pmjoint_codegen.values import GAINS, from_si
+from pmjoint_derive.adaptation import Adaptation
 from pmjoint_derive.equation import Equation
 from pmjoint_derive.model import Model, Parameter
 from pmjoint_derive.sampling import SECTION as SAMPLED
 from pmjoint_derive.true_plant import SECTION as TRUE_PLANT
 
-_WIDTH = 62  # printed characters of a line of mathematics, about what 16 cm hold
-
 _PREAMBLE = r"""\documentclass[11pt,a4paper]{article}
 \usepackage[utf8]{inputenc}
 \usepackage{amsmath}
 \usepackage[margin=22mm]{geometry}
+\usepackage{graphicx,tabularx}
 \setlength{\parindent}{0pt}
+\setlength{\emergencystretch}{3em}
 \allowdisplaybreaks
+\newsavebox{\formula}
+\newlength{\room}
+% a formula that cannot be broken: smaller, where it would not fit beside its number
+\newcommand{\shrunk}[1]{%
+  \sbox{\formula}{$\displaystyle #1$}\setlength{\room}{\linewidth}\addtolength{\room}{-3em}%
+  \ifdim\wd\formula>\room \resizebox{\room}{!}{\usebox{\formula}}\else\usebox{\formula}\fi}
 """
 
 _HELD = (
@@ -57,10 +62,10 @@ def latex_report(model: Model, equations: Iterable[Equation]) -> str:
         rf"\author{{\parbox{{0.9\linewidth}}{{\centering {escape(model.source)}}}}}",
     ]
     lines += [r"\begin{document}", r"\maketitle", scope(model), "", *_parameters(model.parameters)]
-    lines += ["", r"\medskip", gains(model)]
+    lines += ["", r"\medskip", _breakable(gains(model))]
     for section, members in by_section(equations):
         lines += ["", rf"\section*{{{escape(section)}}}"]
-        lines += section_note(section, model, members)
+        lines += map(_breakable, section_note(section, model, members))
         for equation in members:
             lines += ["", *_display(equation)]
     return "\n".join([*lines, "", r"\end{document}"])
@@ -70,6 +75,8 @@ def section_note(section: str, model: Model, members: Iterable[Equation]) -> lis
     """Say what a section needs besides its equations: at most one paragraph."""
     if section == TRUE_PLANT:
         pairs = own_parameters(model, members).items()
+        if not pairs:
+            return []
         same = ", ".join(f"${latex_name(own)} = {latex_name(name)}$" for own, name in pairs)
         return [f"Where no other value is set, the plant has what the controller believes: {same}."]
     return [_HELD] if section == SAMPLED else []
@@ -86,12 +93,12 @@ def scope(model: Model) -> str:
 
 def _parameters(parameters: tuple[Parameter, ...]) -> Iterator[str]:
     yield r"\section*{Parameters}"
-    yield r"\begin{tabular}{@{}lllp{0.6\linewidth}@{}}"
+    yield r"\begin{tabularx}{\linewidth}{@{}lll>{\raggedright\arraybackslash}X@{}}"
     for item in parameters:
         unit = "" if item.unit in ("", "1") else latex_unit(item.unit)
         value = from_si(item.value, item.scale)
         yield rf"${latex_name(item.name)}$ & ${latex_number(value)}$ & {unit} & {latex_prose(item.about)} \\"
-    yield r"\end{tabular}"
+    yield r"\end{tabularx}"
 
 
 def gains(model: Model) -> str:
@@ -113,6 +120,9 @@ def gains(model: Model) -> str:
     if model.gains.braking is not None:
         share = f"${latex_name('braking')} = {latex_number(model.gains.braking)}$"
         text += f" The compensator brakes with the share {share} of the limit of $u$."
+    if model.gains.observer is not None:
+        bandwidth = _equal("observer", model.gains.observer)
+        text += f" The observer has all its poles at $-{latex_name('observer')}$, {bandwidth}."
     text += _guesses(model)
     return text + (" A run starts at the matched start." if model.gains.matched else "")
 
@@ -138,13 +148,39 @@ def _guesses(model: Model) -> str:
         if entry.range is not None
     ]
     text += f", each within its range: {', '.join(ranges)}." if ranges else "."
-    if adaptation.least_squares is None:
-        rates = ", ".join(
-            f"${latex_name(entry.gamma.name)} = {latex_number(entry.gain)}$" for entry in unknown
-        )
-        pull = f"${latex_name('leakage')} = {latex_number(adaptation.leakage)}$"
-        text += f" Adaptation gains: {rates}. Leakage {pull} pulls the estimates towards their priors."
-    return text
+    return text + (_least_squares(adaptation) if adaptation.least_squares else _tuning(adaptation))
+
+
+def _tuning(adaptation: Adaptation) -> str:
+    """Give the gains of tuning functions, and of the estimate of 1/b_m, in sentences."""
+    rates = ", ".join(_equal(entry.gamma.name, entry.gain) for entry in adaptation.unknown)
+    text = f" Adaptation gains: {rates}. Leakage {_equal('leakage', adaptation.leakage)} pulls the estimates"
+    text += " towards their priors."
+    inverse = adaptation.inverse
+    if inverse is None:
+        return text
+    values = {"rho_guess": inverse.guess, "gamma_rho": inverse.gain, "rho_leakage": inverse.leakage}
+    found = ", ".join(starmap(_equal, {**values, "rho_prior": inverse.prior}.items()))
+    return f"{text} The estimate ${latex_name('rho_hat')}$ of $1/b_m$ has {found}."
+
+
+def _least_squares(adaptation: Adaptation) -> str:
+    """Give the settings of least squares in a sentence."""
+    squares = adaptation.least_squares
+    if squares is None:
+        return ""
+    values = {"ls_kappa": squares.kappa, "ls_forgetting": squares.forgetting, "ls_P0": squares.P0}
+    found = ", ".join(starmap(_equal, {**values, "ls_k_max": squares.k_max}.items()))
+    return f" Least squares with {found} give the estimates."
+
+
+def _equal(name: str, value: float) -> str:
+    return f"${latex_name(name)} = {latex_number(value)}$"
+
+
+def _breakable(sentence: str) -> str:
+    """Let a line of text end behind a comma inside a formula, as in a list of gains."""
+    return re.sub(r"\$[^$]+\$", lambda formula: formula[0].replace(", ", r",\allowbreak "), sentence)
 
 
 def _display(equation: Equation) -> Iterator[str]:
@@ -156,72 +192,6 @@ def _display(equation: Equation) -> Iterator[str]:
     yield rf"\begin{{{environment}}}"
     if equation.number:
         yield rf"\tag{{{equation.number.strip('()')}}}"
-    yield from equation_rows(equation)
+    rows = equation_rows(equation)
+    yield from [r"\shrunk{", *rows, "}"] if too_wide(equation, rows) else rows
     yield rf"\end{{{environment}}}"
-
-
-def equation_rows(equation: Equation, *, fill: bool = True) -> list[str]:
-    """Give an equation on one line, or broken between terms where the line would be too long.
-
-    Args:
-        equation: what to print.
-        fill: put as many terms into a line as it holds. Without it, each term has its own, and a change of
-            one leaves the others where they were.
-    """
-    left, expression = latex_name(equation.name), equation.expression
-    whole = latex_expression(expression)
-    factor, terms = scaled_sum(expression)
-    rows = list(_signed(terms))
-    filled = list(_filled(rows))
-    if len(filled) == 1 or _length(whole) <= _WIDTH:
-        return [f"{left} = {whole}"]
-    first, *rest = filled if fill else rows
-    if factor != 1:
-        first, rest[-1] = rf"{latex_expression(factor)} \Bigl[ {first}", rf"{rest[-1]} \Bigr]"
-    return [r"\begin{aligned}", f"{left} ={{}}& {first}", *(rf"\\ & {row}" for row in rest), r"\end{aligned}"]
-
-
-def _signed(terms: list[sp.Expr]) -> Iterator[str]:
-    """Give the terms of a sum, each but the first with its sign; a term that no line holds, in pieces."""
-    for i, term in enumerate(terms):
-        for piece in _pieces(term):
-            yield piece if i == 0 or piece[0] in "-+" else f"+ {piece}"
-
-
-def _pieces(term: sp.Expr) -> list[str]:
-    """Give a product whole or, where it is too long for a line, as a factor and the terms of its sum."""
-    whole = latex_expression(term)
-    factor, terms = scaled_sum(term)
-    if _length(whole) <= _WIDTH or factor == 1 or len(terms) < 2:
-        return [whole]
-    inner = list(_signed(terms))
-    return [
-        rf"{latex_expression(factor)} \Bigl( {inner[0]}",
-        *(text if text[0] in "-+" else f"+ {text}" for text in inner[1:-1]),
-        rf"{inner[-1]} \Bigr)",
-    ]
-
-
-def _filled(terms: Iterable[str]) -> Iterator[str]:
-    """Fill lines with terms."""
-    line = ""
-    for text in terms:
-        if line and _length(line) + _length(text) > _WIDTH:
-            yield line
-            line = text
-        else:
-            line = f"{line} {text}" if line else text
-    yield line
-
-
-def _length(latex: str) -> int:
-    """Estimate how many characters a line of LaTeX prints.
-
-    A fraction is as wide as its wider half; what stands beside a sign between terms is as wide as another.
-    """
-    symbols = re.sub(r"[_^]\{([^{}]*)\}", r"\1", latex.replace(r"\left", "").replace(r"\right", ""))
-    symbols = re.sub(r"\\(?!frac)[A-Za-z]+(?:\{(\w)\})?", "x", symbols)
-    fraction = re.compile(r"\\frac\{([^{}]*)\}\{([^{}]*)\}")
-    while fraction.search(symbols):
-        symbols = fraction.sub(lambda halves: max(halves.groups(), key=len), symbols)
-    return len(re.sub(r"[{}_^\s\\]", "", symbols)) + len(re.findall(r" [-+] ", symbols))

@@ -9,8 +9,9 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Sequence
 
-from pmjoint_codegen.report.latex import equation_rows, gains, scope, section_note
+from pmjoint_codegen.report.latex import gains, scope, section_note
 from pmjoint_codegen.report.notation import latex_name, prose_pieces
+from pmjoint_codegen.report.rows import equation_rows
 from pmjoint_codegen.report.sections import by_section
 from pmjoint_codegen.values import from_si
 from pmjoint_derive.equation import Equation

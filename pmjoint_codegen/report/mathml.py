@@ -29,6 +29,10 @@ _WORDS: Final = {
     "rho_guess": "<msub><mi>ϱ</mi><mi>guess</mi></msub>",
     "rho_prior": "<msub><mi>ϱ</mi><mi>prior</mi></msub>",
     "rho_leakage": "<msub><mi>σ</mi><mi>ϱ</mi></msub>",
+    "pull_rho": "<msub><mi>pull</mi><mi>ϱ</mi></msub>",
+    "prediction_error": "<msub><mi>ϵ</mi><mi>y</mi></msub>",
+    "prediction_norm": "<msub><mi>ν</mi><mi>ω</mi></msub>",
+    "observer": "<msub><mi>ω</mi><mi>o</mi></msub>",
     "gamma_rho": "<msub><mi>γ</mi><mi>ϱ</mi></msub>",
     "ls_kappa": "<mi>κ</mi>",
     "ls_forgetting": "<mi>β</mi>",
@@ -46,6 +50,8 @@ _LOGIT: Final = re.compile(r"(?P<name>\w+?)_logit(?:_(?P<change>dot|next))?")
 _END: Final = re.compile(r"(?P<stem>[A-Za-z]+)(?P<number>\d*)_(?P<end>low|high)")
 _DERIVED_RATE: Final = re.compile(r"(?P<stem>[A-Za-z]+)_hat(?P<number>\d*)_dot(?P<rest>(?:_\w+)?)")
 _MARKS: Final = {"dot": "˙", "hat": "^"}
+_GAIN_RATE: Final = re.compile(r"d(?P<gain>Gamma_(?P<name>\w+))_d(?P<by>(?P=name)_hat)")
+_OBSERVER: Final = re.compile(r"eso(?P<rest>\d+(?:_\w+)?)")
 _PARTIAL: Final = re.compile(r"d(?P<order>\d*)(?P<of>[A-Za-z]\w*?\d*)_d(?P<by>\w+)")
 _RATE: Final = re.compile(r"d(?P<order>\d*)(?P<of>y_r|y)")
 _NAME: Final = re.compile(r"(?P<base>[A-Za-z]+?)(?P<number>\d*)(?P<rest>(?:_\w+)?)")
@@ -114,6 +120,10 @@ def symbol(name: str) -> str:
     if found := _RATE.fullmatch(name):
         dots = "¨" if found["order"] == "2" else "˙" if not found["order"] else f"({found['order']})"
         return _raised("y", dots, "r" if found["of"] == "y_r" else "")
+    if found := _OBSERVER.fullmatch(name):
+        return symbol(f"eta_hat{found['rest']}")
+    if found := _GAIN_RATE.fullmatch(name):
+        return _partial("", found["gain"], [found["by"]])
     if found := _PARTIAL.fullmatch(name):
         return _partial(found["order"], found["of"], found["by"].split("_d"))
     if name.startswith("rate_of_"):

@@ -13,7 +13,7 @@ import sympy as sp
 from sympy.printing.latex import LatexPrinter, tex_greek_dictionary
 from sympy.printing.str import StrPrinter
 
-_STEMS = {"eps": r"\varepsilon"}
+_STEMS = {"eps": r"\varepsilon", "eso": r"\hat{\eta}"}
 _LOWER = (
     "alpha beta gamma delta epsilon zeta eta theta iota kappa "
     "lambda mu nu xi pi rho sigma tau upsilon phi chi psi omega"
@@ -41,6 +41,10 @@ _WORDS = {
     "rho_prior": r"\varrho_{\mathrm{prior}}",
     "rho_leakage": r"\sigma_\varrho",
     "gamma_rho": r"\gamma_\varrho",
+    "pull_rho": r"\mathrm{pull}_\varrho",
+    "prediction_error": r"\epsilon_y",
+    "prediction_norm": r"\nu_\omega",
+    "observer": r"\omega_o",
     "ls_kappa": r"\kappa",
     "ls_forgetting": r"\beta",
     "ls_P0": "P_0",
@@ -48,7 +52,7 @@ _WORDS = {
     "f_minus": "f_-",
     "f_plus": "f_+",
 }
-_PROSE = ("compensator", "leakage")  # words of a remark too
+_PROSE = ("compensator", "leakage", "observer")  # words of a remark too
 _SPECIAL = {
     "\\": r"\textbackslash{}",
     "^": r"\textasciicircum{}",
@@ -58,6 +62,9 @@ _SPECIAL = {
 _PARTIAL = re.compile(r"d\d*[A-Za-z]+\d*_d.+")
 _UNIT = r"(?:kg|rad|deg|bar|Pa|kPa|MPa|Hz|mm|cm|ms|[NVAWJKms])(?:\^-?\d+)?"
 _QUANTITY = re.compile(rf"(?<=\d)([ /]\(?{_UNIT}(?:(?: |/\(?){_UNIT}\)?)*)(?!\w)")  # as in 2 rad/(s^2 V)
+_SCRIPT = r"(?:[_^](?:\w|\\[a-z]+|\{(?:[^{}]|\{[^{}]*\})*\}))"
+_AFTER_WORD = re.compile(rf"(\\mathrm\{{\w{{2,}}\}}{_SCRIPT}*) (?=\w|\\(?!cdot|le|ge|right|\W))")
+_BEFORE_WORD = re.compile(r"(?<=[\w})])(?<!\\cdot) (?=\\mathrm\{\w{2,}\})")
 _LATIN = 0x180  # LaTeX knows the letters below this code without being told
 
 
@@ -79,6 +86,7 @@ def _forms() -> tuple[tuple[str, Callable[..., str]], ...]:
         (r"(omega|omega1|Gamma|gamma|tau|pull)_(?!plant|max|min)(\w+?)", _of_entry),
         (r"(\w+?)_logit(?:_(dot|next))?", _logit),
         (r"(.+)_start", lambda base: f"{latex_name(base)}(0)"),
+        (r"d(Gamma_(\w+))_d(\2_hat)", lambda gain, _, by: _derivative("", gain, [by])),
         (
             r"d(\d*)([A-Za-z]+\d*)_d(.+)",
             lambda order, of, by: _derivative(order, of, by.split("_d")),
@@ -247,7 +255,13 @@ def latex_expression(expression: sp.Expr) -> str:
     Names of functions that LaTeX does not know are set with ``\mathrm``: GitHub refuses ``\operatorname``.
     """
     text = str(PaperPrinter({"fold_short_frac": False}).doprint(expression))
-    return text.replace(r"\operatorname", r"\mathrm")
+    return _spaced(text.replace(r"\operatorname", r"\mathrm"))
+
+
+def _spaced(product: str) -> str:
+    """Set a word apart from the factors beside it, which would look like more of its letters."""
+    after = _AFTER_WORD.sub(r"\1\, ", product)
+    return _BEFORE_WORD.sub(r"\, ", after)
 
 
 def latex_number(value: float) -> str:

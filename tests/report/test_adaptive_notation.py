@@ -5,10 +5,13 @@ from __future__ import annotations
 import re
 
 import pytest
+import sympy as sp
 
 from pmjoint_codegen.report.mathml import symbol
-from pmjoint_codegen.report.notation import latex_name, latex_prose
+from pmjoint_codegen.report.notation import latex_expression, latex_name, latex_prose
+from pmjoint_derive import real_symbol
 
+a, x, BAND = map(real_symbol, ("a", "x", "band"))
 NAMES = {
     "alpha_bar": (r"\bar{\alpha}", "α¯"),
     "omega_b0": (r"\omega_{b_0}", "ωb0"),
@@ -36,6 +39,15 @@ NAMES = {
     "rho_hat_dot": (r"\dot{\hat{\varrho}}", "ϱ^˙"),
     "V_Theta": (r"V_{\Theta}", "VΘ"),
     "leakage": (r"\sigma_\Theta", "σΘ"),
+    "dGamma_w_dw_hat": (r"\frac{\partial \Gamma_{w}}{\partial \hat{w}}", "∂Γw∂w^"),
+    "dGamma_d1_dd1_hat": (r"\frac{\partial \Gamma_{d_1}}{\partial \hat{d}_1}", "∂Γd1∂d^1"),
+    "pull_rho": (r"\mathrm{pull}_\varrho", "pullϱ"),
+    "prediction_error": (r"\epsilon_y", "ϵy"),
+    "prediction_norm": (r"\nu_\omega", "νω"),
+    "observer": (r"\omega_o", "ωo"),
+    "eso1": (r"\hat{\eta}_1", "η^1"),
+    "eso2_dot": (r"\dot{\hat{\eta}}_2", "η^˙2"),
+    "eso3_next": (r"\hat{\eta}_{3,\mathrm{next}}", "η^3,next"),
     "dalpha1_db0_hat": (r"\frac{\partial \alpha_1}{\partial \hat{b}_0}", "∂α1∂b^0"),
 }
 
@@ -50,3 +62,16 @@ def test_names_are_written_alike_in_both(name: str) -> None:
 def test_remarks_keep_their_words() -> None:
     assert latex_prose("what moves b0_hat: tau and leakage") == r"what moves $\hat{b}_0$: $\tau$ and leakage"
     assert latex_prose("with the reference's rate") == "with the reference's rate"
+
+
+@pytest.mark.parametrize(
+    ("expression", "latex"),
+    [
+        (a * BAND, r"a\, \mathrm{band}"),
+        (real_symbol("Gr_11") * real_symbol("chi1"), r"\mathrm{Gr}_{11}\, \chi_1"),
+        (a * real_symbol("b0_plant") * x, r"a b_{0,\mathrm{plant}} x"),
+        (BAND - a, r"\mathrm{band} - a"),
+    ],
+)
+def test_words_stand_apart_from_their_factors(expression: sp.Expr, latex: str) -> None:
+    assert latex_expression(expression) == latex
