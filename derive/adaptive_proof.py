@@ -42,7 +42,7 @@ from pmjoint_derive.adaptive_energy import error_energy, estimate_energy
 from pmjoint_derive.closed_loop import disturbance_symbols, unknown_output_rate
 from pmjoint_derive.design import Derivation
 from pmjoint_derive.equation import Identity, real_symbol
-from pmjoint_derive.estimation import half_turn, omega, omega_1, turn_at
+from pmjoint_derive.estimation import omega, omega_1, turn, turn_at
 from pmjoint_derive.filters import filter_matrix
 from pmjoint_derive.least_squares import ERROR, NORM
 from pmjoint_derive.lyapunov import (
@@ -138,18 +138,16 @@ def state_rates(derivation: Derivation) -> dict[sp.Symbol, sp.Expr]:
     return {state: derivation.equations[derivative_name(state)].expression for state in states}
 
 
-def in_estimate(entry: Entry, value: sp.Expr) -> sp.Expr:
-    """What is written in the state of an estimate with a range, in the estimate.
+def in_estimate(entry: Entry, slope: sp.Expr) -> sp.Expr:
+    """The derivative of V_Theta by the state of an estimate with a range, in the estimate.
 
-    Hyperbolic functions of half the state follow by `turn_at`; those of half the logit itself, which V has,
-    are the estimate's place between the ends of its range.
+    Hyperbolic functions in it are of half the logit itself: the estimate's place between the ends.
     """
     low, high = entry.ends
-    half = half_turn(entry).args[0]
-    whole = next((item.args[0] for item in value.atoms(sp.cosh)), half)
-    value = value.xreplace({sp.sinh(whole): sp.tanh(whole) * sp.cosh(whole)})
-    between = (2 * entry.estimate - low - high) / (high - low)
-    return value.xreplace({sp.tanh(half): turn_at(entry, entry.estimate)}).xreplace({sp.tanh(whole): between})
+    for half in {item.args[0] for item in slope.atoms(sp.cosh)}:
+        tangent = slope.xreplace({sp.sinh(half): sp.tanh(half) * sp.cosh(half)})
+        slope = tangent.xreplace({sp.tanh(half): (2 * entry.estimate - low - high) / (high - low)})
+    return slope
 
 
 def moving_gains(value: sp.Expr) -> sp.Expr:
@@ -194,15 +192,16 @@ def logit_identities(derivation: Derivation) -> list[Identity]:
     """Each estimate whose state is its logit is where that says, and moves as the law counts on."""
     equations, found = derivation.equations, []
     for entry in _adaptation(derivation).ranged:
-        hat, state, (low, high) = entry.estimate, entry.state, entry.ends
+        hat, state, T, (low, high) = entry.estimate, entry.state, turn(entry), entry.ends
         definition = equations[hat.name].expression
         at_guess = (2 * entry.guess_symbol - low - high) / (high - low)
-        turn = sp.Dummy("T")
-        summed = (turn + at_guess) / (1 + turn * at_guess)  # tanh of half the logit, that of the guess added
-        rest = definition.xreplace({half_turn(entry): turn}) - (low + high + (high - low) * summed) / 2
+        summed = (T + at_guess) / (1 + T * at_guess)  # tanh of half the logit, that of the guess added
+        rest = definition - (low + high + (high - low) * summed) / 2
         claimed = f"{state} is the logit of {hat} in its range, less that of its guess"
         found.append(Identity(str(state), claimed, remainder(rest, sp.Integer(1))))
-        slope = in_estimate(entry, sp.diff(definition, state))
+        turned = equations[T.name].expression
+        moved = sp.diff(turned, state).xreplace({turned: T})
+        slope = (sp.diff(definition, T) * moved).xreplace({T: turn_at(entry)})
         names = (derivative_name(hat), derivative_name(state))
         claimed_rate, rate = (equations[name].expression for name in names)
         kept = _constants(derivation) | _kept(derivation) - {real_symbol(f"Gamma_{entry.name}")}

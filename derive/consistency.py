@@ -113,7 +113,7 @@ def start_identities(derivation: Derivation) -> list[Identity]:
         Identity(
             f"{entry.estimate}(0)",
             f"{entry.estimate} starts from {entry.guess_symbol}",
-            known[entry.estimate.name].expression.xreplace(
+            known.expand(known[entry.estimate.name].expression).xreplace(
                 {entry.state: known[start_symbol(entry.state).name].expression}
             )
             - entry.guess_symbol,

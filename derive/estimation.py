@@ -44,7 +44,7 @@ from pmjoint_derive.design import Sampled
 from pmjoint_derive.equation import Equation, real_symbol
 from pmjoint_derive.filters import input_filters
 from pmjoint_derive.signals import derivative_name
-from pmjoint_derive.units import SECOND
+from pmjoint_derive.units import SECOND, Unit
 
 SECTION = "Adaptation"
 ALPHA_BAR = real_symbol("alpha_bar")  # b_m times virtual control 1
@@ -110,21 +110,21 @@ def own_gain(entry: Entry) -> sp.Expr:
     return 4 * (entry.estimate - low) * (high - entry.estimate) / (high - low) ** 2
 
 
-def half_turn(entry: Entry) -> sp.Expr:
-    """``tanh(s/2)`` of the state s of an estimate with a range."""
-    return sp.tanh(entry.state / 2)
+def turn(entry: Entry) -> sp.Symbol:
+    """Name of ``tanh(s/2)`` of the state s of an estimate with a range."""
+    return real_symbol(f"{entry.name}_turn")
 
 
-def place(entry: Entry, turn: sp.Expr) -> sp.Expr:
-    """The estimate with a range where `half_turn` has a value."""
-    (low, high), guess = entry.ends, entry.guess_symbol
+def place(entry: Entry) -> sp.Expr:
+    """The estimate with a range, by `turn`."""
+    (low, high), guess, T = entry.ends, entry.guess_symbol, turn(entry)
     room = 2 * (guess - low) * (high - guess)
-    return guess + room * turn / (high - low + (2 * guess - low - high) * turn)
+    return guess + room * T / (high - low + (2 * guess - low - high) * T)
 
 
-def turn_at(entry: Entry, hat: sp.Expr) -> sp.Expr:
-    """Where `place` gives a value: its inverse."""
-    (low, high), guess = entry.ends, entry.guess_symbol
+def turn_at(entry: Entry) -> sp.Expr:
+    """`turn` by the estimate: the inverse of `place`."""
+    (low, high), guess, hat = entry.ends, entry.guess_symbol, entry.estimate
     room = 2 * (guess - low) * (high - guess)
     return (hat - guess) * (high - low) / (room - (hat - guess) * (2 * guess - low - high))
 
@@ -137,17 +137,16 @@ def logit_rate(entry: Entry, rate: sp.Expr) -> sp.Expr:
 
 def estimate_equations(step: Backstepping, adaptation: Adaptation) -> list[Equation]:
     """The estimates whose states are their logits."""
-    return [
-        Equation(
-            entry.estimate,
-            place(entry, half_turn(entry)),
-            SECTION,
-            "",
-            f"estimate of {entry.name}, within its range",
-            step.units.of(entry.estimate),
-        )
-        for entry in adaptation.ranged
-    ]
+    found = []
+    for entry in adaptation.ranged:
+        hat, about = entry.estimate, f"how far {entry.estimate} is from its guess, from -1 to 1"
+        found += [
+            Equation(turn(entry), sp.tanh(entry.state / 2), SECTION, "", about, Unit({})),
+            Equation(
+                hat, place(entry), SECTION, "", f"estimate of {entry.name}, in its range", step.units.of(hat)
+            ),
+        ]
+    return found
 
 
 def logit_equation(entry: Entry, rate: sp.Expr) -> Equation:

@@ -65,6 +65,13 @@ def rest_values(derivation: Derivation) -> dict[sp.Symbol, sp.Expr]:
     return {state: known.get(state, sp.Integer(0)) for state in derivation.signals.controller_state}
 
 
+def kept_at_start(derivation: Derivation) -> dict[sp.Symbol, sp.Expr]:
+    """What is kept -> where it starts: an estimate at its guess, anything else at 0."""
+    adaptation = derivation.model.adaptation
+    guesses = {} if adaptation is None else {item.estimate: item.guess_symbol for item in adaptation.ranged}
+    return {symbol: guesses.get(symbol, sp.Integer(0)) for symbol in kept_symbols(derivation)}
+
+
 def logits(derivation: Derivation) -> tuple[sp.Symbol, ...]:
     """The states that the update itself keeps within bounds."""
     s = derivation.signals

@@ -11,7 +11,7 @@ from typing import Final
 from pmjoint_codegen.export import fields
 from pmjoint_codegen.export.fields import INTEGER, MATRIX, SAMPLE_TIME, Field
 from pmjoint_codegen.export.hold import BAKED, COMPUTED, baked_matrices, shaping
-from pmjoint_codegen.export.learning import conditions, logits
+from pmjoint_codegen.export.learning import conditions, kept_at_start, logits
 from pmjoint_codegen.export.lines import Line, Printer, comment, identifier, spellings
 from pmjoint_codegen.export.program import Program, next_symbol
 from pmjoint_codegen.export.tree import Precision, operations_in
@@ -250,7 +250,11 @@ def _zeros(program: Program, printer: Printer) -> list[Line]:
     zero = printer.precision.literal(0.0)
     found = [Line(f"    s->{state} = {printer.text(value)};") for state, value in program.rest.items()]
     names = ["y", *map(str, program.derivation.signals.y_r)]
-    found += [Line(f"    s->{name} = {zero};") for name in (*names, *_kept_names(program))]
+    found += [Line(f"    s->{name} = {zero};") for name in names]
+    found += [
+        Line(f"    s->{identifier(symbol.name)} = {printer.text(value)};")
+        for symbol, value in kept_at_start(program.derivation).items()
+    ]
     return [*found, *([Line("    s->learns = 0;")] if program.learnt else [])]
 
 

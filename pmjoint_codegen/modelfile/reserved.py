@@ -17,7 +17,7 @@ _OF_DESIGN: Final = re.compile(
 )
 _OF_ENTRY: Final = ("omega_{}", "omega1_{}", "tau_{}", "pull_{}", "Gamma_{}", "Gamma_{}_start")
 _OF_ESTIMATE: Final = ("{}", "{}_dot", "{}_next", "{}_start")
-_OF_RANGE: Final = ("{}_logit", "{}_logit_dot", "{}_logit_next", "{}_logit_start")
+_OF_RANGE: Final = ("{}_turn", "{}_logit", "{}_logit_dot", "{}_logit_next", "{}_logit_start")
 
 
 def own_names(adaptation: Adaptation) -> tuple[str, ...]:

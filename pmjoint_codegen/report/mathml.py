@@ -47,6 +47,7 @@ _ENTRY: Final = re.compile(
 )
 _ESTIMATE: Final = re.compile(r"(?P<stem>[A-Za-z]+)(?P<number>\d*)_hat_(?P<change>dot|next)")
 _LOGIT: Final = re.compile(r"(?P<name>\w+?)_logit(?:_(?P<change>dot|next))?")
+_TURN: Final = "_turn"
 _END: Final = re.compile(r"(?P<stem>[A-Za-z]+)(?P<number>\d*)_(?P<end>low|high)")
 _DERIVED_RATE: Final = re.compile(r"(?P<stem>[A-Za-z]+)_hat(?P<number>\d*)_dot(?P<rest>(?:_\w+)?)")
 _MARKS: Final = {"dot": "˙", "hat": "^"}
@@ -141,6 +142,8 @@ def symbol(name: str) -> str:
         )
         later = "<mo>,</mo><mi>next</mi>" if found["change"] == "next" else ""
         return f"<msub>{letter}<mrow>{symbol(found['name'])}{later}</mrow></msub>"
+    if name.endswith(_TURN):
+        return f"<msub><mi>T</mi>{symbol(name.removesuffix(_TURN))}</msub>"
     if found := _END.fullmatch(name):
         over, line = ("munder", "_") if found["end"] == "low" else ("mover", "¯")
         return _below(f"<{over}>{_letters(found['stem'])}<mo>{line}</mo></{over}>", found["number"])

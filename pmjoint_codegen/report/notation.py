@@ -85,6 +85,7 @@ def _forms() -> tuple[tuple[str, Callable[..., str]], ...]:
         (r"rate_of_(.+)", lambda state: _accented("dot", state)),
         (r"(omega|omega1|Gamma|gamma|tau|pull)_(?!plant|max|min)(\w+?)", _of_entry),
         (r"(\w+?)_logit(?:_(dot|next))?", _logit),
+        (r"(\w+?)_turn", lambda name: f"T_{{{latex_name(name)}}}"),
         (r"(.+)_start", lambda base: f"{latex_name(base)}(0)"),
         (r"d(Gamma_(\w+))_d(\2_hat)", lambda gain, _, by: _derivative("", gain, [by])),
         (

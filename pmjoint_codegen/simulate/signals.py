@@ -50,7 +50,7 @@ def signals_of(evaluator: Evaluator, problem: Problem, states: Array, memory: Me
 
 def _inside(manifest: Manifest, p: Array, signals: Array) -> Array:
     """The same with each estimate strictly inside its range."""
-    values = dict(zip(manifest.parameter_names, p.tolist(), strict=True))
+    values = dict(zip(manifest.parameter_names, p.tolist(), strict=False))  # a segment's follow
     for place, item in enumerate(manifest.signals):
         ends = range_of(item.name, values) if item.truth else None
         if ends is not None:

@@ -142,6 +142,7 @@ EQUATIONS: dict[str, tuple[tuple[int, int], dict[str, Any], str, Change, str]] =
         "V_Theta b0_hat",
     ),
     "range of another logit": ((2, 2), {}, "b0_hat", swapped("b0_high", S("d1_high")), "b0_logit"),
+    "a logit turned twice": ((2, 2), {}, "b0_turn", swapped("b0_logit", 2 * S("b0_logit")), "b0_hat'"),
     "a logit not from the guess": ((2, 2), {}, "b0_hat", swapped("b0_guess", S("b0_prior")), "b0_logit"),
     "range of another entry": ((2, 2), {}, "Gamma_b0", swapped("b0_high", S("d1_high")), "b0_hat'"),
     "a gain that does not vanish at an end": (

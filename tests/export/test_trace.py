@@ -68,10 +68,14 @@ def test_c_that_is_not_the_equation_is_seen(
 @pytest.mark.parametrize(
     ("old", "new", "name"),
     [
-        ("c->b0_turn_pull_b0 * s->pull_b0", "c->b0_turn_pull_b0 * s->pull_d1", "b0_turn"),
-        ("(b0_place + b0_turn) /", "(b0_place - b0_turn) /", "b0_hat_next"),
+        (
+            "c->b0_logit_next_pull_b0 * s->pull_b0",
+            "c->b0_logit_next_pull_b0 * s->pull_d1",
+            "b0_logit_next",
+        ),
+        ("b0_turn = tanh(s->b0_logit", "b0_turn = tanh(s->d1_logit", "b0_turn"),
         ("+ (s->b0_hat * ((c->Fr[1][2]", "+ (s->d1_hat * ((c->Fr[1][2]", "chi1_next"),
-        ("inverse_b0_hat = 1.0 / s->b0_hat", "inverse_b0_hat = 1.0 / s->d1_hat", "alpha1"),
+        ("inverse_b0_hat = 1.0 / b0_hat", "inverse_b0_hat = 1.0 / d1_hat", "alpha1"),
         ("tau_b0 = omega_b0 * zeta2", "tau_b0 = omega_d1 * zeta2", "tau_b0"),
     ],
 )
@@ -84,7 +88,7 @@ def test_an_update_of_estimates_that_is_not_the_equation_is_seen(
     assert any(fault.startswith(f"{name}:") for fault in faults), faults
 
 
-@pytest.mark.parametrize("equation", ["b0_hat_next", "chi1_next", "v", "pull_d1", "alpha_bar"])
+@pytest.mark.parametrize("equation", ["b0_logit_next", "b0_hat", "chi1_next", "v", "pull_d1", "alpha_bar"])
 def test_a_missing_term_of_the_update_is_seen(equation: str, exports: Callable[..., Export]) -> None:
     export = exports("paper-adaptive")
     entries = json.loads(export.files[TRACE])

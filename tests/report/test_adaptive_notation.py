@@ -32,6 +32,7 @@ NAMES = {
     "b0_logit": (r"\ell_{b_0}", "ℓb0"),
     "b0_logit_dot": (r"\dot{\ell}_{b_0}", "ℓ˙b0"),
     "b0_logit_next": (r"\ell_{b_0,\mathrm{next}}", "ℓb0,next"),
+    "b0_turn": (r"T_{b_0}", "Tb0"),
     "b0_logit_start": (r"\ell_{b_0}(0)", "ℓb0(0)"),
     "b0_low": (r"\underline{b}_0", "b_0"),
     "d1_high": (r"\overline{d}_1", "d¯1"),
