@@ -49,7 +49,7 @@ def with_adaptation(model: Model, spec: ModelSpec, where: str) -> Model:
     stated = stated_of(table, slots_of(model), where)
     if not stated:
         return model  # a load that the controller knows
-    adaptation = _adaptation(table, stated, model.plant.rho, where)
+    adaptation = _adaptation(table, stated, model, where)
     if adaptation.unknown:
         _check_saturation(spec.design, table, where)
         model = replace(model, design=ADAPTIVE)
@@ -58,11 +58,12 @@ def with_adaptation(model: Model, spec: ModelSpec, where: str) -> Model:
     return model
 
 
-def _adaptation(table: AdaptationSpec, stated: tuple[Stated, ...], rho: int, where: str) -> Adaptation:
+def _adaptation(table: AdaptationSpec, stated: tuple[Stated, ...], model: Model, where: str) -> Adaptation:
     """The record, with numbers that follow."""
-    _check_keys(table, rho, where)
+    _check_keys(table, model.plant.rho, where)
     squares = table.estimator == LEAST_SQUARES
-    found = tuple(entry_of(item, table, where) for item in stated)
+    y = float(model.measures.y)
+    found = tuple(entry_of(item, table, y, where) for item in stated)
     leading = next((entry for entry in found if entry.place == 0), None)
     known = leading is None or not leading.unknown
     if table.form == INVERSE and known:

@@ -86,12 +86,13 @@ def stated_of(table: AdaptationSpec, slots: tuple[Slot, ...], where: str) -> tup
     )
 
 
-def entry_of(item: Stated, table: AdaptationSpec, where: str) -> Entry:
+def entry_of(item: Stated, table: AdaptationSpec, y: float, where: str) -> Entry:
     """One entry, its numbers checked, and those that follow.
 
     Args:
         item: what the file says of it.
         table: ``[adaptation]``.
+        y: how many SI units the unit of y is.
         where: file at the start of a message.
 
     Raises:
@@ -107,7 +108,7 @@ def entry_of(item: Stated, table: AdaptationSpec, where: str) -> Entry:
         _check_leading(item, guess, ends, table, where)
     if ends is not None:
         _check_inside(item, guess, ends, where)
-    gain = _gain(item, ends, where) if item.unknown and table.estimator != LEAST_SQUARES else 0.0
+    gain = _gain(item, ends, y, where) if item.unknown and table.estimator != LEAST_SQUARES else 0.0
     return Entry(
         name=name,
         place=slot.place,
@@ -200,8 +201,8 @@ def _said(item: Stated, guess: float) -> str:
     return f"is {guess:g}" if item.guess is not None else f"is by default {guess:g}, the value of {item.name}"
 
 
-def _gain(item: Stated, ends: Pair | None, where: str) -> float:
-    """The gain, or what half the range makes of it."""
+def _gain(item: Stated, ends: Pair | None, y: float, where: str) -> float:
+    """The gain, or what half the range makes of it, for errors of one SI unit of y."""
     if item.gain is not None:
         return item.gain
     if ends is None:
@@ -211,4 +212,4 @@ def _gain(item: Stated, ends: Pair | None, where: str) -> float:
             remedy="give gain or range",
         )
     share = SHARE_OF_LOAD if item.slot.load else SHARE
-    return share * ((ends[1] - ends[0]) / 2) ** 2
+    return share * ((ends[1] - ends[0]) / 2 * y) ** 2

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
 from pmjoint_codegen.identity import model_hash, structure, structure_hash
@@ -294,3 +296,28 @@ def test_a_guess_of_what_is_estimated_is_a_number(edited: Edit) -> None:
     table = {"unknown": ["d1"], "range": {"d1": [-3.0, 3.0]}}
     before, after = (edited({"adaptation": {**table, **more}}) for more in ({}, {"guess": {"d1": 1.0}}))
     assert structure_hash(before) == structure_hash(after)
+
+
+@pytest.mark.parametrize(("unit", "half"), [("rad", 2.0), ("deg", 2.0 * 180.0 / math.pi)])
+def test_a_gain_that_follows_does_not_depend_on_the_unit_of_y(unit: str, half: float) -> None:
+    """A load in deg/s^2 has its range in other numbers, and y too: the gain in 1/s^4 is the same."""
+    document = {
+        "schema": 1,
+        "name": "arm",
+        "parameters": {"J": 0.05, "K": 4.0, "u_max": 2.5},
+        "system": {
+            "states": ["theta", "omega"],
+            "rates": ["omega", "K*p/J"],
+            "input": "p",
+            "output": "theta",
+            "units": [unit, f"{unit}/s"],
+        },
+        "actuator": {"limit": "u_max"},
+        "units": {"y": unit, "u": "bar"},
+        "adaptation": {"load": True, "range": {"w": [-half, half]}},
+        "design": {"bandwidth": 15, "start": "matched"},
+        "simulation": {"reference": "0", "x0": [0.1, 0.0], "horizon": 1.0, "output_step": 0.01},
+    }
+    adaptation = model_of(document, "arm.toml").adaptation
+    assert adaptation is not None
+    assert adaptation.unknown[0].gain == pytest.approx(16.0, rel=1e-12)
