@@ -304,7 +304,7 @@ def test_a_gain_that_follows_does_not_depend_on_the_unit_of_y(unit: str, half: f
     document = {
         "schema": 1,
         "name": "arm",
-        "parameters": {"J": 0.05, "K": 4.0, "u_max": 2.5},
+        "parameters": {"J": {"value": 0.05}, "K": {"value": 4.0}, "u_max": {"value": 2.5}},
         "system": {
             "states": ["theta", "omega"],
             "rates": ["omega", "K*p/J"],
