@@ -7,7 +7,7 @@ import re
 import pytest
 import sympy as sp
 
-from pmjoint_codegen.report.mathml import symbol
+from pmjoint_codegen.report.mathml_names import symbol
 from pmjoint_codegen.report.notation import latex_expression, latex_name, latex_prose
 from pmjoint_derive import real_symbol
 
