@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from pmjoint_codegen.simulate.estimates import LEAKAGE, estimates, is_frozen, leaking
+from pmjoint_codegen.simulate.estimates import LEAKAGE, estimates, is_frozen, leaking, stale_defaults
 from pmjoint_codegen.values import COMPENSATOR
 
 FAST: Final = 1.0  # 1/s, of leakage times gain
-AT_AN_END: Final = 4.440892098500626e-16  # of |low| + |high|: from there on an estimate has no digits left
+AT_AN_END: Final = 1e-5  # of a range
 
 if TYPE_CHECKING:
     from pmjoint_codegen.simulate.record import Record
@@ -100,14 +100,14 @@ def parts_of(run: Record, notes: Sequence[str] = ()) -> dict[str, tuple[str, ...
 
 
 def _ends_reached(run: Record) -> Iterator[tuple[str, str]]:
-    """Each estimate that came nearer to an end of its range than its digits tell, and the end."""
+    """Each estimate that came to an end of its range, where its gain has vanished, and the end."""
     for item in estimates(run):
         if item.range is not None:
             low, high = item.range
-            near = AT_AN_END * (abs(low) + abs(high))
+            near = AT_AN_END * (high - low)
             if float(np.min(run[item.name])) - low <= near:
                 yield item.name, f"{low:g}"
-            elif high - float(np.max(run[item.name])) <= near:
+            if high - float(np.max(run[item.name])) <= near:
                 yield item.name, f"{high:g}"
 
 
@@ -129,10 +129,11 @@ def remarks(run: Record) -> tuple[str, ...]:
             f"; above {FAST:g} 1/s an estimate forgets sooner than it learns: set {LEAKAGE} to 0 or less gain"
         )
     found += [
-        f"{name} came to {end}, an end of its range, to the last digit, and is as long in coming back: less "
-        "gain, a wider range, or leakage"
+        f"{name} came to {end}, an end of its range, and is as long in coming back: less gain, a wider "
+        "range, or leakage"
         for name, end in _ends_reached(run)
     ]
+    found += stale_defaults(run)
     if not is_frozen(run) and not values[COMPENSATOR]:
         found.append("plain clipping misleads estimates, which may destroy the loop: keep the compensator")
     return tuple(found)

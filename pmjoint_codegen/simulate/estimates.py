@@ -117,6 +117,31 @@ def leaking(name: str) -> tuple[str, str, str]:
     return f"{GAMMA}{stem}", "rho_leakage" if name == RHO_HAT else LEAKAGE, f"{stem}_prior"
 
 
+def stale_defaults(run: Record) -> list[str]:
+    """What the file left to follow from a guess, and a run with another guess left where it was."""
+    values = run.settings.parameters
+    file = {item.name: item.value for item in run.manifest.parameters}
+    b_m = f"b{run.manifest.m}_guess"
+    follows = {"rho_guess": b_m} | {f"{item.name.removesuffix(HAT)}_prior": "" for item in estimates(run)}
+    found = []
+    for name, guess in follows.items():
+        guess = guess or f"{name.removesuffix('_prior')}_guess"
+        if name not in values or guess not in values or values[guess] == file[guess]:
+            continue
+        wanted, was = (1 / of[guess] if name == "rho_guess" else of[guess] for of in (values, file))
+        if values[name] == file[name] == was and (name == "rho_guess" or _pulls(values, name)):
+            found.append(
+                f"{name} is still {was:.4g}, but {guess} is {values[guess]:g}: set it to {wanted:.4g}"
+            )
+    return found
+
+
+def _pulls(values: Mapping[str, float], prior: str) -> bool:
+    """Whether leakage pulls to a prior."""
+    gain, leakage, _ = leaking(f"{prior.removesuffix('_prior')}{HAT}")
+    return values.get(gain, 0.0) * values.get(leakage, 0.0) > 0.0
+
+
 def frozen_parameters(manifest: Manifest) -> dict[str, float]:
     """The parameters with which every estimate stays at its guess: gains of 0."""
     names = [item.name for item in manifest.settable if item.kind == ADAPTATION]

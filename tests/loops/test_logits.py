@@ -60,6 +60,12 @@ def test_it_says_that_estimates_are_at_their_ends(clipped: Run, forced: Load) ->
     assert remarks(forced("compiled").simulate(horizon=1.0)) == ()
 
 
+def test_a_sampled_run_that_is_kept_just_inside_says_so_too(forced: Load) -> None:
+    run = forced("compiled").simulate(controller="sampled", sample_time=0.01, compensator=False, horizon=2.0)
+    assert np.max(np.abs(run["b0_logit"])) == 14.0
+    assert any("b0_hat came to 0.3" in text for text in remarks(run))
+
+
 def test_interpreted_runs_and_lanes_go_as_far(forced: Load) -> None:
     short = CLIPPED | {"horizon": 0.3}
     run = forced("compiled").simulate(**short)

@@ -66,6 +66,19 @@ def test_the_truth_is_that_of_the_run(loop: ClosedLoop) -> None:
     assert estimates(moved)[0].guess == estimates(loop.simulate())[0].guess
 
 
+def test_a_run_says_what_did_not_follow_another_guess(loop: ClosedLoop) -> None:
+    """The file's priors follow its guesses; a run that sets a guess leaves them where they are."""
+    name = estimates(loop.simulate(horizon=0.1))[0].of
+    guess = loop.simulate(horizon=0.1).settings.parameters[f"{name}_guess"] + 1e-3
+    moved = {f"{name}_guess": guess, "leakage": 1e-9}
+    said = remarks(loop.simulate(horizon=0.1, parameters=moved))
+    assert [text for text in said if text.startswith(f"{name}_prior is still")]
+    for right in ({f"{name}_prior": guess}, {"leakage": 0.0}):
+        assert not any(
+            "is still" in text for text in remarks(loop.simulate(horizon=0.1, parameters=moved | right))
+        )
+
+
 def test_other_controllers_have_no_estimates() -> None:
     run = ClosedLoop.load("paper").simulate(horizon=0.1)
     assert not is_adaptive(run.manifest) and not estimates(run) and is_frozen(run)
