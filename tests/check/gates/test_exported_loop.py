@@ -63,9 +63,7 @@ def test_controllers_with_estimates_pass_from_either_start(name: str, root: Path
     assert result.figure is not None and result.figure > 0.0
 
 
-@pytest.mark.parametrize(
-    "old", ["s->b0_hat = p->b0_guess", "params->gamma_d1 = 1.0", "params->d1_low = -3.0"]
-)
+@pytest.mark.parametrize("old", ["params->b0_guess = 1.2", "params->gamma_d1 = 1.0", "params->d1_low = -3.0"])
 def test_estimates_that_start_or_move_wrong_in_the_eleventh_digit_are_seen(
     old: str, root: Path, tmp_path: Path
 ) -> None:
