@@ -10,6 +10,7 @@ import pytest
 from pmjoint_codegen import ClosedLoop, sweep
 from pmjoint_codegen.cli.main import run as command
 from pmjoint_codegen.errors import UsageError
+from pmjoint_codegen.simulate.assumptions import remarks
 from pmjoint_codegen.simulate.estimates import estimates, frozen_parameters, is_frozen
 
 
@@ -59,3 +60,17 @@ def test_a_sweep_reaches_a_gain_matrix_of_0(squares: Path, tmp_path: Path) -> No
     )
     first, moving = found["ise"].values
     assert np.isfinite([first, moving]).all() and first != moving
+
+
+def test_a_start_with_filters_at_0_is_named(loop: ClosedLoop) -> None:
+    """The first prediction error then holds y(0), which no parameter makes."""
+    told = "least squares needs the matched start"
+    assert remarks(loop.simulate(horizon=0.1, start="zero"))[0].startswith(told)
+    assert not remarks(loop.simulate(horizon=0.1, start="matched"))
+    frozen = frozen_parameters(loop.manifest)
+    assert not remarks(loop.simulate(horizon=0.1, start="zero", parameters=frozen))
+
+
+def test_without_v_nothing_is_said_of_it(loop: ClosedLoop) -> None:
+    run = loop.simulate(horizon=0.1, start="matched", parameters={"d1": 4.0})
+    assert remarks(run) == ("d1 = 4 is outside the range of d1_hat, -3 to 3: nothing is proved",)
