@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from pmjoint_codegen.simulate.estimates import LYAPUNOV, Estimate, estimates, has_lyapunov
+from pmjoint_codegen.simulate.estimates import LYAPUNOV, Estimate, estimates, has_lyapunov, is_frozen
 from pmjoint_codegen.simulate.panels import Line, Panel, unit_text
 from pmjoint_codegen.simulate.style import BLACK, GREY, RED
 from pmjoint_codegen.simulate.symbols import symbol
@@ -72,7 +72,9 @@ def adaptation_caption(run: Record) -> str:
     return f"Estimates {which} (solid) and the plant's values (dashed), which they need not reach.{V}"
 
 
-def error_caption(frozen: FrozenError | None) -> str:
+def error_caption(run: Record, frozen: FrozenError | None) -> str:
     """What the figure of the errors shows."""
+    if is_frozen(run):
+        return "Tracking error with estimates that stay at their guesses."
     beside = "" if frozen is None else "; dashed: the same run with estimates that stay at their guesses"
     return f"Tracking error with adaptation{beside}."

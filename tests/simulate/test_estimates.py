@@ -219,3 +219,11 @@ def test_the_other_sign_of_b_m_is_named(
 
 def test_true_values_inside_their_ranges_need_no_word(run: Run) -> None:
     assert not remarks(run) and run.summary["remarks"] == []
+
+
+def test_a_frozen_run_is_not_said_to_adapt(run: Run, frozen: Run) -> None:
+    captions = [sheets(item)[-1].caption for item in (run, frozen)]
+    assert captions == [
+        "Tracking error with adaptation.",
+        "Tracking error with estimates that stay at their guesses.",
+    ]
