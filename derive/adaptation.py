@@ -106,8 +106,8 @@ class LeastSquares:
     Attributes:
         kappa: weight of the prediction error, 1/s, greater than 0.
         forgetting: beta, 1/s, 0 or greater.
-        P0: initial diagonal of Gamma, greater than 0.
-        k_max: trace of Gamma at which nothing more is forgotten.
+        P0: initial diagonal of Gamma, 0 or greater; from 0 the estimates stay at their guesses.
+        k_max: trace of Gamma at which nothing more is forgotten, greater than 0.
     """
 
     kappa: float

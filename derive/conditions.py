@@ -72,8 +72,9 @@ def _conditions(adaptation: Adaptation) -> Iterator[Condition]:
         yield _signed(RHO_GUESS, adaptation.sign, "1/b_m")
     if adaptation.least_squares is not None:
         yield Condition(LS_KAPPA, LS_KAPPA > 0, _POSITIVE)
-        yield Condition(LS_P0, LS_P0 > 0, _POSITIVE)
+        yield _not_negative(LS_P0)  # from 0 the matrix stays at 0, and the estimates at their guesses
         yield _not_negative(LS_FORGETTING)
+        yield Condition(LS_K_MAX, LS_K_MAX > 0, _POSITIVE)
         trace = len(adaptation.unknown) * LS_P0
         what = "less than the initial trace of the gain matrix"
         yield Condition(LS_K_MAX, sp.GreaterThan(LS_K_MAX, trace), f"at least {trace}", what)

@@ -103,7 +103,7 @@ def derive(model: Model, stage: Stage = unwatched) -> Derivation:
     stage("deriving the true plant", 0.0)
     estimated = [item for item in continuous if item.symbol in signals.epsilon] if energy else []
     own, true = true_plant(
-        model, design, [*constants, *physics, *delivered[1:], *estimated, *energy], continuous
+        model, design, [*constants, *physics, *delivered[1:]], continuous, [*estimated, *energy]
     )
     equations = Equations([*continuous, *held, *started, *true])
     _check_names(model, equations)

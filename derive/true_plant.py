@@ -43,6 +43,7 @@ def true_plant(
     design: Design,
     physics: Sequence[Equation],
     derived: Sequence[Equation],
+    told: Sequence[Equation] = (),
 ) -> tuple[Mapping[sp.Symbol, sp.Symbol], tuple[Equation, ...]]:
     """Find the parameters that plant and controller share, and write the plant in its own.
 
@@ -51,6 +52,8 @@ def true_plant(
         design: the controller's model.
         physics: the equations of the plant and of its actuator, u excepted: the controller clips v itself.
         derived: all equations, the design's among them.
+        told: what is told of the loop with the plant's values, such as V; the plant does not use it, so that
+            its parameters need none of their own.
 
     Returns:
         shared parameter -> the plant's own, in the model's order; the twins and the effective disturbance.
@@ -61,7 +64,7 @@ def true_plant(
     shared = _shared(model, design.signals, table, physics)
     own = {symbol: own_symbol(symbol) for symbol in shared}
     driven = drive(model)
-    changed = _depending([*physics, *really], {**own, **driven})
+    changed = _depending([*physics, *told, *really], {**own, **driven})
     changed |= {item.symbol for item, true in zip(known, really, strict=True) if item != true}
     disturbances = disturbance_symbols(design.plant)
     differing = [i for i, item in enumerate(known) if item.symbol in changed]
@@ -72,7 +75,7 @@ def true_plant(
         own,
         (
             *(known[i] for i in differing),
-            *(_twin(item, twins) for item in (*physics, *really) if item.symbol in changed),
+            *(_twin(item, twins) for item in (*physics, *told, *really) if item.symbol in changed),
             *(entry for i in differing for entry in _effective(disturbances[i], known[i])),
         ),
     )

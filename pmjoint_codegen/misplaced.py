@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 from types import MappingProxyType
 
 from pmjoint_codegen.errors import did_you_mean
@@ -27,13 +27,16 @@ _OPTIONS = MappingProxyType(  # what a run can be given besides numbers by name 
 )
 
 
-def advice(manifest: Manifest, name: str, known: Iterable[str]) -> str:
+def advice(
+    manifest: Manifest, name: str, known: Iterable[str], *, offered: Container[str] | None = None
+) -> str:
     """What a reader who wrote this name needs instead.
 
     Args:
         manifest: the model.
         name: that is not among the known ones.
         known: the names that are allowed at this place, in order.
+        offered: the options of the command that is asked; None: those of a run.
 
     Returns:
         Where the name belongs, if it means something elsewhere; else the closest known name, and all of them.
@@ -49,7 +52,9 @@ def advice(manifest: Manifest, name: str, known: Iterable[str]) -> str:
         order = ", ".join(manifest.start.names)
         return f"it is an initial value: give --x0 with {order}, in this order; in a sweep, --grid {name}=..."
     if name in manifest.parameter_names:
-        return f"it is a parameter: give --set {name}=VALUE"
-    if name in _OPTIONS:
+        if offered is None or "--set" in offered:
+            return f"it is a parameter: give --set {name}=VALUE"
+        return f"it stays as it is in the model file; {names}"
+    if name in _OPTIONS and (offered is None or _OPTIONS[name] in offered):
         return f"give {_OPTIONS[name]}; {names}"
     return f"{did_you_mean(name, allowed, str)}{names}"

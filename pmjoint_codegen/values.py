@@ -58,6 +58,7 @@ _RULES: Mapping[str, Callable[[Numbers], Mask]] = MappingProxyType(
         "nonnegative": lambda terms: terms >= 0,
         "whole": lambda terms: (terms >= 0) & (terms <= 2.0**53) & (terms == np.floor(terms)),
         "nonzero": lambda terms: terms != 0,
+        "zero": lambda terms: terms == 0,
     }
 )
 
@@ -99,15 +100,15 @@ class Rule:
     Attributes:
         name: the parameter or coefficient at the start of a message.
         kind: of the terms, which are always ``finite``: one that is ``positive``, ``nonnegative``, ``whole``
-            (0, 1, 2, ... up to 2^53) or ``nonzero``, or a polynomial's coefficients, highest power first,
-            which is ``hurwitz``: all its roots lie in the open left half plane.
+            (0, 1, 2, ... up to 2^53), ``nonzero`` or ``zero``, or a polynomial's coefficients, highest power
+            first, which is ``hurwitz``: all its roots lie in the open left half plane.
         terms: expressions of parameters, in Python's notation.
         what: what is wrong if the rule is broken; empty if the value shows it.
         allowed: what is allowed.
     """
 
     name: str
-    kind: Literal["finite", "positive", "nonnegative", "whole", "nonzero", "hurwitz"]
+    kind: Literal["finite", "positive", "nonnegative", "whole", "nonzero", "zero", "hurwitz"]
     terms: tuple[str, ...]
     what: str
     allowed: str

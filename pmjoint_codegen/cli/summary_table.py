@@ -150,11 +150,16 @@ def _disturbance(run: Run) -> Iterator[tuple[str, ...]]:
 
 
 def _what(run: Run) -> str:
-    """Name the parts of D: physics that the design neglects, and the model mismatch."""
-    stated = run.manifest.stated(run.settings.parameters)
-    own = [name for name in stated if name in run.manifest.own]
+    """Name the parts of D: physics that the design neglects, or a disturbance, and the model mismatch."""
+    from pmjoint_codegen.simulate.disturbance import mismatched
+
+    names = mismatched(run)
+    acting = any(entry != "0" for entry in run.manifest.simulation.disturbance)
     first = "neglected physics" if run.summary["pressures"] else "the model's disturbance"
-    return f"{first}, and model mismatch ({', '.join(own)})" if own else first
+    parts = ([first] if acting or not names else []) + (
+        [f"model mismatch ({', '.join(names)})"] if names else []
+    )
+    return ", and ".join(parts)
 
 
 def _pressures(run: Run) -> Iterator[tuple[str, ...]]:

@@ -29,7 +29,7 @@ from pmjoint_codegen.manifest import (
 )
 from pmjoint_codegen.reference.command import DATA
 from pmjoint_codegen.report.notation import plain_text
-from pmjoint_codegen.values import GAINS, SI, GainKind, Rule
+from pmjoint_codegen.values import ADRC, COMPENSATOR, GAINS, INPUT_SCALE, SI, GainKind, Rule
 from pmjoint_derive import Derivation, Model, real_symbol
 from pmjoint_derive.adaptation import RHO_HAT, settings_of
 from pmjoint_derive.closed_loop import column_name
@@ -316,12 +316,22 @@ def rules_of(derivation: Derivation) -> tuple[Rule, ...]:
     found += chain_rules(chain, {symbol.name: twin.name for symbol, twin in own.items()})
     found += _reference_rule(model, derivation.plant.rho)
     found += learning_rules(model.adaptation)
+    found += [] if model.gains.observer is None else _observer_rules()
     constants = {item.symbol: item.expression for item in model.constants}
     b = tuple(_python(entry.xreplace(constants)) for entry in model.plant.b)
     if len(b) == 1:
         return (*found, Rule("b_m", "nonzero", b, "no input acts", "parameters for which it is not 0"))
     what = "the zero dynamics are unstable: b_m s^m + ... + b_0"
     return (*found, Rule("b_m ... b_0", "hurwitz", b, what, "roots with negative real parts only"))
+
+
+def _observer_rules() -> list[Rule]:
+    """An observer's law has no compensator and no errors to weigh: what belongs to them stays as it is."""
+    law = f'law = "{ADRC}"'
+    return [
+        Rule(COMPENSATOR, "zero", (COMPENSATOR,), f"{law} is clipped plainly", "0 (off)"),
+        Rule(INPUT_SCALE, "zero", (f"{INPUT_SCALE} - 1",), f"means nothing to {law}", "1"),
+    ]
 
 
 def _reference_rule(model: Model, rho: int) -> list[Rule]:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from pmjoint_codegen.simulate.estimates import LYAPUNOV, Estimate, estimates
+from pmjoint_codegen.simulate.estimates import LYAPUNOV, Estimate, estimates, has_lyapunov, is_frozen
 from pmjoint_codegen.simulate.panels import Line, Panel, unit_text
 from pmjoint_codegen.simulate.style import BLACK, GREY, RED
 from pmjoint_codegen.simulate.symbols import symbol
@@ -50,8 +50,8 @@ def _is_near(run: Record, item: Estimate, ends: tuple[float, float]) -> bool:
 
 
 def lyapunov_panel(run: Record) -> tuple[Panel, ...]:
-    """V on a logarithmic axis; nothing where a controller has none."""
-    if LYAPUNOV not in run.columns:
+    """V on a logarithmic axis; nothing where a controller has none, or V no value."""
+    if not has_lyapunov(run):
         return ()
     line = Line(LYAPUNOV, "$V$")
     return (Panel((line,), "$V$" + unit_text(run.manifest, LYAPUNOV), decades=OF_V),)
@@ -68,11 +68,13 @@ def error_panels(run: Record, frozen: FrozenError | None) -> tuple[Panel, ...]:
 def adaptation_caption(run: Record) -> str:
     """What the figure of the estimates shows."""
     which = ", ".join(symbol(item.name) for item in estimates(run))
-    V = " Lyapunov function $V$." if LYAPUNOV in run.columns else ""
+    V = " Lyapunov function $V$." if has_lyapunov(run) else ""
     return f"Estimates {which} (solid) and the plant's values (dashed), which they need not reach.{V}"
 
 
-def error_caption(frozen: FrozenError | None) -> str:
+def error_caption(run: Record, frozen: FrozenError | None) -> str:
     """What the figure of the errors shows."""
+    if is_frozen(run):
+        return "Tracking error with estimates that stay at their guesses."
     beside = "" if frozen is None else "; dashed: the same run with estimates that stay at their guesses"
     return f"Tracking error with adaptation{beside}."

@@ -8,8 +8,19 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from pmjoint_codegen.simulate.estimates import LEAKAGE, estimates, is_frozen, leaking, stale_defaults
-from pmjoint_codegen.values import COMPENSATOR
+from pmjoint_codegen.simulate.estimates import (
+    GUESS,
+    INITIAL_GAIN,
+    LEAKAGE,
+    LYAPUNOV,
+    estimates,
+    guesses,
+    has_lyapunov,
+    is_frozen,
+    leaking,
+    stale_defaults,
+)
+from pmjoint_codegen.values import COMPENSATOR, ZERO
 
 FAST: Final = 1.0  # 1/s, of leakage times gain
 AT_AN_END: Final = 1e-5  # of a range
@@ -111,11 +122,35 @@ def _ends_reached(run: Record) -> Iterator[tuple[str, str]]:
                 yield item.name, f"{high:g}"
 
 
-def remarks(run: Record) -> tuple[str, ...]:
-    """What a reader of an adaptive run must know: leakage that is faster than learning, and plain clipping.
+def _unproved(run: Record) -> Iterator[str]:
+    """Each true value that the design excludes: outside its range, or b_m of the other sign."""
+    end = "nothing is proved and V has no value" if _lost(run) else "nothing is proved"
+    outside = [
+        (item, item.range)
+        for item in estimates(run)
+        if item.range is not None and not item.range[0] < item.truth < item.range[1]
+    ]
+    for item, (low, high) in outside:
+        of = f"the range of {item.name}, {low:g} to {high:g}"
+        yield f"{item.of} = {item.truth:g} is outside {of}: {end}"
+    told = {item.of for item, _ in outside}
+    for guess in guesses(run):
+        truth = guess.truth if guess.leading and guess.of not in told else None
+        if truth is not None and truth * guess.value < 0:
+            other = f"the other sign than {guess.of}{GUESS} = {guess.value:g}"
+            yield f"{guess.of} = {truth:g} has {other}, so v acts the wrong way: {end}"
 
-    Leakage acts within the gain, so an estimate is pulled to its prior at the rate of both together. With a
-    range that rate is the one in its middle; it vanishes at its ends.
+
+def _lost(run: Record) -> bool:
+    """Whether a run has a column V without a value."""
+    return LYAPUNOV in run.columns and not has_lyapunov(run)
+
+
+def _leaks(run: Record) -> Iterator[str]:
+    """Leakage that is faster than learning.
+
+    It acts within the gain, so an estimate is pulled to its prior at the rate of both together. With a range
+    that rate is the one in its middle; it vanishes at its ends.
     """
     values = run.settings.parameters
     found = [
@@ -128,12 +163,26 @@ def remarks(run: Record) -> tuple[str, ...]:
         found[-1] += (
             f"; above {FAST:g} 1/s an estimate forgets sooner than it learns: set {LEAKAGE} to 0 or less gain"
         )
+    yield from found
+
+
+def remarks(run: Record) -> tuple[str, ...]:
+    """What a reader of an adaptive run must know: what takes its proof away, or misleads its estimates."""
+    values = run.settings.parameters
+    found = [*_unproved(run), *_leaks(run)]
     found += [
         f"{name} came to {end}, an end of its range, and is as long in coming back: less gain, a wider "
         "range, or leakage"
         for name, end in _ends_reached(run)
     ]
     found += stale_defaults(run)
-    if not is_frozen(run) and not values[COMPENSATOR]:
+    if is_frozen(run):
+        return tuple(found)
+    if INITIAL_GAIN in values and run.settings.start == ZERO:
+        found.append(
+            "least squares needs the matched start: from filters at 0 the first prediction error is none of "
+            "the parameters"
+        )
+    if not values[COMPENSATOR]:
         found.append("plain clipping misleads estimates, which may destroy the loop: keep the compensator")
     return tuple(found)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from pmjoint_codegen.kernels.evaluator import Array
+from pmjoint_codegen.simulate.estimates import guesses
 from pmjoint_codegen.values import of_plant
 
 if TYPE_CHECKING:
@@ -62,6 +63,18 @@ def disturbance_norm(run: Record) -> Array:
     with np.errstate(over="ignore"):  # a failed run may end in overflow
         norm: Array = np.sqrt(sum((column**2 for column in columns), np.zeros(len(run.t))))
     return norm
+
+
+def mismatched(run: Record) -> tuple[str, ...]:
+    """What the plant has of its own and the controller takes for something else, for good.
+
+    Parameters that differ, by the name of the plant's own, ``J_plant``; and entries that are guessed and not
+    estimated, ``d1``.
+    """
+    stated = run.manifest.stated(run.settings.parameters)
+    own = (name for name in stated if name in run.manifest.own)
+    wrong = (item.of for item in guesses(run) if item.kept and item.truth != item.value)
+    return (*own, *wrong)
 
 
 def pressures(run: Record) -> Mapping[str, Pressure]:

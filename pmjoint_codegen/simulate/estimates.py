@@ -15,6 +15,7 @@ import numpy as np
 from pmjoint_codegen.initial import Variable
 from pmjoint_codegen.kernels.evaluator import Array
 from pmjoint_codegen.manifest import ADAPTATION, LOGIT, Manifest
+from pmjoint_codegen.simulate.pace import leading as b_m
 from pmjoint_codegen.values import evaluate
 
 if TYPE_CHECKING:
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 LYAPUNOV: Final = "V"  # column
 HAT: Final = "_hat"
 RHO_HAT: Final = f"rho{HAT}"  # of 1/b_m
+GUESS: Final = "_guess"
 GAMMA: Final = "gamma_"
 LEAKAGE: Final = "leakage"
 INITIAL_GAIN: Final = "ls_P0"  # of least squares, whose gain stays 0 if it starts there
@@ -48,6 +50,25 @@ class Estimate:
     guess: float
     truth: float
     range: tuple[float, float] | None
+
+
+@dataclass(frozen=True)
+class Guess:
+    """What a controller first takes for an entry that it does not know, or, unless it is estimated, for good.
+
+    Attributes:
+        of: the entry: ``b0``, ``d1``, ``w``.
+        value: of the guess.
+        truth: the plant's own value; None where no parameter has it.
+        leading: whether the entry is b_m.
+        kept: whether the controller never changes it.
+    """
+
+    of: str
+    value: float
+    truth: float | None
+    leading: bool
+    kept: bool
 
 
 @dataclass(frozen=True)
@@ -83,10 +104,38 @@ def _estimates(manifest: Manifest, values: Mapping[str, float]) -> Iterator[Esti
             name=item.name,
             of=f"1/b{manifest.m}" if item.name == RHO_HAT else name,
             unit=item.unit,
-            guess=values[f"{name}_guess"],
+            guess=values[f"{name}{GUESS}"],
             truth=truth,
             range=range_of(item.name, values),
         )
+
+
+def guesses(run: Record) -> tuple[Guess, ...]:
+    """All guesses of a run at its parameters, in the order of the kernels; that of 1/b_m is none of them."""
+    manifest, values = run.manifest, run.settings.parameters
+    learnt = {item.name for item in estimate_columns(manifest)}
+    leading = (f"b{manifest.m}", manifest.leading)
+    found = [
+        item.name.removesuffix(GUESS)
+        for item in manifest.settable
+        if item.kind == ADAPTATION and item.name.endswith(GUESS)
+    ]
+    return tuple(
+        Guess(
+            of=name,
+            value=values[f"{name}{GUESS}"],
+            truth=b_m(manifest, values) if name in leading else values.get(name),
+            leading=name in leading,
+            kept=f"{name}{HAT}" not in learnt,
+        )
+        for name in found
+        if f"{name}{HAT}" != RHO_HAT
+    )
+
+
+def has_lyapunov(run: Record) -> bool:
+    """Whether V has a value anywhere: it has none where a true value is outside its range, or a gain is 0."""
+    return LYAPUNOV in run.columns and bool(np.any(np.isfinite(run[LYAPUNOV])))
 
 
 def estimate_columns(manifest: Manifest) -> tuple[Variable, ...]:

@@ -246,7 +246,9 @@ def _values(
             base = name.removesuffix(OWN_SUFFIX)
             raise UsageError(
                 f"{manifest.name} has no {name!r}: {base} is not used by plant and controller both",
-                remedy=f"set {base}; the plant can differ in: {', '.join(manifest.own)}",
+                remedy="; the plant can differ in: ".join(
+                    filter(None, [f"set {base}", ", ".join(manifest.own)])
+                ),
             )
         if name not in values:
             raise UsageError(

@@ -84,7 +84,7 @@ def sheets(run: Record, frozen: FrozenError | None = None) -> tuple[Sheet, ...]:
         plans.append(("pressures", _pressure_panels(run), _pressure_text(run)))
     if is_adaptive(manifest):
         plans.append(("adaptation", (*estimate_panels(run), *lyapunov_panel(run)), adaptation_caption(run)))
-        plans.append(("adaptive_error", error_panels(run, frozen), error_caption(frozen)))
+        plans.append(("adaptive_error", error_panels(run, frozen), error_caption(run, frozen)))
     made = (
         Sheet(f"figure{k}_{stem}", panels, text, stem in compensator)
         for k, (stem, panels, text) in enumerate(plans, start=1)

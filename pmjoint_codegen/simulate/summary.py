@@ -10,8 +10,9 @@ import numpy as np
 
 from pmjoint_codegen.chain import clocked
 from pmjoint_codegen.loops.status import holds
+from pmjoint_codegen.simulate.assumptions import remarks
 from pmjoint_codegen.simulate.disturbance import disturbance_summary
-from pmjoint_codegen.simulate.estimates import LYAPUNOV, estimates
+from pmjoint_codegen.simulate.estimates import LYAPUNOV, estimates, has_lyapunov
 from pmjoint_codegen.simulate.record import COMMAND
 from pmjoint_codegen.simulate.settings import left_out
 from pmjoint_codegen.values import BRAKING, CLIP, COMPENSATOR
@@ -27,7 +28,7 @@ def summarise(run: Record) -> dict[str, Any]:
     ``max_abs_e``, ``max_abs_v``, ``peaks`` (largest magnitude, its instant) and ``settling_s`` are taken on
     the dense output as well. None of them depends on the output grid; the extremes of the disturbance and of
     pressures are those at the output instants. ``held`` is false if the joint
-    diverges, by the rule of sweeps.
+    diverges, by the rule of sweeps. ``remarks`` has what a reader of an adaptive run must know.
     """
     settings, manifest = run.settings, run.manifest
     data = settings.reference
@@ -63,6 +64,7 @@ def summarise(run: Record) -> dict[str, Any]:
         "max_abs_e": finite(run.peaks["e"][0]),
         "settling_s": run.settling_s,
         "final_e": finite(float(run["e"][-1])),
+        "remarks": list(remarks(run)),
         **estimation_summary(run),
         **disturbance_summary(run),
         "peaks": {name: [finite(value), t] for name, (value, t) in run.peaks.items()},
@@ -126,7 +128,7 @@ def estimation_summary(run: Record) -> dict[str, Any]:
             for item in found
         }
     }
-    if LYAPUNOV in run.columns:
+    if has_lyapunov(run):
         told["V"] = {"first": finite(float(run[LYAPUNOV][0])), "final": finite(float(run[LYAPUNOV][-1]))}
     return told
 

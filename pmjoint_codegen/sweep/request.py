@@ -22,8 +22,8 @@ from pmjoint_codegen.reference.command import Command
 from pmjoint_codegen.reference.segments import inside, make_segments
 from pmjoint_codegen.simulate.settings import RunOptions, Settings, count_instants, instants, make_settings
 from pmjoint_codegen.sweep.metrics import quantities
-from pmjoint_codegen.sweep.plan import DRAW, SATURATION, Plan
-from pmjoint_codegen.values import BRAKING, COMPENSATOR
+from pmjoint_codegen.sweep.plan import CODES, DRAW, SATURATION, Plan
+from pmjoint_codegen.values import BRAKING, CLIP, COMPENSATOR, check_rules
 
 DEFAULT_TOLERANCE: Final = 1e-6
 MAX_STEPS: Final = 1_000_000
@@ -216,6 +216,24 @@ def _check_saturation(manifest: Manifest, plan: Plan, fixed: Collection[str]) ->
         )
 
 
+def _check_switch(manifest: Manifest, plan: Plan, name: str) -> None:
+    """Refuse a kind of saturation that the law refuses, and to vary what means nothing to it.
+
+    Raises:
+        UsageError: a rule about this name alone is broken by one of its values.
+    """
+    parameter = COMPENSATOR if name == SATURATION else name
+    rules = [
+        rule
+        for rule in manifest.rules
+        if rule.names == {parameter} and (rule.kind == "zero" or parameter == COMPENSATOR)
+    ]
+    values = (plan.drawn if name in plan.drawn else plan.grid)[name] if rules else ()
+    for value in values:
+        tried = float(value != CODES[CLIP]) if name == SATURATION else float(value)
+        check_rules({parameter: tried}, rules, error=UsageError, key=lambda _: name)
+
+
 def varied_names(manifest: Manifest) -> tuple[str, ...]:
     """The names that a sweep can vary: initial states as in x0, entries of p, saturation, the sample time."""
     return (*manifest.start.names, *manifest.parameter_names, SATURATION, SAMPLE_TIME)
@@ -242,6 +260,7 @@ def _check_names(manifest: Manifest, plan: Plan, fixed: Collection[str]) -> None
             )
         if name == SATURATION:
             _check_saturation(manifest, plan, fixed)
+        _check_switch(manifest, plan, name)
         if name in fixed:
             raise UsageError(
                 f"{name} is both set and varied",

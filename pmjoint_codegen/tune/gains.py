@@ -26,6 +26,15 @@ REACH: Final = 5.0  # default bounds: the model's value divided and multiplied b
 DAMPING: Final = (0.3, 2.0)  # from an oscillatory pair of poles to two real ones, 1 : 14 apart
 DIGITS: Final = 5  # of a gain: the tried value is the written value
 DEFAULT: Final = (*(kind.name for kind in GAINS if not kind.of_filters), "poles")
+OFFERED: Final = (
+    "--x0",
+    "--reference",
+    "--horizon",
+    "--controller",
+    "--sample-time",
+    "--start",
+    "--saturation",
+)
 _GAIN: Final = re.compile(r"\s*([A-Za-z]\w*)\s*(?:=([^:]+):([^:]+))?")
 
 
@@ -117,7 +126,9 @@ def make_space(manifest: Manifest, wanted: tuple[str, ...]) -> Space:
         name, ends = _read(text)
         if name not in known:
             raise UsageError(
-                f"{manifest.name} has no gain {name!r}", where="--gain", remedy=advice(manifest, name, known)
+                f"{manifest.name} has no gain {name!r}",
+                where="--gain",
+                remedy=advice(manifest, name, known, offered=OFFERED),
             )
         for member in known[name]:
             if member in found:

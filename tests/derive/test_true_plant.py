@@ -6,6 +6,7 @@ import tomllib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 import sympy as sp
@@ -19,6 +20,7 @@ from pmjoint_derive.filters import estimate, filter_matrix, filter_rates
 from pmjoint_derive.model import Channel
 from pmjoint_derive.signals import derivative_name
 from pmjoint_derive.true_plant import SUFFIX, effective_symbol, own_symbol
+from tests.derive.adaptive_models import adaptive
 
 MODELS = ("paper", "joint", "joint-damped", "joint-exact", "joint-lag", "third-order")
 
@@ -67,18 +69,31 @@ def test_a_parameter_of_the_reference_alone_has_no_twin(
     """The plant takes u as it comes: no value of its own could change what y_r is made of."""
     path = root / "models" / "joint-lag.toml"
     plain = model_of(tomllib.loads(path.read_text()), str(path)) if joint else builder(2, 2)
-    amplitude = Parameter("amplitude", 0.3, "rad", "")
-    changed = replace(
-        plain,
-        parameters=(*plain.parameters, amplitude),
-        reference=amplitude.symbol * sp.sin(real_symbol("t")),
-    )
+    changed = with_amplitude(plain)
     found = derive(changed)
     assert found.own_parameters == derive(plain).own_parameters != {}
+    amplitude = changed.parameters[-1]
     torque = amplitude.symbol * sp.cos(real_symbol("t"))
     disturbed = replace(changed.plant, disturbance=(*changed.plant.disturbance[:-1], torque))
     both = derive(replace(changed, plant=disturbed))  # where the plant uses it as well, the two may differ
     assert amplitude.symbol in both.own_parameters
+
+
+def with_amplitude(model: Model) -> Model:
+    """The same with a parameter that only its reference has."""
+    amplitude = Parameter("amplitude", 0.3, "rad", "")
+    reference = amplitude.symbol * sp.sin(real_symbol("t"))
+    return replace(model, parameters=(*model.parameters, amplitude), reference=reference)
+
+
+@pytest.mark.parametrize("kind", [{}, {"inverse": True}, {"squares": True}, {"unknown": (1,)}])
+def test_v_asks_for_no_values_of_the_plants_own(builder: Callable[..., Model], kind: dict[str, Any]) -> None:
+    """V holds the errors, and they the reference: its parameters change nothing of the plant."""
+    plain = adaptive(builder(2, 2), **kind)
+    found = derive(with_amplitude(plain))
+    assert found.own_parameters == derive(plain).own_parameters
+    for own in found.own_parameters.values():
+        assert any(own in rate.free_symbols for rate in rates(found))
 
 
 def test_the_suffix_is_the_one_that_users_write() -> None:

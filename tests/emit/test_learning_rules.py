@@ -114,7 +114,9 @@ def test_least_squares_have_rules_of_their_own(inverse: Model) -> None:
     model = dataclasses.replace(inverse, adaptation=squares)
     assert rejected(model, compensator=0.0) == ""
     assert rejected(model, ls_kappa=0.0).startswith("ls_kappa: is 0")
-    assert rejected(model, ls_P0=0.0).startswith("ls_P0: is 0")
+    assert rejected(model, ls_P0=0.0) == ""
+    assert rejected(model, ls_P0=-1.0).startswith("ls_P0: is -1")
+    assert rejected(model, ls_P0=0.0, ls_k_max=0.0).startswith("ls_k_max: is 0")
     assert rejected(model, ls_forgetting=-1.0).startswith("ls_forgetting: is -1")
     assert rejected(model, ls_k_max=14.9).startswith("ls_k_max: less than the initial trace")
 

@@ -145,6 +145,34 @@ def test_estimates_start_at_their_guesses_and_have_plots(browser: Browser, adapt
     tab.close()
 
 
+def test_v_without_a_value_has_no_plot(browser: Browser, adaptive: Shown) -> None:
+    """A true value outside its range leaves none; a value inside brings the plot back, in its size."""
+    tab = opened(browser, adaptive.address)
+    size = "(c => [c.width, c.height])(document.getElementById('plot-lyapunov'))"
+    hidden = "document.getElementById('plot-lyapunov').closest('figure').hidden"
+    before = tab.evaluate(size)
+    tab.evaluate("document.getElementById('table').open = true")
+    for value, gone in ((7.0, True), (2.0, False)):
+        tab.evaluate(f"explorer.settings.values.b0 = {value}, explorer.update(), explorer.table()")
+        assert tab.evaluate(hidden) is gone
+        heads = tab.evaluate("[...document.querySelectorAll('#rows thead th')].map((th) => th.textContent)")
+        assert any(head.startswith("V") for head in heads) is not gone
+    assert tab.evaluate(size) == before
+    tab.close()
+
+
+def test_plain_clipping_is_offered_only_where_it_is_allowed(
+    browser: Browser, adaptive: Shown, paper: Shown
+) -> None:
+    kinds = "[...document.querySelectorAll('input[name=saturation]')].map((node) => node.value)"
+    for page, offered in ((adaptive, []), (paper, ["compensator", "braking", "clip"])):
+        tab = opened(browser, f"{page.address}#saturation=clip")
+        assert tab.evaluate(kinds) == offered
+        assert ("left out: saturation=clip" in tab.evaluate("probe.text('notice')")) is (not offered)
+        assert tab.evaluate("probe.hidden('alert')")
+        tab.close()
+
+
 def test_the_command_names_what_was_set(tab: Tab) -> None:
     assert looked(tab, {})["command"] == "pmjoint simulate paper"
     change = {

@@ -110,7 +110,7 @@ def test_the_self_test_holds_and_estimates_move_as_the_equations_say(
         ("inverse", "rho_guess", -0.5),
         ("inverse", "gamma_rho", -1.0),
         ("squares", "ls_k_max", 9.9),
-        ("squares", "ls_P0", 0.0),
+        ("squares", "ls_P0", -1e-9),
         ("squares", "ls_kappa", 0.0),
     ],
 )

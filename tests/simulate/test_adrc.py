@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from pmjoint_codegen import ClosedLoop
-from pmjoint_codegen.errors import ModelError
+from pmjoint_codegen import ClosedLoop, sweep
+from pmjoint_codegen.errors import ModelError, UsageError
 
 JOINT = Path(__file__).with_name("joint-adrc.toml")
 Load = Callable[..., ClosedLoop]
@@ -251,3 +251,42 @@ def test_an_export_is_refused(tmp_path: Path) -> None:
 
     with pytest.raises(ModelError, match=r'law = "adrc" is not exported.*give law = "backstepping"'):
         program_of(derive(model_of(read_document(JOINT), "")))
+
+
+@pytest.mark.parametrize("name", ["compensator", "input_scale"])
+def test_a_run_refuses_what_means_nothing_to_the_law(joint: ClosedLoop, name: str) -> None:
+    message = {"compensator": r"is clipped plainly: compensator = 1; allowed: 0 \(off\)"}.get(
+        name, 'input_scale: means nothing to law = "adrc": input_scale - 1 = 2; allowed: 1'
+    )
+    with pytest.raises(UsageError, match=message):
+        joint.simulate(parameters={name: 1.0 if name == "compensator" else 3.0})
+    own = {item.name: item.value for item in joint.manifest.parameters}[name]
+    assert joint.simulate(parameters={name: own}, horizon=0.1).steps
+
+
+def test_a_run_refuses_a_compensator_that_the_law_has_not(joint: ClosedLoop, load: Load) -> None:
+    with pytest.raises(UsageError, match='compensator: law = "adrc" is clipped plainly'):
+        joint.simulate(compensator=True)
+    with pytest.raises(UsageError, match='saturation: law = "adrc" is clipped plainly'):
+        ClosedLoop.load(JOINT, saturation="compensator")
+    assert joint.simulate(compensator=False, horizon=0.1).summary["saturation"] == "clip"
+    assert ClosedLoop.load(JOINT, saturation="clip").simulate(horizon=0.1).summary["saturation"] == "clip"
+
+
+@pytest.mark.parametrize(
+    ("varied", "message"),
+    [
+        ({"grid": {"compensator": [0, 1]}}, 'compensator: law = "adrc" is clipped plainly'),
+        ({"grid": {"saturation": ["clip", "compensator"]}}, 'saturation: law = "adrc" is clipped plainly'),
+        ({"grid": {"input_scale": [1, 2]}}, 'input_scale: means nothing to law = "adrc"'),
+        (
+            {"sample": {"input_scale": "uniform(1,2)"}, "runs": 4},
+            'input_scale: means nothing to law = "adrc"',
+        ),
+    ],
+)
+def test_a_sweep_refuses_to_vary_what_means_nothing_to_the_law(
+    varied: dict[str, Any], message: str, tmp_path: Path
+) -> None:
+    with pytest.raises(UsageError, match=message):
+        sweep(str(JOINT), out=tmp_path / "sweep", **varied)

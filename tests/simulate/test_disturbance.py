@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ import pytest
 from pmjoint_codegen import ClosedLoop
 from pmjoint_codegen.cli.summary_table import summary_table
 from pmjoint_codegen.kernels.evaluator import Array
-from pmjoint_codegen.simulate.disturbance import Pressure, disturbance_norm, pressures
+from pmjoint_codegen.simulate.disturbance import Pressure, disturbance_norm, mismatched, pressures
 from pmjoint_codegen.simulate.figures import draw
 from pmjoint_codegen.simulate.run import Run
 from pmjoint_codegen.simulate.sheets import caption, sheets
@@ -161,3 +162,29 @@ def test_joints_have_a_sheet_of_pressures(clipped: Run) -> None:
     np.testing.assert_array_equal(left_out.lines[0].values(clipped), clipped["D2"])  # with its sign
     assert left_out.label == "$D_2$ (rad/s$^{2}$)"
     assert len(draw(clipped, sheet).axes) in (2, 4)
+
+
+@pytest.mark.parametrize(
+    ("disturbance", "cause"),
+    [
+        (["0", "0"], "model mismatch (d1)"),
+        (["0", "0.1*sin(x2)*cos(t)"], "the model's disturbance, and model mismatch (d1)"),
+    ],
+)
+def test_a_guess_that_is_never_corrected_is_a_mismatch(
+    disturbance: list[str], cause: str, root: Path, tmp_path: Path
+) -> None:
+    file = tmp_path / "guessed.toml"
+    text = (root / "models" / "paper.toml").read_text(encoding="utf-8").replace('"paper"', '"guessed"')
+    text = text.replace("disturbance_bound", "# disturbance_bound")
+    file.write_text(
+        text.replace("[design]", "[adaptation]\nguess = { d1 = -0.5, b0 = 2.0 }\n\n[design]"),
+        encoding="utf-8",
+    )
+    loop = ClosedLoop.load(file, disturbance=disturbance)
+    run = loop.simulate(horizon=1.0)
+    assert mismatched(run) == ("d1",)
+    assert f"at the output instants: {cause}\n" in f"{summary_table(run, (), ())}\n"
+    known = loop.simulate(horizon=1.0, parameters={"d1_guess": 0.2})
+    assert mismatched(known) == () and "mismatch" not in summary_table(known, (), ())
+    assert mismatched(loop.simulate(horizon=1.0, parameters={"b0": 3.0})) == ("b0", "d1")

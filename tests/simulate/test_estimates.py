@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import cast
@@ -11,7 +12,7 @@ import pytest
 
 from pmjoint_codegen import ClosedLoop
 from pmjoint_codegen.cli.summary_table import summary_table
-from pmjoint_codegen.simulate.assumptions import FAST, remarks
+from pmjoint_codegen.simulate.assumptions import FAST, remarks, sentence
 from pmjoint_codegen.simulate.compare import compare
 from pmjoint_codegen.simulate.estimates import (
     estimates,
@@ -24,7 +25,7 @@ from pmjoint_codegen.simulate.figures import draw, look_of, overview
 from pmjoint_codegen.simulate.folder import Origin, read_folder, write_run
 from pmjoint_codegen.simulate.page import PRINTED, Page, page_of
 from pmjoint_codegen.simulate.run import Run
-from pmjoint_codegen.simulate.sheets import sheets
+from pmjoint_codegen.simulate.sheets import overview_panels, sheets
 from pmjoint_codegen.simulate.style import styled
 from pmjoint_codegen.simulate.symbols import symbol
 from tests.figure_texts import flaws
@@ -178,3 +179,64 @@ def test_leakage_that_is_faster_than_learning_is_named(loop: ClosedLoop, run: Ru
 )
 def test_estimates_have_a_hat(name: str, written: str) -> None:
     assert symbol(name) == written
+
+
+@pytest.mark.parametrize("value", [7.0, 0.3, -2.0])
+def test_a_true_value_outside_its_range_is_named_and_leaves_no_v(value: float, tmp_path: Path) -> None:
+    run = ClosedLoop.load("paper-adaptive").simulate(parameters={"b0": value}, horizon=0.1)
+    said = f"b0 = {value:g} is outside the range of b0_hat, 0.3 to 6: nothing is proved and V has no value"
+    assert said in remarks(run) and said in run.summary["remarks"] and said in sentence(run)
+    assert "V" not in run.summary
+    table = summary_table(run, (), ())
+    assert said in table and "\n  V " not in table
+    shown = next(sheet for sheet in sheets(run) if sheet.stem.endswith("adaptation"))
+    assert len(shown.panels) == len(estimates(run)) and "V$" not in shown.caption
+    assert all(line.column != "V" for panel in overview_panels(run) for line in panel.lines)
+    assert read_folder_remarks(run, tmp_path) == list(remarks(run))
+
+
+def read_folder_remarks(run: Run, folder: Path) -> list[str]:
+    """The remarks of ``summary.json``."""
+    write_run(run, folder, Origin())
+    found: list[str] = json.loads((folder / "summary.json").read_text(encoding="utf-8"))["remarks"]
+    return found
+
+
+@pytest.mark.parametrize(
+    ("table", "values", "said"),
+    [
+        ("guess = { b0 = 1.5 }", {"b0": -2.0}, "b0 = -2 has the other sign than b0_guess = 1.5"),
+        ("guess = { b0 = -1.5 }", {}, "b0 = 2 has the other sign than b0_guess = -1.5"),
+        (
+            'unknown = ["b0"]\nform = "inverse"\nguess = { b0 = 1.2 }\ngain = { b0 = 2.0 }\n'
+            "inverse = { gain = 0.1 }",
+            {"b0": -2.0},
+            "b0 = -2 has the other sign than b0_guess = 1.2",
+        ),
+    ],
+)
+def test_the_other_sign_of_b_m_is_named(
+    table: str, values: dict[str, float], said: str, root: Path, tmp_path: Path
+) -> None:
+    file = tmp_path / "signed.toml"
+    text = (root / "models" / "paper.toml").read_text(encoding="utf-8")
+    text = text.replace('"paper"', '"signed"').replace("[design]", f"[adaptation]\n{table}\n\n[design]")
+    file.write_text(text, encoding="utf-8")
+    loop = ClosedLoop.load(file)
+    told = remarks(loop.simulate(parameters=values, horizon=0.02))
+    assert told[0].startswith(f"{said}, so v acts the wrong way: nothing is proved")
+    guess = loop.simulate(horizon=0.02).settings.parameters["b0_guess"]
+    right = remarks(loop.simulate(parameters={"b0": 2.0 if guess > 0 else -2.0}, horizon=0.02))
+    assert not any("sign" in remark for remark in right)
+
+
+def test_true_values_inside_their_ranges_need_no_word(run: Run) -> None:
+    assert not remarks(run) and run.summary["remarks"] == []
+
+
+def test_a_frozen_run_is_not_said_to_adapt(run: Run, frozen: Run) -> None:
+    captions = [sheets(item)[-1].caption for item in (run, frozen)]
+    assert captions == [
+        "Tracking error with adaptation.",
+        "Tracking error with estimates that stay at their guesses.",
+    ]

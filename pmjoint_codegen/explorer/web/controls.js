@@ -198,8 +198,7 @@ function makeControls(data, settings, changed) {
   const named = (names) => names.filter((name) => all.has(name)).map((name) => number(all.get(name)));
   const knobRows = (turns) => data.knobs.filter((knob) => knob.turns === turns && all.has(knob.name)).map((knob) =>
     number(all.get(knob.name), knob.value ? { low: -1, high: 3 } : { low: -1, high: 1 }, { title: [knob.name.split("_").at(turns === "reference" ? -1 : 0)] }));
-  const offered = ["compensator", "braking"].filter((word) => word in data.variants);
-  const words = Object.fromEntries([...offered.map((word) => [word, word[0].toUpperCase() + word.slice(1)]), ["clip", "Clip"]]);
+  const words = Object.fromEntries(saturationsOf(data).map((word) => [word, word[0].toUpperCase() + word.slice(1)]));
   const gains = entries.filter((entry) => entry.kind === "gain" && /^(c|e|ck|k|braking)\d*$/.test(entry.name));
   const links = Object.entries(facts.chain).filter(([, name]) => !facts.limits.includes(name));
   const chain = links.map(([, name]) => name);
@@ -214,7 +213,10 @@ function makeControls(data, settings, changed) {
   };
 
   const nodes = [
-    group("Saturation", [choice("saturation", "What the controller does about a saturated input", words), ...named(facts.limits)]),
+    group("Saturation", [
+      ...(Object.keys(words).length > 1 ? [choice("saturation", "What the controller does about a saturated input", words)] : []),
+      ...named(facts.limits),
+    ]),
     group("Reference", [element("p", { className: "note" }, ...pretty("y_r"), ` = ${data.reference}`), ...knobRows("reference")]),
     group("Start", [
       ...facts.start.variables.map((variable, i) => kept(new Row({

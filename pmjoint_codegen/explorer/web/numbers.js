@@ -51,6 +51,7 @@ const RULES = {
   nonnegative: (terms) => terms.every((term) => term >= 0),
   whole: (terms) => terms.every((term) => term >= 0 && term <= 2 ** 53 && Number.isInteger(term)),
   nonzero: (terms) => terms.every((term) => term !== 0),
+  zero: (terms) => terms.every((term) => term === 0),
   hurwitz: isHurwitz,
 };
 
@@ -66,12 +67,16 @@ function complaint(facts, values) {
     return `gains ${facts.filters.join(", ")} leave the filters unstable; allowed: A0 = A - k e1' Hurwitz`;
   }
   for (const rule of facts.rules) {
-    const terms = rule.terms.map((term) => evaluate(term, values));
-    if (!terms.every(Number.isFinite) || !RULES[rule.kind](terms)) {
-      return `${rule.name}: ${rule.what || short(terms[0])}; allowed: ${rule.allowed}`;
+    if (!obeyed(rule, values)) {
+      return `${rule.name}: ${rule.what || short(evaluate(rule.terms[0], values))}; allowed: ${rule.allowed}`;
     }
   }
   return "";
+}
+
+function obeyed(rule, values) {
+  const terms = rule.terms.map((term) => evaluate(term, values));
+  return terms.every(Number.isFinite) && RULES[rule.kind](terms);
 }
 
 // Few digits for a reader: 0.0123, 12.3, 1.23e5, with a true minus sign.

@@ -93,7 +93,8 @@ class Page {
       panel.output.setAttribute("aria-live", "off");
       if (panel.truth) keys.push(element("span", { className: "key dashed", style: "--of: var(--orange)" }, panel.truth));
       const caption = element("figcaption", {}, element("span", { className: "title" }, panel.title), ...keys, ...shaded);
-      place.append(element("figure", {}, caption, element("div", { className: "plot" }, panel.canvas, panel.output)));
+      panel.figure = element("figure", {}, caption, element("div", { className: "plot" }, panel.canvas, panel.output));
+      place.append(panel.figure);
       panel.plot = new Plot(panel.canvas);
     }
   }
@@ -229,6 +230,10 @@ class Page {
     if (!this.run) return;
     for (const panel of this.panels) {
       const spec = { ...panel.build(this.run, this.kept, this.colors, panel), labels: panel.labels };
+      const appears = panel.figure.hidden && !spec.absent;
+      panel.figure.hidden = Boolean(spec.absent);
+      if (spec.absent) continue;
+      if (appears) panel.plot.resize();
       panel.plot.draw(spec, this.colors, this.cursor);
       const known = this.cursor >= 0 && this.cursor < this.run.rows;
       const text = known ? readingOf(this.run, this.cursor, panel.names, this.units) : "";
@@ -254,7 +259,9 @@ class Page {
     this.keepAddress();
     document.getElementById("command").textContent = commandLine(this.data, this.fitting(this.settings));
     if (!this.run) return;
-    for (const panel of this.panels) panel.canvas.setAttribute("aria-label", descriptionOf(panel, this.run, this.units));
+    for (const panel of this.panels.filter(({ figure }) => !figure.hidden)) {
+      panel.canvas.setAttribute("aria-label", descriptionOf(panel, this.run, this.units));
+    }
     this.table();
     const [computed, whole] = [0, 1].map((i) => median(this.frames.map((frame) => frame[i])));
     document.getElementById("timing").textContent = `A run takes ${computed.toFixed(1)} ms, with its plots ${whole.toFixed(1)} ms.`;
@@ -277,8 +284,8 @@ class Page {
 
   table() {
     if (!document.getElementById("table").open || !this.run) return;
-    const names = ["t", ...Object.keys(this.run.columns)];
     const columns = { ...this.run.columns, t: this.run.t };
+    const names = ["t", ...Object.keys(this.run.columns)].filter((name) => columns[name].some(Number.isFinite));
     const unitOf = (name) => (name === "t" ? " s" : withUnit("", this.units.of(name)));
     const count = Math.min(TABLE_ROWS, this.run.rows);
     const rows = Array.from({ length: count }, (_, i) => Math.round((i * (this.run.rows - 1)) / Math.max(1, count - 1)));

@@ -104,14 +104,16 @@ function estimatePanel(run, kept, colors, panel) {
   return { series, x: timeRange(run), y: rangeOf([...series.map((item) => item.y), [truth]]), lines: [[truth, colors.orange]], spans: saturatedSpans(run) };
 }
 
+// V has no value at all where a true value is outside its range, or a gain is 0: there is nothing to show.
 function lyapunovPanel(run, kept, colors) {
   const series = [...ghosts(kept, ["V"], colors), ...inTime(run, [["V", colors.green]])];
+  const absent = series.every((item) => !item.y.some(Number.isFinite));
   const [, high] = rangeOf(series.map((item) => item.y));
   let low = Infinity;
   for (const item of series) for (let i = 0; i < item.y.length; i += 1) if (item.y[i] > 0 && item.y[i] < low) low = item.y[i];
   const top = Math.log10(Math.max(high, 1e-290)) + 0.2;
   const bottom = Math.max(Number.isFinite(low) ? Math.log10(low) - 0.2 : top - 1, top - DEPTH);
-  return { series, x: timeRange(run), y: [bottom, Math.max(top, bottom + 1)], log: true, spans: saturatedSpans(run), ...(isZero(series) ? { zero: true, log: false, y: [-1, 1], note: "V is exactly 0" } : {}) };
+  return { series, absent, x: timeRange(run), y: [bottom, Math.max(top, bottom + 1)], log: true, spans: saturatedSpans(run), ...(isZero(series) ? { zero: true, log: false, y: [-1, 1], note: "V is exactly 0" } : {}) };
 }
 
 function planePanel(run, kept, colors, panel) {

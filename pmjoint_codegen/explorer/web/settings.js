@@ -19,6 +19,13 @@ function defaultSettings(data) {
   };
 }
 
+// What may be done about a saturated input: each compensator, and plain clipping where the model does not refuse it.
+function saturationsOf(data) {
+  const [facts] = Object.values(data.variants);
+  const clips = facts.rules.every((rule) => rule.name !== "compensator" || obeyed(rule, { compensator: 0 }));
+  return [...["compensator", "braking"].filter((word) => word in data.variants), ...(clips ? ["clip"] : [])];
+}
+
 // The kernels that a kind of saturation needs: plain clipping is a switch of any.
 function factsFor(data, saturation) {
   return data.variants[saturation] ?? Object.values(data.variants)[0];
@@ -74,7 +81,7 @@ function fromHash(data, hash) {
 // Put one pair of a link into the settings; whether the model knows it.
 function taken(data, settings, key, text) {
   const facts = Object.values(data.variants);
-  const offered = { saturation: [...Object.keys(data.variants), "clip"], controller: ["continuous", "sampled"],
+  const offered = { saturation: saturationsOf(data), controller: ["continuous", "sampled"],
     start: ["zero", "matched"] };
   const [kind, name] = [key.slice(0, 2), key.slice(2)];
   const numbers = text.split(",").map((part) => (part.trim() === "" ? NaN : Number(part)));
