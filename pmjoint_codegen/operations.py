@@ -355,7 +355,7 @@ OPERATIONS = (
         rounding=lambda r: (
             lambda a: (
                 r.np.sign(a.value),
-                r.np.where(abs(a.value) <= a.error, 2.0, 0.0),
+                r.np.where((abs(a.value) <= a.error) & (a.error > 0), 2.0, 0.0),  # 0 itself has a sign: 0
             )
         ),
         sympy="sign",

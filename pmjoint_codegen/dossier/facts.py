@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from pmjoint_codegen import __version__
-from pmjoint_codegen.check.gates.proof import design_values, unfit_gains
+from pmjoint_codegen.check.gates.proof import design_values, no_certificate, unfit_gains
 from pmjoint_codegen.check.oracles.certificate import Certificate, certify
+from pmjoint_codegen.check.oracles.truth import decay
 from pmjoint_codegen.check.subject import Subject, load_subject
 from pmjoint_codegen.closed_loop import ClosedLoop
 from pmjoint_codegen.dossier.gates import Checked, checked
@@ -30,10 +31,12 @@ from pmjoint_codegen.simulate.run import Run
 from pmjoint_codegen.simulate.sheets import transient_window
 from pmjoint_codegen.workspace import find_model, is_stream
 from pmjoint_derive import Derivation
+from pmjoint_derive.closed_loop import disturbance_bound, output_disturbance
 from pmjoint_derive.consistency import consistency_identities
 from pmjoint_derive.equation import Equation, Identity
 from pmjoint_derive.progress import Stage, unwatched
 
+CERTIFICATE = "Certificate"  # section of the equations that the proof shows
 _DETAIL_ROWS = 400  # of the saturated transient's figure
 Notify = Callable[[str], None]
 
@@ -47,6 +50,19 @@ class Absent:
     """
 
     reason: str
+
+
+@dataclass(frozen=True)
+class Decay:
+    """What ``V' <= -f V + Y`` says of a design with estimates.
+
+    Attributes:
+        f: rate, 1/s.
+        Y: what disturbance and wrong priors add at most; None without a bound of the disturbance.
+    """
+
+    f: float
+    Y: float | None
 
 
 @dataclass(frozen=True)
@@ -94,7 +110,7 @@ class Facts:
         checks: results of the gates.
         run: the default run.
         transient: its saturated beginning on a finer grid of instants, if there is one.
-        frozen: the error of the same run without adaptation, of an adaptive controller.
+        frozen: the error of the same run without adaptation, of an adaptive controller that adapts.
         sampled: the same with a sampled controller at the model's sample time.
         pace: of the law at that sample time.
         margins: at the model's reference at t = 0.
@@ -109,11 +125,11 @@ class Facts:
     provided: Provided
     equations: tuple[Equation, ...]
     identities: tuple[Identity, ...]
-    certificate: Certificate | Absent
+    certificate: Certificate | Decay | Absent
     checks: Checked
     run: Run | Absent
     transient: Run | None
-    frozen: FrozenError | None
+    frozen: FrozenError | Absent | None
     sampled: Run | Absent
     pace: Pace
     margins: Margins | Absent
@@ -188,7 +204,7 @@ def gather(
         provided=provided,
         equations=equations,
         identities=identities,
-        certificate=_certificate(derivation),
+        certificate=_certificate(derivation, equations),
         checks=checks,
         run=run,
         transient=_transient(loop, run),
@@ -202,7 +218,7 @@ def gather(
     )
 
 
-def _certificate(derivation: Derivation) -> Certificate | Absent:
+def _certificate(derivation: Derivation, equations: tuple[Equation, ...]) -> Certificate | Decay | Absent:
     if not derivation.design.certifies:
         return Absent("the law comes without a certificate")
     values = design_values(derivation)
@@ -210,10 +226,24 @@ def _certificate(derivation: Derivation) -> Certificate | Absent:
     if faults:
         return Absent(f"no certificate at these gains: {'; '.join(faults)}")
     if not derivation.design.decays:
-        return Absent(
-            "V does not rise where disturbance and leakage are 0, and has neither a rate f nor a bound Y"
-        )
+        return _decay(derivation, values, {item.name for item in equations if item.section == CERTIFICATE})
     return certify(derivation, values, derivation.model.disturbance_bound)
+
+
+def _decay(derivation: Derivation, values: Mapping[str, float], stated: set[str]) -> Decay | Absent:
+    """Rate and residual of a design with estimates, where the derivation states them."""
+    reason = no_certificate(derivation)
+    if reason:
+        return Absent(reason)
+    if "f" not in stated:
+        return Absent(
+            "V does not rise where disturbance and leakage are 0; it has a rate f only with leakage and "
+            "without ranges"
+        )
+    bound = disturbance_bound(derivation.model, derivation.design)
+    disturbs_y = output_disturbance(derivation.design) != 0
+    f, Y = decay(derivation.model, values, bound or 0.0, disturbs_y=disturbs_y)
+    return Decay(f, None if bound is None else Y)
 
 
 def _run(loop: ClosedLoop, **asked: Any) -> Run | Absent:
@@ -231,11 +261,11 @@ def _transient(loop: ClosedLoop, run: Run | Absent) -> Run | None:
     return loop.simulate(horizon=window, output_step=step)
 
 
-def _frozen(loop: ClosedLoop, run: Run | Absent) -> FrozenError | None:
+def _frozen(loop: ClosedLoop, run: Run | Absent) -> FrozenError | Absent | None:
     if isinstance(run, Absent) or is_frozen(run):
         return None
-    frozen = _run(loop, parameters=frozen_parameters(loop.manifest))
-    return None if isinstance(frozen, Absent) else frozen_error(frozen)
+    frozen = _run(loop, parameters=frozen_parameters(run.manifest))
+    return frozen if isinstance(frozen, Absent) else frozen_error(frozen)
 
 
 def _pace(manifest: Manifest) -> Pace:

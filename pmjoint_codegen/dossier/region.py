@@ -1,4 +1,4 @@
-"""From where the loop recovers: a small grid over the plant's first two initial states."""
+"""From where the loop recovers: a small grid over the plant's first two initial states, or its only one."""
 
 from __future__ import annotations
 
@@ -37,6 +37,7 @@ class Map:
         held: how many of them keep the output bounded.
         command: draws the same.
         words: what the map shows.
+        plane: whether it is over two states; else over one.
     """
 
     svg: bytes
@@ -44,6 +45,7 @@ class Map:
     held: int
     command: str
     words: str
+    plane: bool
 
 
 def draw_region(file: Path, run: Run, environment: Mapping[str, str], notify: Callable[[str], None]) -> Map:
@@ -87,7 +89,7 @@ def draw_region(file: Path, run: Run, environment: Mapping[str, str], notify: Ca
         if known
         else "no border beyond which every controller fails is known in closed form for this plant"
     )
-    return Map(svg, plan.runs, kept, f"pmjoint sweep {called(file)} {options}", words)
+    return Map(svg, plan.runs, kept, f"pmjoint sweep {called(file)} {options}", words, len(grid) > 1)
 
 
 def _reach(run: Run) -> tuple[tuple[float, float], bool]:

@@ -19,6 +19,7 @@ from pmjoint_codegen.export.tree import Precision, Tree, number
 
 INFLATION: Final = 1.0 + 2.0**-40
 ULPS: Final = 4.0  # of sin, exp and their like
+FLAT: Final = 300.0  # beyond, cosh^2 would overflow
 EXACT_WHOLE: Final = 2.0**24  # whole numbers up to here are numbers of every type
 
 
@@ -84,6 +85,11 @@ def bounded_operations(precision: Precision) -> dict[str, Operation]:
         steep = np.where(cosine > a.error, a.error / (cosine * (cosine - a.error)), np.inf)
         return called(np.tan(a.value), steep)
 
+    def hyperbolic_tangent(a: Bounded) -> Bounded:
+        nearest = np.maximum(abs(a.value) - a.error, 0.0)  # where within the error the slope is greatest
+        spread = np.minimum(a.error / np.cosh(np.minimum(nearest, FLAT)) ** 2, 2.0)
+        return called(np.tanh(a.value), spread)
+
     def logarithm(a: Bounded) -> Bounded:
         return called(np.log(a.value), -np.log1p(-np.minimum(a.error / abs(a.value), 1.0)))
 
@@ -110,7 +116,7 @@ def bounded_operations(precision: Precision) -> dict[str, Operation]:
         "sqrt": root,
         "sin": flat(np.sin),
         "cos": flat(np.cos),
-        "tanh": flat(np.tanh),
+        "tanh": hyperbolic_tangent,
         "atan": flat(np.arctan),
         "tan": tangent,
         "exp": lambda a: called(np.exp(a.value), np.exp(a.value) * np.expm1(a.error)),

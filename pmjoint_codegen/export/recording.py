@@ -7,12 +7,13 @@ The inputs jump about, so that u meets its limits and every gain and coefficient
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 
+import numpy as np
 import sympy as sp
 
+from pmjoint_codegen.errors import ModelError
 from pmjoint_codegen.export import fields
 from pmjoint_codegen.export.fields import INTEGER, defaults, nearest
 from pmjoint_codegen.export.lines import Line
@@ -55,9 +56,14 @@ def twin_of(program: Program, arithmetic: Arithmetic, precision: Precision, *, m
     return Twin(program, arithmetic, values, arithmetic.number(T), matched)
 
 
-def recorded(program: Program, precision: Precision, *, matched: bool) -> Iterator[Sample]:
-    """The samples from one start."""
-    plan = _plan(program, precision)
+@np.errstate(all="ignore")  # what overflows has no bound, and is refused
+def recorded(program: Program, precision: Precision, *, matched: bool) -> tuple[Sample, ...]:
+    """The samples from one start.
+
+    Raises:
+        ModelError: a result or the bound on its error is no number of the precision: nothing could be tested.
+    """
+    plan, samples = _plan(program, precision), []
     exact = twin_of(program, exact_arithmetic(), precision, matched=matched)
     bounded = twin_of(program, bounded_arithmetic(precision), precision, matched=matched)
     for k, given in enumerate(plan):
@@ -67,7 +73,25 @@ def recorded(program: Program, precision: Precision, *, matched: bool) -> Iterat
             float(item.error) + 2.0 * precision.roundoff * abs(value) + precision.smallest
             for item, value in zip(both[1], expected, strict=True)
         ]
-        yield Sample(*given, expected, tuple(_up(value, precision) for value in spread))
+        tolerance = tuple(_up(value, precision) for value in spread)
+        if not np.all(np.isfinite([*expected, *tolerance])):
+            raise _boundless(program, precision, k)
+        samples.append(Sample(*given, expected, tolerance))
+    return tuple(samples)
+
+
+def _boundless(program: Program, precision: Precision, k: int) -> ModelError:
+    """Why a controller is not written in a precision."""
+    adaptation = program.derivation.model.adaptation
+    learns = adaptation is not None and bool(adaptation.unknown)
+    gains = "lower gains of [adaptation]" if learns else "lower gains of [design]"
+    other = "--precision double, " if precision.suffix else ""
+    return ModelError(
+        f"sample {k + 1} of the self test has no finite bound on what rounding errors of {precision.name} do "
+        "to the controller",
+        where="export",
+        remedy=f"give {other}{gains}, or a shorter sample_time",
+    )
 
 
 Given = tuple[float, tuple[float, ...], float | None, float | None]  # as in `Sample`

@@ -50,8 +50,20 @@ class Precision:
     smallest: float
 
     def literal(self, value: float) -> str:
-        """A literal that reads back as the number of this type nearest to ``value``."""
-        text = str(np.float32(value)) if self.suffix else repr(float(value))
+        """A literal that reads back as the number of this type nearest to ``value``.
+
+        Raises:
+            ModelError: it is too large for this type, or no number.
+        """
+        with np.errstate(over="ignore"):
+            nearest = np.float32(value) if self.suffix else np.float64(value)
+        if not np.isfinite(nearest):
+            raise ModelError(
+                f"{value:g} is no finite number of the C type {self.name}",
+                where="export",
+                remedy="give --precision double" if np.isfinite(value) else "give finite parameters",
+            )
+        text = str(nearest)
         return (text if "." in text or "e" in text else f"{text}.0") + self.suffix
 
 

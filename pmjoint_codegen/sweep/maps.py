@@ -84,10 +84,12 @@ def write_maps(dataset: xr.Dataset, manifest: Manifest, folder: Path) -> tuple[P
 
 
 def region_figure(dataset: xr.Dataset, manifest: Manifest) -> bytes:
-    """Draw the region over the first two axes of a sweep, as the bytes of an SVG file."""
-    x, y = (str(name) for name in dataset["status"].dims[:2])
+    """Draw the region over the first two axes of a sweep, or curves over its only one, as bytes of SVG."""
+    x, *further = (str(name) for name in dataset["status"].dims[:2])
+    runs = _ascending(dataset)
     with styled(_STYLE):
-        return rendered(region(_ascending(dataset), manifest, x, y, ""), _STYLE, "svg")
+        figure = region(runs, manifest, x, further[0], "") if further else curves(runs, x)
+        return rendered(figure, _STYLE, "svg")
 
 
 def _ascending(dataset: xr.Dataset) -> xr.Dataset:

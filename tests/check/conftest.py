@@ -18,6 +18,12 @@ def paper(root: Path, cache: Path) -> Subject:
     return load_subject(root / "models" / "paper.toml", os.environ, lambda _line: None)
 
 
+@pytest.fixture(scope="session")
+def adaptive(root: Path, cache: Path) -> Subject:
+    """Return the paper's model with estimates."""
+    return load_subject(root / "models" / "paper-adaptive.toml", os.environ, lambda _line: None)
+
+
 Tally = Callable[[str, str, GateResult], None]
 
 

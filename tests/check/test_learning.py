@@ -26,12 +26,6 @@ Tally = Callable[[str, str, GateResult], None]
 
 
 @pytest.fixture(scope="module")
-def adaptive(root: Path, cache: Path) -> Subject:
-    file = root / "models" / "paper-adaptive.toml"
-    return load_subject(file, os.environ, lambda _line: None)
-
-
-@pytest.fixture(scope="module")
 def quiet(adaptive: Subject) -> Evaluator:
     if adaptive.compiled is None:
         pytest.skip("no C compiler")

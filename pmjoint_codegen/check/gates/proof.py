@@ -79,8 +79,22 @@ def _not_rising(
         faults = ["P is not positive definite"]
     if faults:
         return failed("; ".join(faults), len(faults), 0, Difference("V", faults[0], "", "", "", "", ""))
-    detail = f"identities that do not expand to zero, of {count}; V does not rise where D and leakage are 0"
+    claim = no_certificate(derivation) or "V does not rise where D and leakage are 0"
+    detail = f"identities that do not expand to zero, of {count}; {claim}"
     return passed(detail, 0, 0, f"P = {[[float(f'{entry:.5g}') for entry in row] for row in P]}")
+
+
+def no_certificate(derivation: Derivation) -> str:
+    """Why nothing is claimed of V of a design with estimates, or nothing."""
+    adaptation = derivation.design.adaptation
+    if adaptation is None or not adaptation.unknown:
+        return ""
+    if adaptation.least_squares is not None:
+        return "no V covers least squares together with the law"
+    still = [entry.name for entry in adaptation.unknown if not entry.gain > 0]
+    still += ["1/b_m"] if adaptation.inverse is not None and not adaptation.inverse.gain > 0 else []
+    told = f"{', '.join(still)}: estimated with a gain of 0, so V falls only if the guess is right"
+    return told if still else ""
 
 
 def unfit_gains(derivation: Derivation, values: Mapping[str, float]) -> list[str]:

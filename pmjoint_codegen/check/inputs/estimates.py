@@ -41,6 +41,32 @@ def place_estimates(
         given[label][:, place - first] = values
 
 
+def order_ranges(manifest: Manifest, values: Array, random: np.random.Generator) -> None:
+    """Let drawn ranges have their ends in order and their guess and prior inside, in place.
+
+    Each was drawn for itself, so the ends of narrow ranges come out crossed, and guesses near an end outside.
+    What is in order stays.
+
+    Args:
+        manifest: of the model.
+        values: drawn parameters, shape (points, size).
+        random: chooses places inside.
+    """
+    at = {item.name: i for i, item in enumerate(manifest.parameters)}
+    for name in [name.removesuffix("_low") for name in at if name.endswith("_low")]:
+        if not (name + "_high" in at and name + "_guess" in at):
+            continue
+        ends = [at[name + "_low"], at[name + "_high"]]
+        values[:, ends] = np.sort(values[:, ends], axis=1)
+        low, high = values[:, ends].T
+        for inner in (name + "_guess", name + "_prior"):
+            if inner in at:
+                value = values[:, at[inner]]
+                out = ~((low < value) & (value < high))
+                place = random.uniform(*INSIDE, int(np.sum(out)))
+                value[out] = low[out] + place * (high - low)[out]
+
+
 def _placed(
     manifest: Manifest, p: Mapping[str, Array], random: np.random.Generator
 ) -> Iterator[tuple[int, Array]]:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pmjoint_codegen.check.inputs.estimates import place_estimates
+from pmjoint_codegen.check.inputs.estimates import order_ranges, place_estimates
 from pmjoint_codegen.check.inputs.features import Features
 from pmjoint_codegen.kernels.evaluator import Evaluator
 from pmjoint_codegen.loops.chain import actuator_of
@@ -180,7 +180,7 @@ def parameter_values(manifest: Manifest, count: int, random: np.random.Generator
     """Parameters at 1/2 to 2 times their defaults, shape (count, size); row 0 holds the defaults.
 
     Those of estimates that are 0 by default, such as leakage, are drawn from 0 to 1, so that what they
-    multiply shows.
+    multiply shows. Guesses are inside their ranges, whose ends are in order.
     """
     defaults = np.array([item.value for item in manifest.parameters])
     values = defaults * random.uniform(0.5, 2.0, (count, len(defaults)))
@@ -191,6 +191,7 @@ def parameter_values(manifest: Manifest, count: int, random: np.random.Generator
     for i, item in enumerate(manifest.parameters):
         if item.kind == "switch":
             values[:, i] = random.integers(0, 2, count)
+    order_ranges(manifest, values, random)
     return np.ascontiguousarray(values)
 
 

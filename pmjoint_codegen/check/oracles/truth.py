@@ -89,20 +89,24 @@ def outside(model: Model, values: Mapping[str, float]) -> tuple[str, ...]:
 def estimation_errors(run: Run, model: Model) -> Array:
     """Estimation error with the true values of what is estimated, shape (rows, n).
 
-    Filters are those of the columns; their sum is formed here, since x_hat of a run has the estimates.
+    Filters are those of the columns; their sum is formed here, since x_hat of a run has the estimates. An
+    extended-state observer has no filters: its own states estimate x, with whatever values it was run with.
 
     Args:
         run: the run.
         model: what it is a run of.
     """
     manifest, values = run.manifest, run.settings.parameters
+    n = manifest.n
+    x, xi, lambda_ = (run.states[:, slice(*manifest.blocks[name])] for name in ("x", "xi", "lambda"))
+    if lambda_.shape[1] == 0:
+        return np.asarray(x[:, :n] - xi[:, :n], dtype=np.float64)
     Theta = true_theta(model, values)
     if model.adaptation is not None:
         for entry in model.adaptation.entries:
             if not entry.unknown:
                 Theta[entry.place] = values[entry.guess_symbol.name]
-    n, b = manifest.n, Theta[: manifest.m + 1]
-    x, xi, lambda_ = (run.states[:, slice(*manifest.blocks[name])] for name in ("x", "xi", "lambda"))
+    b = Theta[: manifest.m + 1]
     Xi = run.states[:, slice(*manifest.blocks["Xi"])].reshape(len(run.t), n, manifest.p)
     x_hat = xi + Xi @ Theta[manifest.m + 1 :]
     A0 = filter_matrix(manifest.n, values)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from pmjoint_codegen.dossier.facts import Facts
+from pmjoint_codegen.dossier.facts import CERTIFICATE, Facts
 from pmjoint_codegen.dossier.markup import chapter, code, items, paragraph, plain, prose, tag, unit
 from pmjoint_codegen.report.mathml import displayed, inline_symbol
 from pmjoint_codegen.report.notation import text_expression
 from pmjoint_codegen.report.sections import by_section, own_parameters
 from pmjoint_derive.equation import Equation
 from pmjoint_derive.true_plant import SECTION as TRUE_PLANT
-
-CERTIFICATE = "Certificate"
 
 
 def derivation_chapter(facts: Facts) -> str:

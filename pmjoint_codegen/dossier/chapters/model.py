@@ -92,10 +92,31 @@ def assumptions(facts: Facts) -> Iterator[str]:
         yield "No bound of the disturbance is stated, so the proof gives no ultimate bound of the error."
     else:
         yield f"The disturbance stays below {inline_symbol('D_max')} = {number(bound)}."
-    yield "The controller knows its parameters. The plant of the default run has the same values."
+    yield from _known(facts)
     yield "The controller measures the output, and the applied input or knows its limit."
     start = facts.manifest.simulation.start
     yield f"The filters start {'at zero' if start == 'zero' else 'matched to the measured output'}."
+
+
+def _known(facts: Facts) -> Iterator[str]:
+    """What the controller knows of the plant, and what it guesses or estimates."""
+    adaptation = facts.subject.model.adaptation
+    if adaptation is None:
+        yield "The controller knows its parameters. The plant of the default run has the same values."
+        return
+    for entry in adaptation.entries:
+        start = f"{number(entry.guess)}{unit_words(entry.unit)}"
+        how = f"estimates it from {start} on" if entry.unknown else f"takes it to be {start}, for good"
+        yield f"The controller does not know {inline_symbol(entry.name)}: it {how}."
+    yield (
+        "The controller knows the other parameters. The plant of the default run has the values of the model "
+        "file."
+    )
+
+
+def unit_words(text: str) -> str:
+    """A unit after a number, or nothing."""
+    return f" {unit(text)}" if text not in ("", "1") else ""
 
 
 def remarks(text: str) -> Iterator[tuple[int, str]]:

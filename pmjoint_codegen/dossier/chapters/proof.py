@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from pmjoint_codegen.check.gates.proof import no_certificate
 from pmjoint_codegen.check.oracles.certificate import Certificate
-from pmjoint_codegen.dossier.chapters.derivation import CERTIFICATE, equation_html
-from pmjoint_codegen.dossier.facts import Absent, Facts
+from pmjoint_codegen.dossier.chapters.derivation import equation_html
+from pmjoint_codegen.dossier.facts import CERTIFICATE, Absent, Decay, Facts
 from pmjoint_codegen.dossier.markup import (
     absent,
     chapter,
@@ -21,6 +22,11 @@ from pmjoint_codegen.report.mathml import formula, inline_symbol
 from pmjoint_codegen.report.notation import text_expression
 from pmjoint_derive.lyapunov import given_away
 
+IDENTITY = (
+    "The rate below is an identity: its terms were expanded along the true dynamics, and what remains is "
+    "exactly zero."
+)
+
 
 def proof_chapter(facts: Facts) -> str:
     """Statement, equations, squares, constants, and the identities that were expanded to zero."""
@@ -33,10 +39,12 @@ def proof_chapter(facts: Facts) -> str:
             tag("h3", "Identities", id="identities"),
             _identities(facts),
         )
+    unclaimed = no_certificate(facts.derivation)
+    if unclaimed:
+        return _without_claim(facts, unclaimed)
     words = (
         f"{inline_symbol('V')} {_claim(facts)}, whatever the applied input is. "
-        "The rate below is an identity: its terms were expanded along the true dynamics, and what remains is "
-        "exactly zero. The squares are subtracted, so leaving them out gives an upper bound. They are "
+        f"{IDENTITY} The squares are subtracted, so leaving them out gives an upper bound. They are "
         "squares with positive factors because every gain is positive."
     )
     switched = (
@@ -66,16 +74,38 @@ def proof_chapter(facts: Facts) -> str:
     )
 
 
+def _without_claim(facts: Facts, reason: str) -> str:
+    """The chapter of a design of whose V nothing is claimed; the share of the errors may have a rate."""
+    own = [equation_html(item) for item in facts.equations if item.section == CERTIFICATE]
+    words = (
+        f"{inline_symbol('V_z')} is the share of the errors. {IDENTITY} The errors of the estimates stay in "
+        "it, so it says nothing of where they go."
+    )
+    shown = [tag("h3", "Share of the errors and its rate", id="lyapunov"), paragraph(words), *own]
+    return chapter(
+        "proof",
+        "Proof",
+        paragraph(tag("strong", "Nothing is claimed of a Lyapunov function: "), plain(reason), "."),
+        *(shown if own else []),
+        tag("h3", "Identities", id="identities"),
+        _identities(facts),
+    )
+
+
 def _claim(facts: Facts) -> str:
     """What V does: estimates have a share in it that need not decay."""
+    if isinstance(facts.certificate, Decay):
+        return "decreases up to the effects of the disturbance and of wrong priors"
     if facts.derivation.design.decays:
         return "decreases up to the effect of the disturbance"
     return "does not rise, but for the effects of disturbance and leakage"
 
 
-def _constants(certificate: Certificate | Absent) -> str:
+def _constants(certificate: Certificate | Decay | Absent) -> str:
     if isinstance(certificate, Absent):
         return absent(certificate.reason)
+    if isinstance(certificate, Decay):
+        return _learning_constants(certificate)
     poles = ", ".join(_pole(complex(pole)) for pole in certificate.poles)
     P = "; ".join(", ".join(number(float(entry), 5) for entry in row) for row in certificate.P)
     z = inline_symbol("z1")
@@ -95,6 +125,19 @@ def _constants(certificate: Certificate | Absent) -> str:
             ("√(2Y/f)", number(certificate.z_bound, 3), f"ultimate bound of |z|, and so of |{z}| (35)"),
             ("sharper bound of |z|", number(certificate.z_sharp, 3), f"through {eta} alone"),
             (f"sharper bound of |{z}|", number(certificate.z1_sharp, 3), f"through {eta} alone"),
+        ]
+    return table(("constant", "value", "meaning"), rows)
+
+
+def _learning_constants(decay: Decay) -> str:
+    """Rate and residual with estimates in V."""
+    rows = [("f (1/s)", number(decay.f, 4), "V decays at least like exp(−f t)")]
+    if decay.Y is None:
+        rows.append(("Y", "none", "no bound of the disturbance is known, so there is no ultimate bound"))
+    else:
+        rows += [
+            ("Y", number(decay.Y, 4), "what the disturbance and wrong priors add at most"),
+            ("Y/f", number(decay.Y / decay.f, 4), "V comes at least down to it"),
         ]
     return table(("constant", "value", "meaning"), rows)
 

@@ -18,6 +18,7 @@ from pmjoint_codegen.dossier.markup import (
     table,
     tag,
 )
+from pmjoint_codegen.simulate.estimates import FrozenError, estimate_columns
 from pmjoint_codegen.simulate.figures import draw, look_of
 from pmjoint_codegen.simulate.page import PRINTED
 from pmjoint_codegen.simulate.run import Run
@@ -54,7 +55,7 @@ def run_chapter(facts: Facts) -> str:
             alt_text(sheet.stem, facts.run),
             prose(words_of(caption(facts.run, sheet, ()))),
         )
-        for sheet in sheets(facts.run, facts.frozen)
+        for sheet in sheets(facts.run, None if isinstance(facts.frozen, Absent) else facts.frozen)
     ]
     return chapter(
         "run",
@@ -62,8 +63,16 @@ def run_chapter(facts: Facts) -> str:
         paragraph(words),
         summary_table([("value", facts.run)]),
         _estimates(facts.run),
+        _uncompared(facts.frozen),
         *figures,
     )
+
+
+def _uncompared(frozen: FrozenError | Absent | None) -> str:
+    """Why figures show no error without adaptation, if that run failed."""
+    if not isinstance(frozen, Absent):
+        return ""
+    return paragraph("The figures show no error without adaptation: ", plain(frozen.reason), ".")
 
 
 def _estimates(run: Run) -> str:
@@ -71,7 +80,7 @@ def _estimates(run: Run) -> str:
     found = run.summary.get("estimates")
     if found is None:
         return ""
-    units = {item.name: item.unit for item in run.manifest.states}
+    units = {item.name: item.unit for item in estimate_columns(run.manifest)}
     rows = [
         (
             code(name),
@@ -138,7 +147,7 @@ def alt_text(stem: str, run: Run) -> str:
 def words_of(text: str) -> str:
     """A caption without the markup of its mathematics."""
     text = re.sub(r"\\(?:mathrm|mathit|dot|hat|tilde)\{([^{}]*)\}", r"\1", text)
-    text = re.sub(r"\\(max|min|theta|alpha|lambda|sin|cos)\b", r"\1", text)
+    text = re.sub(r"\\(?:var)?(max|min|theta|alpha|lambda|rho|chi|sin|cos)\b", r"\1", text)
     return re.sub(r"[${}]|\\[ ,;]|\\", "", text.replace("_{", "_"))
 
 
@@ -152,11 +161,13 @@ def region_chapter(facts: Facts) -> str:
         f"{region.held} of {region.runs} runs ({number(share, 4)} %) from a grid of initial states keep the "
         f"output bounded up to the horizon. The same grid: {code(region.command)}."
     )
-    alt = f"map of settling times over a grid of initial states; {share:.1f} % of the runs stay bounded"
-    note = (
-        "Colour: settling time. Grey: the output diverges. A run that stays bounded up to the horizon is no "
-        f"proof beyond it; {region.words}."
+    drawn, legend = (
+        ("map of settling times over a grid of", "Colour: settling time. Grey: the output diverges.")
+        if region.plane
+        else ("curves of four figures over a row of", "A curve has a gap where the output diverges.")
     )
+    alt = f"{drawn} initial states; {share:.1f} % of the runs stay bounded"
+    note = f"{legend} A run that stays bounded up to the horizon is no proof beyond it; {region.words}."
     return chapter(
         "region", "Region of recovery", paragraph(words), picture(region.svg, alt, plain(note), kind="narrow")
     )

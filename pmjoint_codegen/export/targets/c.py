@@ -36,11 +36,20 @@ def _with_tracking(report: Report, made: Export) -> Report:
     cost = tracking_of(made.program, made.precision)
     d = made.program.derivation
     unit = str(d.units.of(d.signals.y))
+    over = f"over {cost.seconds:.3g} s of the example's run"
+    bounded = cost.y <= cost.largest
     line = (
         f"{made.precision.name} moves y in closed loop by at most {cost.y:.2g} {unit} where |y| reaches "
-        f"{cost.largest:.3g} {unit} (first-order bound, over {cost.seconds:.3g} s of the example's run)"
+        f"{cost.largest:.3g} {unit} (first-order bound, {over})"
+        if bounded
+        else f"no useful bound on what {made.precision.name} does to y in closed loop was found, {over}: "
+        "rounding errors may come to move y as far as it goes; lower gains or --precision double help"
     )
-    found = {"y_error_bound": cost.y, "y_largest": cost.largest, "y_seconds": cost.seconds}
+    found = {
+        "y_error_bound": cost.y if bounded else None,
+        "y_largest": cost.largest,
+        "y_seconds": cost.seconds,
+    }
     return Report({**report.record, **found}, (*report.lines, line))
 
 

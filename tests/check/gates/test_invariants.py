@@ -79,3 +79,18 @@ def test_the_lag_of_an_actuator_is_left_out(root: Path, tmp_path: Path) -> None:
     assert set(quiet.manifest.chain) == {"dead_zone"}
     found = {name: (figure, bound) for name, figure, bound in invariants.quiet_findings(quiet)}
     assert all(figure <= bound for figure, bound in found.values())
+
+
+def test_an_observer_with_a_wrong_guess_has_its_own_estimation_error(root: Path, tmp_path: Path) -> None:
+    """An extended-state observer sums no filters; a guess that is put right leaves it no disturbance."""
+    text = (root / "tests" / "simulate" / "joint-adrc.toml").read_text(encoding="utf-8")
+    text = text.replace("horizon     = 20", "horizon     = 2")
+    file = tmp_path / "models" / "joint-adrc.toml"
+    file.parent.mkdir()
+    file.write_text(f"{text}\n[adaptation]\nguess = {{ b0 = 60.0 }}\n", encoding="utf-8")
+    regenerate([str(file)])
+    subject = load_subject(file, os.environ, lambda line: None)
+    assert invariants.check(subject).verdict is Verdict.PASSED
+    quiet = invariants.quiet_evaluator(subject)
+    wrong = default_run(quiet, x0=np.array([0.1, 0.0]))
+    assert invariants.estimation_gap(quiet, wrong, subject.model) > 1e3 * ACCURACY

@@ -108,6 +108,14 @@ def test_a_value_far_beyond_its_limit_passes_on_no_error(operation: str, size: f
     assert (clipped.value[0, 0], clipped.error[0, 0]) == (3.0, 0.0)
 
 
+def test_the_sign_of_an_exact_zero_is_exact_and_that_of_a_rounded_one_is_not() -> None:
+    """A gain of 0 is switched off by its sign, in a quotient that would have no bound otherwise."""
+    (exact,) = walk(tape_of([("sign", (0,))], 1), [np.array([[0.0]])])
+    assert (exact.value[0, 0], exact.error[0, 0]) == (0.0, 0.0)
+    (rounded,) = walk(tape_of([("mul", (0, 0)), ("sign", (1,))], 1), [np.array([[1e-200]])])
+    assert (rounded.value[0, 0], rounded.error[0, 0]) == (0.0, 2.0 * (1 + 32 * ROUNDOFF))
+
+
 STEPS = st.lists(
     st.tuples(st.sampled_from(sorted(ARITIES)), st.integers(0, 30), st.integers(0, 30)),
     min_size=1,
