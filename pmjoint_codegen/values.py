@@ -237,6 +237,8 @@ def _broken(rule: Rule, found: Sequence[float]) -> str:
         return "has no finite value at these parameters"
     if rule.kind == "hurwitz":
         return f"{rule.what} has the roots {roots_text(found) or 'of no polynomial'}"
+    if rule.kind == "zero":  # the value is the user's, perhaps in another unit
+        return rule.what
     return f"is {found[0]:g}" if not rule.what else f"{rule.what}: {rule.terms[0]} = {found[0]:g}"
 
 

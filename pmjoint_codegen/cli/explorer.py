@@ -45,14 +45,14 @@ def command(model: str, out: Path | None, as_json: bool) -> None:
         "model": prepared.title,
         "file": str(file),
         "bytes": len(page.html.encode()),
-        "saturations": [*page.saturations, "clip"],
+        "saturations": list(page.saturations),
         "knobs": list(page.knobs),
         "modules": dict(page.bytes),
     }
     if as_json:
         document(record)
     else:
-        kinds = ", ".join([*page.saturations, "clip"])
+        kinds = ", ".join(page.saturations)
         result(f"{prepared.title}: {file}, {record['bytes']} bytes; saturation: {kinds}")
 
 

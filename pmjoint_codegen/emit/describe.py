@@ -330,7 +330,7 @@ def _observer_rules() -> list[Rule]:
     law = f'law = "{ADRC}"'
     return [
         Rule(COMPENSATOR, "zero", (COMPENSATOR,), f"{law} is clipped plainly", "0 (off)"),
-        Rule(INPUT_SCALE, "zero", (f"{INPUT_SCALE} - 1",), f"means nothing to {law}", "1"),
+        Rule(INPUT_SCALE, "zero", (f"{INPUT_SCALE} - 1",), f"means nothing to {law}", "the model's own"),
     ]
 
 

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+
 from pmjoint_codegen import __version__
 from pmjoint_codegen.compile.zig import zig_compiler
 from pmjoint_codegen.errors import ModelError
@@ -21,7 +23,7 @@ from pmjoint_codegen.modelfile.reader import read_document
 from pmjoint_codegen.provision import Notify, Provided, Stage, provide_document
 from pmjoint_codegen.simulate.blocks import compensator_states
 from pmjoint_codegen.simulate.estimates import is_adaptive
-from pmjoint_codegen.values import BRAKING, COMPENSATOR
+from pmjoint_codegen.values import BRAKING, CLIP, COMPENSATOR, obeys
 from pmjoint_codegen.workspace import cache_dir, find_model
 
 WEB: Final = Path(__file__).parent / "web"
@@ -169,10 +171,16 @@ def make_page(
     }
     return Page(
         html=_filled(manifest, data),
-        saturations=tuple(variants),
+        saturations=(*variants, *((CLIP,) if _clips(manifest) else ())),
         knobs=tuple(knob.name for knob in prepared.knobbed.knobs),
         bytes=sizes,
     )
+
+
+def _clips(manifest: Manifest) -> bool:
+    """Whether the model allows plain clipping: no rule about the compensator's switch refuses it."""
+    off = {COMPENSATOR: np.zeros(1)}
+    return all(obeys(rule, off)[0] for rule in manifest.rules if rule.names == {COMPENSATOR})
 
 
 def _filled(manifest: Manifest, data: Mapping[str, Any]) -> str:

@@ -168,6 +168,7 @@ def test_plain_clipping_is_offered_only_where_it_is_allowed(
     for page, offered in ((adaptive, []), (paper, ["compensator", "braking", "clip"])):
         tab = opened(browser, f"{page.address}#saturation=clip")
         assert tab.evaluate(kinds) == offered
+        assert {*page.page.saturations} == {*offered} or page.page.saturations == ("compensator",)
         assert ("left out: saturation=clip" in tab.evaluate("probe.text('notice')")) is (not offered)
         assert tab.evaluate("probe.hidden('alert')")
         tab.close()
