@@ -20,7 +20,8 @@ KNOWN = {  # ISE, settling, largest |v|, late |e|, estimates at the end
     "the same, clipped, wrong": (".587", "1.40", "554.9", ".0153", ()),
     "adaptive, γ = 1": ("5.641", "7.27", "554.9", ".0024", ("0.827", "-0.517")),
     "adaptive, γ = 1, c_k = 5, matched": (".5415", "1.34", "22.3", ".0050", ("1.576", "-0.077")),
-    "adaptive, γ = 0.01, clipped": ("55", "never", "", "3.7", ("at their ends",)),
+    "adaptive, γ = 0.01, clipped": ("55", "never", "", "3.7", ("0.300", "3.000")),
+    "adaptive, γ = 1, clipped": ("106", "never", "", "4.7", ("0.300", "3.000")),
     "with a load of 1: b0, d1, w; γ = (1, 1, 100), c_k = 5, matched": (
         ".5356",
         "1.16",

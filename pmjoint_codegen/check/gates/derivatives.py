@@ -106,7 +106,7 @@ def _slopes(subject: Subject, arguments: Sequence[Array]) -> list[Array | None]:
     manifest, s = subject.manifest, subject.derivation.signals
     labels = [label for label, _ in manifest.function("partials").inputs]
     state, p = (arguments[labels.index(label)] for label in ("s", "p"))
-    values = dict(zip(manifest.parameter_names, p.T, strict=True))
+    values = dict(zip(manifest.parameter_names, p.T, strict=False))  # a segment's follow
     found: list[Array | None] = [None]
     for place, (symbol, measured) in enumerate(zip(s.controller_state, s.had, strict=True)):
         if symbol == measured:
