@@ -101,8 +101,13 @@ def drawn(derivation: Derivation, seed: int) -> dict[str, Any]:
     point |= {s.compensator.name: mpmath.mpf(1), s.input_scale.name: number(0.5, 2.0)}
     if model.adaptation is not None:
         for entry in model.adaptation.unknown:
-            low, high = entry.range or (entry.guess - 0.5, entry.guess + 0.5)
-            point[entry.estimate.name] = low + (high - low) * number(0.1, 0.9)
+            place = number(0.1, 0.9)
+            if entry.range is None:
+                point[entry.estimate.name] = entry.guess - 0.5 + place
+            else:  # its state is its logit, less that of the guess
+                low, high = map(mpmath.mpf, entry.range)
+                start = (entry.guess - low) / (high - entry.guess)
+                point[entry.state.name] = mpmath.log(place / (1 - place)) - mpmath.log(start)
             point[entry.gamma.name] = number(0.5, 2.0)
     return point
 
