@@ -31,10 +31,16 @@ def reach_of(manifest: Manifest, divergence: float) -> Array:
 
 def reported_states(manifest: Manifest) -> tuple[str, ...]:
     """Names of the states as sweeps report them: an estimate for its logit."""
+    logits = logit_states(manifest)
     return tuple(
-        f"{item.name.removesuffix(LOGIT)}_hat" if place in logit_states(manifest) else item.name
+        estimate_name(item.name) if place in logits else item.name
         for place, item in enumerate(manifest.states)
     )
+
+
+def estimate_name(state: str) -> str:
+    """Name of the estimate that a state is of: the state itself, or ``b0_hat`` for ``b0_logit``."""
+    return f"{state.removesuffix(LOGIT)}_hat" if state.endswith(LOGIT) else state
 
 
 def put_estimates(manifest: Manifest, p: Array, X: Array) -> None:

@@ -14,7 +14,8 @@ import numpy as np
 
 from pmjoint_codegen.initial import Variable
 from pmjoint_codegen.kernels.evaluator import Array
-from pmjoint_codegen.manifest import ADAPTATION, LOGIT, Manifest
+from pmjoint_codegen.loops.logits import estimate_name
+from pmjoint_codegen.manifest import ADAPTATION, Manifest
 from pmjoint_codegen.simulate.pace import leading as b_m
 from pmjoint_codegen.values import evaluate
 
@@ -142,7 +143,7 @@ def estimate_columns(manifest: Manifest) -> tuple[Variable, ...]:
     """The estimates, in the order of their states: a state, or of one with a range a signal."""
     known = {item.name: item for item in (*manifest.states, *manifest.signals)}
     names = (
-        state.name.removesuffix(LOGIT) + HAT if state.name.endswith(LOGIT) else state.name
+        estimate_name(state.name)
         for block in _OF_STATES
         for state in manifest.states[slice(*manifest.blocks.get(block, (0, 0)))]
     )
